@@ -1,4 +1,4 @@
-"""Command lines: types for argparse whose errors say what is allowed, and exit codes."""
+"""Types and exit codes for command lines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
 
 
 def exit_code(tool: str, work: Callable[[], int]) -> int:
-    """Do a tool's work and return its exit code; print an error that its user can mend."""
+    """Run a tool and return its exit code; print errors that the user can correct in one line."""
     try:
         return work()
     except RefusedError as error:
@@ -33,24 +33,19 @@ def exit_code(tool: str, work: Callable[[], int]) -> int:
 
 
 def finite(text: str) -> float:
-    """Any finite number."""
+    """Convert a finite number."""
     return _number(text, math.isfinite, "is not a finite number")
 
 
-def above_zero(text: str) -> float:
-    """A finite number above 0."""
-    return _number(text, _is_above_zero, "is not a number above 0")
-
-
-def seconds(text: str) -> float:
-    """A duration [s]."""
-    return _number(text, _is_above_zero, "is no duration; give seconds above 0")
+def positive(text: str) -> float:
+    """Convert a finite number above 0."""
+    return _number(text, lambda number: 0.0 < number < math.inf, "is not a number above 0")
 
 
 def between(
     lowest: float, highest: float, unit: str, kind: type[float] = float
 ) -> Callable[[str], float]:
-    """The type of a number from `lowest` to `highest`; `kind` is int if it has to be whole."""
+    """Return a converter of numbers from `lowest` to `highest`; whole ones if `kind` is int."""
     return lambda text: _number(
         text,
         lambda number: lowest <= number <= highest,
@@ -60,14 +55,14 @@ def between(
 
 
 class PointInFrame(NamedTuple):
-    """A point [m] and the frame that it is in."""
+    """A point [m] and its frame."""
 
     point: tuple[float, float, float]
     frame_id: str
 
 
 def point_in_frame(text: str) -> PointInFrame:
-    """A point in metres and its frame, such as 1,0.5,0@base_link."""
+    """Convert a point in metres with its frame, such as 1,0.5,0@base_link."""
     numbers, _, frame_id = text.strip().partition("@")
     try:
         x, y, z = (float(number) for number in numbers.split(","))
@@ -75,75 +70,74 @@ def point_in_frame(text: str) -> PointInFrame:
         x = y = z = math.nan
     if not frame_id or not all(map(math.isfinite, (x, y, z))):
         raise ArgumentTypeError(
-            f"{text!r} is no point; give three numbers in metres and a frame, such as "
+            f"{text!r} is not a point; give three numbers in metres and a frame, such as "
             "1,0.5,0@base_link"
         )
     return PointInFrame((x, y, z), frame_id)
 
 
-def with_points(arguments: Sequence[str]) -> list[str]:
-    """The command line, so that argparse takes a point that begins with a minus for no option."""
-    return [f" {word}" if re.match(r"-[\d.]\S*@", word) else word for word in arguments]
-
-
-def with_numbers(arguments: Sequence[str]) -> list[str]:
-    """The command line, so that argparse takes a value such as -30deg for no option."""
+def with_negative_values(arguments: Sequence[str]) -> list[str]:
+    """Mark values such as -30deg or -1,0,0@base_link, so that argparse does not read options."""
     return [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
 
 
 def servo_id(text: str) -> int:
-    """The id of a Dynamixel servo."""
+    """Convert the id of a servo."""
     if not text.isdigit() or int(text) > 253:
-        raise ArgumentTypeError(f"{text!r} is no servo id; ids are 0 to 253")
+        raise ArgumentTypeError(f"{text!r} is not a servo id; ids are 0 to 253")
     return int(text)
 
 
 def named_id(text: str) -> tuple[str, int]:
-    """Return the name and the id of a servo, such as XM430-W350:1 or head_pan:1."""
+    """Convert NAME:ID, such as XM430-W350:1 or head_pan:1, to the name and the id."""
     name, _, number = text.rpartition(":")
     if not name:
         raise ArgumentTypeError(f"{text!r} is not NAME:ID, such as XM430-W350:1 or head_pan:1")
     return name, servo_id(number)
 
 
+def existing_file(text: str) -> Path:
+    """Convert the path of an existing file."""
+    path = Path(text)
+    if not path.is_file():
+        raise ArgumentTypeError(f"the file {text!r} does not exist")
+    return path
+
+
 def writable_file(text: str) -> Path:
-    """Return a path that can be written, tried without a change to what is there."""
+    """Convert the path of a file that can be written; existing contents stay."""
     path = Path(text)
     try:
-        was_there = path.exists()
+        existed = path.exists()
         path.open("a").close()
-        if not was_there:
+        if not existed:
             path.unlink()
     except OSError as error:
         raise ArgumentTypeError(
-            f"{text!r} cannot be written ({error.strerror}); give a file in a folder that can"
+            f"{text!r} cannot be written ({error.strerror}); give a file in a writable folder"
         ) from None
     return path
 
 
 def read_by(read: Callable[[str], Value], error: type[Exception]) -> Callable[[str], Value]:
-    """The type of what `read` makes of a text; the message of its own error tells what is wrong."""
+    """Return a converter that reports the errors of `read` as those of the command line."""
 
-    def read_argument(text: str) -> Value:
+    def convert(text: str) -> Value:
         try:
             return read(text)
         except error as reason:
             raise ArgumentTypeError(str(reason)) from None
 
-    return read_argument
+    return convert
 
 
 def _number(
-    text: str, allowed: Callable[[float], bool], complaint: str, kind: type[float] = float
+    text: str, is_allowed: Callable[[float], bool], complaint: str, kind: type[float] = float
 ) -> float:
     try:
         number = kind(text)
     except ValueError:
         number = math.nan
-    if not allowed(number):
+    if not is_allowed(number):
         raise ArgumentTypeError(f"{text!r} {complaint}")
     return number
-
-
-def _is_above_zero(number: float) -> bool:
-    return 0.0 < number < math.inf

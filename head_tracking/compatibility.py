@@ -1,4 +1,4 @@
-"""What Python 3.10 (of ROS 2 Humble) lacks, and Python 3.11 has."""
+"""Replacements for what Python 3.10 (of ROS 2 Humble) lacks."""
 
 from __future__ import annotations
 

@@ -1,21 +1,21 @@
-"""What all errors have in common whose message is all that a person needs to know."""
+"""The errors of this package that its users can correct."""
 
 from __future__ import annotations
 
 
 class HeadTrackingError(Exception):
-    """Something that a person can mend; the message says what is wrong, what is allowed, or both.
+    """An error that the user can correct; the message says what was wrong and what is allowed.
 
-    A program that ends by it prints the message; by any other error, the traceback too.
+    Programs print the message only. They print the traceback of any other error.
     """
 
 
 class RefusedError(HeadTrackingError):
-    """A run refuses to start, or to go on, whichever of its nodes has found out why."""
+    """A program refuses to start or to continue."""
 
 
 class FrameError(HeadTrackingError):
-    """A frame is unknown, or was not known at that time.
+    """A frame is unknown, or has no transform at the requested time.
 
     Attributes:
         frame: its name.
@@ -27,12 +27,12 @@ class FrameError(HeadTrackingError):
 
 
 class UnreachableError(HeadTrackingError):
-    """A head cannot look at a point; nothing has moved.
+    """A head cannot look at a point. It does not move.
 
     Attributes:
         point: the point, shape (3,) [m].
-        frame: the frame that it is given in.
-        miss: by how much the nearest gaze would miss it [rad].
+        frame: the frame of the point.
+        miss: angle between the point and the nearest possible gaze [rad].
     """
 
     def __init__(
@@ -43,26 +43,26 @@ class UnreachableError(HeadTrackingError):
 
 
 class RefusedCommandError(HeadTrackingError):
-    """A head is stopped, relaxed or closed, and accepts no command.
+    """A head refuses a command, because it is stopped, relaxed or closed.
 
     Attributes:
-        state: which of them.
+        state: "stopped", "relaxed" or "closed".
     """
 
     def __init__(self, state: str) -> None:
-        cure = "open it again" if state == "closed" else "call resume() first"
-        super().__init__(f"the head is {state}; {cure}")
+        remedy = "open it again" if state == "closed" else "call resume() first"
+        super().__init__(f"the head is {state}; {remedy}")
         self.state = state
 
 
 class SupersededError(HeadTrackingError):
-    """A head was given something else to do before it arrived.
+    """A later command replaced this one before the head arrived.
 
     Attributes:
-        point: the point that was to be looked at, shape (3,) [m].
-        miss: by how much the head missed it then [rad]; None: it had not begun.
+        point: the point of the replaced command, shape (3,) [m].
+        miss: angle to the point at that time [rad]; None: the turn had not started.
     """
 
     def __init__(self, point: tuple[float, float, float], miss: float | None) -> None:
-        super().__init__(f"looking at {point} was superseded by a newer command")
+        super().__init__(f"looking at {point} was replaced by a later command")
         self.point, self.miss = point, miss

@@ -1,4 +1,4 @@
-"""Standard output and error that may get lost without anybody minding: the robot goes on."""
+"""Standard output and error whose failures do not stop the program."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO
 
-_IN_ASCII = {"°": "deg", "±": "+-", "→": "->", "µ": "u"}
+_ASCII = {"°": "deg", "±": "+-", "→": "->", "µ": "u"}
 
 
 @contextmanager
-def output_may_get_lost() -> Iterator[None]:
-    """Until the end of the block whatever cannot be written is dropped.
+def tolerate_output_errors() -> Iterator[None]:
+    """Discard output that cannot be written, until the end of the block.
 
-    A reader that has gone (`| head -1`) and a full disk raise no error, and signs that a terminal
-    does not have are written in ASCII.
+    A closed pipe (`| head -1`) and a full disk raise no error. Characters that the encoding of the
+    terminal lacks are replaced by ASCII ones.
     """
-    codecs.register_error("in_ascii", _in_ascii)
-    sys.stdout, sys.stderr = _forgiving(sys.stdout), _forgiving(sys.stderr)
+    codecs.register_error("replace_by_ascii", _replace_by_ascii)
+    sys.stdout, sys.stderr = _tolerant(sys.stdout), _tolerant(sys.stderr)
     try:
         yield
     finally:
         for stream in (sys.stdout, sys.stderr):
-            _let_go(stream)
+            _discard_unwritten(stream)
 
 
-class _ForgivingStream(io.TextIOWrapper):
+class _TolerantStream(io.TextIOWrapper):
     def write(self, text: str, /) -> int:
         try:
             return super().write(text)
@@ -41,28 +41,32 @@ class _ForgivingStream(io.TextIOWrapper):
             super().flush()
 
 
-def _forgiving(stream: TextIO | None) -> TextIO:
-    if not isinstance(stream, io.TextIOWrapper):  # closed, or somebody's own
+def _tolerant(stream: TextIO | None) -> TextIO:
+    if not isinstance(stream, io.TextIOWrapper):  # closed, or replaced
         return stream or open(os.devnull, "w")
     encoding, by_line, through = stream.encoding, stream.line_buffering, stream.write_through
-    return _ForgivingStream(
-        stream.detach(), encoding, "in_ascii", line_buffering=by_line, write_through=through
+    return _TolerantStream(
+        stream.detach(),
+        encoding,
+        "replace_by_ascii",
+        line_buffering=by_line,
+        write_through=through,
     )
 
 
-def _let_go(stream: TextIO) -> None:
-    """What could not be written keeps Python from ending well."""
-    if isinstance(stream, _ForgivingStream):
+def _discard_unwritten(stream: TextIO) -> None:
+    """Redirect a stream that cannot be flushed, or Python would exit with an error."""
+    if isinstance(stream, _TolerantStream):
         try:
             stream.buffer.flush()
         except OSError:
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, stream.fileno())
-            os.close(nowhere)
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, stream.fileno())
+            os.close(null)
 
 
-def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+def _replace_by_ascii(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    signs = error.object[error.start : error.end]
-    return "".join(_IN_ASCII.get(sign, "?") for sign in signs), error.end
+    characters = error.object[error.start : error.end]
+    return "".join(_ASCII.get(character, "?") for character in characters), error.end

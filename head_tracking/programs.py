@@ -1,6 +1,6 @@
-"""The programs that setup.py installs, by name; one that needs ROS says so where there is none.
+"""The programs that setup.py installs, by name.
 
-setup.py reads this file without the package: it imports the standard library only.
+setup.py runs this file without the package, so it imports the standard library only.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NODES: Final = {
     "viewer": "nodes",
     "recorder": "ros.robot",
 }
-"""The packages of the nodes, by name; see `node_class`. A module with a `main` starts by that."""
+"""The packages of the nodes, by name; see `node_class`."""
 
 TOOLS: Final = (
     "servo",
@@ -46,7 +46,7 @@ TOOLS: Final = (
     "calibrate",
 )
 COMMANDS: Final = (*NODES, *TOOLS)
-"""What `head_tracking COMMAND` and `ros2 run head_tracking COMMAND` run."""
+"""The commands of `head_tracking COMMAND` and `ros2 run head_tracking COMMAND`."""
 
 _MODULES: Final = {
     "head_tracking": "__main__",
@@ -56,8 +56,8 @@ _MODULES: Final = {
 _ROS: Final = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
 
 NO_ROS: Final = (
-    "ROS 2 is needed, and is not installed here: source it, or pip install 'head_tracking[ros]'; "
-    "`from head_tracking import Head` works without"
+    "ROS 2 is needed but not found: source it, or pip install 'head_tracking[ros]'; "
+    "`from head_tracking import Head` works without it"
 )
 
 
@@ -67,27 +67,30 @@ def __getattr__(name: str) -> Callable[[], int]:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def main() -> int:
-        # before NumPy comes: its threads would wait for each other on all cores, for small matrices
+        # before NumPy is imported: for small matrices its threads only cost processor time
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        chosen = name
+        program_name = name
         command = "".join(sys.argv[1:2]).replace("-", "_")  # new-robot is new_robot
         if name == "head_tracking" and command in COMMANDS:
-            chosen = command
+            program_name = command
             del sys.argv[1]
-            sys.argv[0] = chosen
+            sys.argv[0] = program_name
         try:
-            program = import_module(f"head_tracking.{_module(chosen)}")
+            program = import_module(f"head_tracking.{_module(program_name)}")
             spinning = "head_tracking.ros.kit.spinning"
             run = getattr(program, "main", None) or partial(
-                import_module(spinning).run_node, resolve_name(node_class(chosen))
+                import_module(spinning).run_node, resolve_name(node_class(program_name))
             )
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
             if package not in _ROS and not package.endswith("_msgs"):
                 raise
-            print(f"{chosen}: {NO_ROS} ({package} is missing)", file=sys.stderr)
+            print(f"{program_name}: {NO_ROS} ({package} is missing)", file=sys.stderr)
             return 1
-        code: int = run()
+        from head_tracking.output import tolerate_output_errors
+
+        with tolerate_output_errors():
+            code: int = run()
         return code
 
     return main
@@ -95,13 +98,13 @@ def __getattr__(name: str) -> Callable[[], int]:
 
 def has_ros() -> bool:
     """Return whether rclpy can be imported."""
-    with suppress(ValueError):  # it is hidden
+    with suppress(ValueError):  # sys.modules["rclpy"] is None
         return find_spec("rclpy") is not None
     return False
 
 
 def node_class(name: str) -> str:
-    """Return where the class of a node is, such as head_tracking.nodes.viewer.ViewerNode."""
+    """Return the name of a node's class: head_tracking.ros.bus.servo_bus.ServoBusNode."""
     kind = name.title().replace("_", "") + "Node"
     return f"head_tracking.{NODES.get(name, 'run')}.{name}.{kind}"
 

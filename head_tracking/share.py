@@ -1,4 +1,4 @@
-"""Finds the package's urdf/ and config/ folders, however the package was installed."""
+"""The files of the package: urdf/, config/, and the state that persists between runs."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ PACKAGE = "head_tracking"
 
 
 class NotInstalledError(HeadTrackingError, FileNotFoundError):
-    """A robot's model, or the package's own files, are not where they are looked for."""
+    """A robot model, or the share directory of the package, does not exist."""
 
 
 @cache
 def share_directory() -> Path:
-    """The folder that holds urdf/ and config/.
+    """Return the folder that has urdf/ and config/.
 
-    It is looked for beside the package (a checkout), in the ament index, and as
-    share/head_tracking below every parent of this file and below the Python environment (pip).
+    It is beside the package (a checkout), in the ament index, or is share/head_tracking below a
+    parent of this file or below the Python environment (pip).
 
     Raises:
-        NotInstalledError: it is nowhere; says where it was looked for.
+        NotInstalledError: there is no such folder.
     """
     here = Path(__file__).resolve()
     candidates = [
@@ -43,12 +43,14 @@ def share_directory() -> Path:
 
 
 def state_folder(name: str) -> Path:
-    """Return the folder in which something is kept between runs; see XDG's base directories.
+    """Return a folder for state that persists between runs (XDG base directories).
 
-    Of users without a home it is below /tmp.
+    For users without a home it is below /tmp.
     """
-    home = os.path.expanduser("~").replace("~", "/tmp")
-    folder = os.environ.get("XDG_STATE_HOME") or Path(home) / ".local" / "state"
+    home = os.path.expanduser("~")
+    if home == "~":
+        home = "/tmp"
+    folder = os.environ.get("XDG_STATE_HOME") or Path(home, ".local", "state")
     return Path(folder) / PACKAGE / name
 
 
@@ -59,17 +61,17 @@ def robot_names() -> list[str]:
 
 
 def robot_file(name_or_path: str) -> Path:
-    """The model file of a robot given by its name (`kinectbot`) or by a path.
+    """Return the model file of a robot, given by its name (`kinectbot`) or by a path.
 
     Raises:
-        NotInstalledError: there is neither; lists the names.
+        NotInstalledError: there is no such robot or file.
     """
     names = robot_names()
     model = share_directory() / "urdf" / f"{name_or_path}.urdf.xacro"
     path = model if name_or_path in names else Path(name_or_path)
     if not path.is_file():
         raise NotInstalledError(
-            f"there is no robot {name_or_path!r}: give one of {', '.join(names)} or the path of a "
+            f"there is no robot {name_or_path!r}; give one of {', '.join(names)} or the path of a "
             "URDF or xacro file"
         )
     return path
@@ -78,7 +80,7 @@ def robot_file(name_or_path: str) -> Path:
 def robot_parameters(name_or_path: str) -> list[Path]:
     """Return the parameter file of a robot: config/NAME.yaml, or the one beside its model file.
 
-    There is none where the head is that of the tutorials and nothing else needs to be said.
+    The list is empty for a robot that needs no parameters beside the defaults.
     """
     model = Path(name_or_path)
     beside = model.with_name(model.name.removesuffix(".xacro").removesuffix(".urdf") + ".yaml")
@@ -92,5 +94,5 @@ def _ament_index() -> list[Path]:
 
         return [Path(get_package_share_directory(PACKAGE))]
     except (ImportError, LookupError, OSError):
-        # no ROS; not in the index; or AMENT_PREFIX_PATH is not set, which is an OSError
+        # no ROS, not in the index, or AMENT_PREFIX_PATH is not set (OSError)
         return []

@@ -1,4 +1,4 @@
-# Sourced by run and test: select_environment sets up .venv in the checkout if need be, and enters it.
+# Sourced by the scripts: select_environment makes .venv in the checkout if necessary, and activates it.
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 venv=$root/.venv
@@ -15,10 +15,10 @@ checksum() { (cd -- "$root" && cat -- "$@" | sha256sum | cut -c -16); }
 
 install() { "$venv/bin/python" -m pip --disable-pip-version-check install -qq "$@"; }
 
-# What the environment depends on.
+# Everything on which the environment depends, as one key.
 surroundings() {
   local path
-  path=$(type -P "$python") || die "There is no $python here. Install Python 3.10 to 3.13, or choose" \
+  path=$(type -P "$python") || die "$python is not installed. Install Python 3.10 to 3.13, or choose" \
     "another with HEAD_TRACKING_PYTHON, for example HEAD_TRACKING_PYTHON=python3.12."
   printf '%s|' "$(checksum setup.py pyproject.toml requirements/{libraries,yourdfpy,ros}.txt)" "$root" \
     "$(readlink -f -- "$path")" "${PYENV_VERSION:-}" "${ROS_DISTRO:-}"
@@ -35,7 +35,7 @@ print(os.path.realpath(getattr(sys, "_base_executable", sys.executable)))') ||
   [[ $version == 3.1[0123] || ($version == 3.14 && -n ${ROS_DISTRO:-}) ]] ||
     die "$python is Python $version; head_tracking needs 3.10 to 3.13. Choose another with" \
       "HEAD_TRACKING_PYTHON, for example HEAD_TRACKING_PYTHON=python3.12."
-  # With its guard set the wheels' own bootstrap does nothing: only a ROS of the system is found.
+  # This variable disables the bootstrap of the ROS wheels, so that only a system ROS is found.
   if answer=$(_ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$interpreter" -c 'import rclpy, sensor_msgs.msg, numpy
 print("numpy<%d" % (int(numpy.__version__.split(".")[0]) + 1))' 2>&1); then
     ros="the system's ROS 2" numpy=${answer##*$'\n'} site=(--system-site-packages)
@@ -54,17 +54,17 @@ print("numpy<%d" % (int(numpy.__version__.split(".")[0]) + 1))' 2>&1); then
   if [[ -e $venv && ! -e $venv/head_tracking.base ]]; then
     die "$venv was not made by this script. Delete it or move it away, and start again."
   elif [[ -e $venv/head_tracking.in-use ]] && ! flock -n "$venv/head_tracking.in-use" true; then
-    die "$venv has to be made anew (Python, ROS or the requirements changed), but a program that" \
-      "was started from this checkout still runs in it. End that program and start again."
+    die "$venv must be rebuilt (Python, ROS or the requirements changed), but a program from this" \
+      "checkout still uses it. End that program and start again."
   fi
   say "setting up .venv, once: Python $version, ${ros:-ROS 2 Jazzy as wheels} (up to 70 MB to download," \
     "280 MB on disk, about a minute)"
   rm -rf -- "$venv"
   mkdir -- "$venv"
   : >"$venv/head_tracking.base"
-  trap 'say "the set-up did not finish (it needs the network); the next start begins it again"' EXIT
+  trap 'say "the set-up failed (it needs the network); the next start repeats it"' EXIT
   "$interpreter" -m venv ${site[@]+"${site[@]}"} "$venv"
-  # ROS's C extensions are built on the numpy beside it.
+  # The numpy with which the C extensions of ROS were built is installed first.
   [[ -n $ros ]] || install -r "$root/requirements/ros.txt"
   install "$numpy" -r "$root/requirements/libraries.txt"
   install --no-deps -r "$root/requirements/yourdfpy.txt"
@@ -74,39 +74,39 @@ print("numpy<%d" % (int(numpy.__version__.split(".")[0]) + 1))' 2>&1); then
   trap - EXIT
 }
 
-# add NAME TEXT LIST...: installs lists of requirements, unless they have been installed as NAME.
+# add NAME TEXT LIST...: installs lists of requirements, unless the stamp NAME shows that they are.
 add() {
   local stamp=$venv/head_tracking.$1 text=$2 lists=("${@:3}") now
   now=$(checksum "${lists[@]/#/requirements/}")
   if [[ -e $stamp && $(<"$stamp") == "$now" ]]; then return; fi
   say "adding $text to .venv, once ..."
-  # It must not replace the numpy that ROS's C extensions are built on.
+  # Keep the numpy with which the C extensions of ROS were built.
   install "${lists[@]/#/-r$root/requirements/}" \
     -c <("$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)') || return
   if [[ $1 == test ]]; then
-    "$venv/bin/python" "$root/test/support/photographs.py" || say "no photographs: tests are skipped"
+    "$venv/bin/python" "$root/test/support/photographs.py" || say "photographs are missing: their tests are skipped"
   fi
   printf '%s\n' "$now" >"$stamp"
 }
 
-add_opencv() { add vision "OpenCV and a net that finds faces (70 MB to download)" vision.txt; }
+add_opencv() { add vision "OpenCV and a neural network for faces (70 MB to download)" vision.txt; }
 add_viewer() { add viewer "NiceGUI and mcap (25 MB to download)" viewer.txt; }
-add_contenders() { add benchmark "what to compare and draw with" benchmark.txt; }
+add_contenders() { add benchmark "libraries for comparisons and pictures" benchmark.txt; }
 
 # select_environment run|test
 select_environment() {
   local now
-  local -x PYTHONSAFEPATH=1 # what lies in the working directory must not be imported here
+  local -x PYTHONSAFEPATH=1 # do not import from the working directory
   if [[ ${ROS_DISTRO:-jazzy} != jazzy ]]; then
     say "ROS 2 ${ROS_DISTRO^} is sourced; head_tracking is tested with Jazzy only."
   fi
   if [[ -n ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
-    # Set by the Python of another environment with wheels; ours has to find its own libraries.
+    # Set by another environment with ROS wheels; .venv must find its own libraries.
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
   fi
   now=$(surroundings)
   is_made() { [[ -e $venv/head_tracking.base && $(<"$venv/head_tracking.base") == "$now"* ]]; }
-  if ! is_made; then # in a checkout that cannot be written it has to be
+  if ! is_made; then # a read-only checkout must have a complete .venv
     exec 8>>"$root/.venv.lock"
     flock 8
     if ! is_made; then
@@ -116,13 +116,13 @@ select_environment() {
     exec 8>&-
   fi
   if [[ $1 == test ]]; then
-    add test "the tools of the tests (160 MB to download)" test.txt vision.txt viewer.txt
+    add test "the test tools (160 MB to download)" test.txt vision.txt viewer.txt
   fi
   exec 9<"$venv/head_tracking.in-use"
   flock -s 9
 
   export VIRTUAL_ENV=$venv PATH=$venv/bin:$PATH
-  # First on the path, so that a sourced workspace's installed copy is not taken instead.
+  # First on the path, before an installed copy in a sourced workspace.
   export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
   if compgen -G "$venv/lib/python3*/site-packages/rclpy" >/dev/null; then # wheels
     export AMENT_PREFIX_PATH=$venv

@@ -1,7 +1,7 @@
 """Write docs/reference/ and the tree in docs/explain/architecture.md from the code.
 
 Every node is started once, without other nodes; its topics, services, actions and parameters are
-read from the running node. The table of meanings is the only part that is written by hand.
+read from the running node. Only the table of meanings is written by hand.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROS_NAMES = re.compile(
 ROS_PARAMETERS = re.compile(r"^(use_sim_time|start_type_description_service|qos_overrides\..*)$")
 ABSOLUTE = ("/tf", "/tf_static", "/diagnostics")
 NEEDED = {"frame_target": {"frame": "camera_link"}, "viewer": {"port": 0}}
-"""Parameters without which a node does not start here."""
+"""Parameters that a node needs to start in this script."""
 
 
 PROGRAM = (
@@ -48,7 +48,7 @@ PROGRAM = (
 
 @dataclass
 class Interface:
-    """What one node offers, as it was read from the running node.
+    """Topics, services, actions and parameters of a running node.
 
     Attributes:
         name: of the node.
@@ -69,7 +69,7 @@ def first_line(path: Path) -> str:
 
 
 def draw_tree() -> str:
-    """Return the files of the package, one line each, with what they say of themselves."""
+    """Return the tree of the package with the first line of each docstring."""
     lines = ["head_tracking/"]
     for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: (path.parent.parts, path.name)):
         parts = path.relative_to(PACKAGE).parts
@@ -83,7 +83,7 @@ def draw_tree() -> str:
 
 
 def with_tree(text: str) -> str:
-    """Return the text of the architecture document with the present tree in it."""
+    """Return the architecture document with the present tree."""
     begin, end = TREE_MARKS
     before, _, rest = text.partition(begin)
     _, _, after = rest.partition(end)
@@ -136,18 +136,18 @@ def without_foreign(nodes: list[Interface]) -> list[Interface]:
 
 
 def read_interface(name: str, kind: Any, given: dict[str, Any]) -> Interface:
-    """Start a node, and return what it offers."""
+    """Start a node and return its interface."""
     from rclpy.node import Node
 
     defaults: dict[str, Any] = {}
     declare = Node.declare_parameter
 
-    def remember(node: Any, parameter: str, value: Any = None, *others: Any, **more: Any) -> Any:
+    def record(node: Any, parameter: str, value: Any = None, *others: Any, **more: Any) -> Any:
         defaults[parameter] = value
         return declare(node, parameter, value, *others, **more)
 
     interface = Interface(name, (kind.__doc__ or "").partition("\n")[0])
-    with mock.patch.object(Node, "declare_parameter", remember):
+    with mock.patch.object(Node, "declare_parameter", record):
         node = kind(**given)
     try:
         own = [each for each in node.get_node_names_and_namespaces() if each[0].startswith(name)]
@@ -184,7 +184,7 @@ def read_interface(name: str, kind: Any, given: dict[str, Any]) -> Interface:
 
 
 def shown(name: str, node: str) -> str:
-    """Return a ROS name as documents write it: private ones with ~, controllers as a pattern."""
+    """Return a ROS name for documents: private names with ~, controllers as a pattern."""
     name = EXAMPLE_CONTROLLERS.sub("<controller>", name)
     if name in ABSOLUTE:
         return name
@@ -203,7 +203,7 @@ def nodes_page(nodes: list[Interface]) -> str:
     """Return the document with all nodes."""
     text = (
         f"{SOURCE_NOTE}# Nodes\n\nStart one with `ros2 run head_tracking NAME`. `~` stands for the "
-        "name of the node. What the topics mean: [topics.md](topics.md). Parameters: "
+        "name of the node. Meanings of the topics: [topics.md](topics.md). Parameters: "
         "[parameters.md](parameters.md).\n"
     )
     for node in nodes:
@@ -218,7 +218,7 @@ def nodes_page(nodes: list[Interface]) -> str:
 
 
 def topics_page(nodes: list[Interface], meanings: dict[str, dict[str, str]]) -> str:
-    """Return the document with all topics, services and actions, and what they mean.
+    """Return the document with all topics, services and actions and their meanings.
 
     Raises:
         SystemExit: the table of meanings lacks a name, or has one that no node uses.
@@ -235,7 +235,7 @@ def topics_page(nodes: list[Interface], meanings: dict[str, dict[str, str]]) -> 
         known = meanings.get(group, {})
         if names.keys() != known.keys():
             missing, unused = sorted(names.keys() - known), sorted(known.keys() - names)
-            raise SystemExit(f"{MEANINGS.name}: [{group}] lacks {missing}; nobody uses {unused}")
+            raise SystemExit(f"{MEANINGS.name}: [{group}] lacks {missing}; not used: {unused}")
         if group == "topics":
             header: tuple[str, ...] = ("Name", "Type", "From", "To", "Meaning")
             sides: tuple[str, ...] = ("publishes", "subscribes to")

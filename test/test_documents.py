@@ -1,4 +1,4 @@
-"""README and docs: every link leads somewhere."""
+"""README and docs: links, versions, names of files, length of sentences."""
 
 import re
 from pathlib import Path
@@ -42,7 +42,7 @@ MOST_WORDS = 30
 
 
 def sentences(text: str) -> list[str]:
-    """Return the sentences that somebody wrote: no tables, no headings, no output of benchmarks."""
+    """Return the sentences, without tables, headings and output of benchmarks."""
     text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"^(\||#|!\[| {4}).*$", "", text, flags=re.MULTILINE)
@@ -70,7 +70,7 @@ def test_files_that_a_document_names_exist(document: Path) -> None:
         assert (ROOT / name).exists() or (ROOT / "head_tracking" / name).exists(), name
 
 
-def test_the_tables_that_a_new_part_is_entered_in_exist() -> None:
+def test_the_tables_named_in_add_one_exist() -> None:
     text = (ROOT / "docs" / "explain" / "architecture.md").read_text()
     rows = text.partition("\n## Add one\n")[2].partition("\n## ")[0].splitlines()
     tables = [

@@ -1,4 +1,4 @@
-"""The package as users get it: from pip, from colcon, and the set-up of scripts/run."""
+"""Installation by pip and colcon, and the set-up of scripts/run."""
 
 import os
 import shlex
@@ -41,8 +41,8 @@ EXECUTABLES = {
     "visual_target",
     "detection_target",
 }
-# Which copy is loaded, that all its executables can be, and where the ament index finds it.
-LOOK = """
+# Print which copy is loaded and where the ament index finds it; load all executables.
+REPORT = """
 from importlib.metadata import distribution
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 import head_tracking
@@ -60,7 +60,7 @@ def requires(*modules):
 
 
 def run(*command, **options):
-    """Runs a command to its end and returns what it printed; shows everything if it fails."""
+    """Run a command and return its output; fail with the output."""
     done = subprocess.run(
         [str(word) for word in command],
         stdout=subprocess.PIPE,
@@ -75,16 +75,16 @@ def run(*command, **options):
 
 
 def environment(**changes):
-    """The variables for a program that has to find the installed copy and not this checkout.
+    """Return variables with which a program finds the installed copy, not this checkout.
 
-    LD_LIBRARY_PATH stays: the libraries are those of the environment that runs the tests.
+    LD_LIBRARY_PATH stays, because the libraries are those of this environment.
     """
     paths = ("PYTHONPATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")
     return {name: value for name, value in os.environ.items() if name not in paths} | changes
 
 
 def libraries():
-    """Where this Python finds the packages that it did not bring itself."""
+    """Return the folders of third-party packages."""
     return [place for place in sys.path if place.endswith("-packages")]
 
 
@@ -97,7 +97,7 @@ def files_below(folder):
 
 
 def copy_of_the_source(destination):
-    """Copies what a clone holds, with what is new and not ignored."""
+    """Copy all files that git knows or does not ignore."""
     command = ["git", "-C", SOURCE, "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     try:
         names = subprocess.run(command, capture_output=True, check=True).stdout.decode().split("\0")
@@ -120,7 +120,7 @@ def source(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def wheel(source, tmp_path_factory):
-    """The wheel, built from a copy of its own: pip builds in the folder it is given."""
+    """Build the wheel from a copy, because pip builds in the source folder."""
     folder = tmp_path_factory.mktemp("wheel")
     shutil.copytree(source, folder / "source")
     offline = ("--no-deps", "--no-index", "--no-build-isolation")
@@ -173,10 +173,10 @@ def test_an_installed_wheel_runs_without_its_environment_being_active(wheel, tmp
     link = tmp_path / "link"
     link.symlink_to(prefix / "lib" / "head_tracking" / "check_model")
     for program in ([link], [prefix / "bin" / "head_tracking", "check_model"]):
-        said = run(*program, "kinectbot", env=environment(), cwd=tmp_path)
-        assert "robot name is: kinectbot" in said
+        message = run(*program, "kinectbot", env=environment(), cwd=tmp_path)
+        assert "robot name is: kinectbot" in message
 
-    seen = run(python, "-c", LOOK, env=environment(AMENT_PREFIX_PATH=str(prefix)), cwd=tmp_path)
+    seen = run(python, "-c", REPORT, env=environment(AMENT_PREFIX_PATH=str(prefix)), cwd=tmp_path)
     file, found, share = seen.splitlines()
     assert Path(file).is_relative_to(prefix)
     assert (found, share) == (str(prefix), str(prefix / "share" / "head_tracking"))
@@ -209,7 +209,7 @@ def test_colcon_builds_what_ros2_run_looks_for(source, option, tmp_path):
         line = f"source install/setup.bash && {shlex.join(command)}"
         return run("bash", "-c", line, cwd=tmp_path, env=variables)
 
-    file, found, share = sourced(str(python), "-c", LOOK).splitlines()
+    file, found, share = sourced(str(python), "-c", REPORT).splitlines()
     assert Path(file).is_relative_to(tmp_path)
     assert (found, share) == (str(prefix), str(prefix / "share" / "head_tracking"))
     assert "robot name is: kinectbot" in sourced(str(programs / "check_model"), "kinectbot")
@@ -239,7 +239,7 @@ esac
 
 @pytest.fixture
 def start(tmp_path):
-    """Starts a copy of scripts/run, with a Python and a machine that only say what they are."""
+    """Start a copy of scripts/run with a stand-in for Python and uname."""
     checkout = tmp_path / "a checkout"
     tools = tmp_path / "tools"
     tools.mkdir()
@@ -276,12 +276,12 @@ def start(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("circumstances", "said"),
+    ("circumstances", "message"),
     [
         ({"version": "3.9"}, "python3 is Python 3.9; head_tracking needs 3.10 to 3.13"),
         ({"version": "3.14"}, "python3 is Python 3.14; head_tracking needs 3.10 to 3.13"),
         ({"version": "3.15"}, "HEAD_TRACKING_PYTHON=python3.12"),
-        ({"HEAD_TRACKING_PYTHON": "python-of-nowhere"}, "There is no python-of-nowhere here"),
+        ({"HEAD_TRACKING_PYTHON": "python-of-nowhere"}, "python-of-nowhere"),
         ({"ROS_DISTRO": "humble"}, "ROS 2 Humble is sourced, but"),
         ({"ROS_DISTRO": "jazzy"}, "(ImportError: no rclpy here)"),
         ({"machine": "Linux aarch64"}, "Install ROS 2 Jazzy from its own packages"),
@@ -289,8 +289,8 @@ def start(tmp_path):
         ({"has_venv": False}, "apt install python3-venv"),
     ],
 )
-def test_a_machine_that_will_not_do_is_told_why_and_nothing_is_set_up(start, circumstances, said):
-    assert said in start(**circumstances)
+def test_an_unsupported_machine_is_refused_with_the_reason(start, circumstances, message):
+    assert message in start(**circumstances)
     assert not (start.checkout / ".venv").exists()
 
 
@@ -298,19 +298,19 @@ def test_a_machine_that_will_not_do_is_told_why_and_nothing_is_set_up(start, cir
     ("distribution", "version"), [("humble", "3.10"), ("kilted", "3.12"), ("lyrical", "3.14")]
 )
 def test_another_ros_is_accepted_with_one_line(start, distribution, version):
-    said = start(ROS_DISTRO=distribution, version=version, has_ros=True).splitlines()
-    assert distribution.capitalize() in said[0]
-    assert f"setting up .venv, once: Python {version}, the system's ROS 2" in said[1]
+    message = start(ROS_DISTRO=distribution, version=version, has_ros=True).splitlines()
+    assert distribution.capitalize() in message[0]
+    assert f"setting up .venv, once: Python {version}, the system's ROS 2" in message[1]
 
 
-def test_a_set_up_that_fails_is_begun_again(start):
+def test_a_failed_set_up_is_repeated(start):
     for _ in range(2):
-        said = start()
-        assert "setting up .venv, once: Python 3.12" in said
-        assert "the set-up did not finish" in said
+        message = start()
+        assert "setting up .venv, once: Python 3.12" in message
+        assert "set-up failed" in message
 
 
-def test_an_environment_of_somebody_else_is_left_alone(start):
+def test_an_environment_of_another_program_is_not_changed(start):
     keep = start.checkout / ".venv" / "keep"
     keep.parent.mkdir()
     keep.touch()
@@ -329,7 +329,7 @@ def test_an_environment_of_somebody_else_is_left_alone(start):
         ("--target=ball --sim", {"vision"}),
     ],
 )
-def test_a_complete_environment_starts_with_the_libraries_that_the_words_need(start, words, lists):
+def test_a_complete_environment_gets_the_libraries_of_the_options(start, words, lists):
     checkout = start.checkout
     line = 'source "$0/scripts/environment.bash"; surroundings'
     key = run("bash", "-c", line, str(checkout), cwd=checkout, env=dict(os.environ))

@@ -20,5 +20,5 @@ def test_an_unknown_robot_is_an_error_that_lists_those_known():
         robot_file("r2d2")
 
 
-def test_parts_of_models_are_no_robots():
+def test_parts_of_models_are_not_robots():
     assert not list(Path(share_directory() / "urdf").glob("shapes.urdf*"))

@@ -1,4 +1,4 @@
-"""STOP by a key, in a terminal with a shell as a person has it."""
+"""STOP by a key, in a terminal with a shell."""
 
 import io
 import os
@@ -12,7 +12,7 @@ from terminal import Terminal
 from waiting import eventually
 
 from head_tracking.ros.kit.stop_signal import ENDING
-from head_tracking.run.stop_key import RESUME, STOP, StopKey, carry_out, meaning
+from head_tracking.run.stop_key import RESUME, STOP, StopKey, execute, meaning
 
 PROGRAM = Path(__file__).parent / "support" / "stop_key_program.py"
 
@@ -25,7 +25,7 @@ def terminal() -> Iterator[Terminal]:
 
 
 @pytest.mark.parametrize("key", [" ", "s"])
-def test_a_key_stops_and_r_resumes_and_nothing_else_does(terminal, key):
+def test_space_and_s_stop_and_r_resumes(terminal, key):
     terminal.start(f"{PROGRAM} wait")
     terminal.waits_for("<keys work: True>")
     terminal.type("x\x1b[A\x1b[15~\x1bOSq1\n\x1b")
@@ -39,7 +39,7 @@ def test_a_key_stops_and_r_resumes_and_nothing_else_does(terminal, key):
     assert terminal.is_as_before()
 
 
-def test_a_key_that_was_pressed_while_the_program_started_stops(terminal):
+def test_a_key_pressed_during_the_start_stops(terminal):
     terminal.start(f"{PROGRAM} wait")
     terminal.type(" ")
     terminal.waits_for("<STOP: pan relaxed")
@@ -48,7 +48,7 @@ def test_a_key_that_was_pressed_while_the_program_started_stops(terminal):
 
 
 @pytest.mark.parametrize("way", ["error", "exit"])
-def test_the_terminal_is_as_before_however_the_program_ends(terminal, way):
+def test_the_terminal_is_restored_after_an_error_and_an_exit(terminal, way):
     terminal.start(f"{PROGRAM} {way}")
     terminal.waits_for("<keys work: True>")
     terminal.waits_for(r"\$ ")
@@ -56,7 +56,7 @@ def test_the_terminal_is_as_before_however_the_program_ends(terminal, way):
 
 
 @pytest.mark.parametrize("number", [*ENDING, signal.SIGKILL])
-def test_the_terminal_is_as_before_after_a_signal(terminal, number):
+def test_the_terminal_is_restored_after_a_signal(terminal, number):
     terminal.start(f"{PROGRAM} wait")
     pid = re.search(r"process (\d+)", terminal.waits_for("<keys work: True>"))
     assert pid is not None
@@ -65,7 +65,7 @@ def test_the_terminal_is_as_before_after_a_signal(terminal, number):
     assert terminal.is_as_before()
 
 
-def test_a_suspended_program_leaves_the_terminal_and_takes_it_again(terminal):
+def test_a_suspended_program_restores_the_terminal_and_continues_later(terminal):
     terminal.start(f"{PROGRAM} wait")
     terminal.waits_for("<keys work: True>")
     terminal.type("\x1a")
@@ -84,7 +84,7 @@ def stops(terminal: Terminal) -> bool:
     return "<STOP: pan relaxed" in terminal.shown
 
 
-def test_in_the_background_the_terminal_is_the_shells(terminal):
+def test_in_the_background_no_keys_are_read(terminal):
     terminal.start(f"{PROGRAM} wait &")
     terminal.waits_for("<keys work: False>")
     assert terminal.is_as_before()
@@ -97,16 +97,16 @@ def test_in_the_background_the_terminal_is_the_shells(terminal):
 
 
 @pytest.mark.parametrize("keys", [b"\x1b[A ", b"rrs", b"s" * 64, b"\x1b s"])
-def test_a_stop_is_heard_among_other_keys(keys):
+def test_stop_has_priority_over_other_keys(keys):
     assert meaning(keys) == STOP
 
 
-def test_keys_of_a_sequence_mean_nothing():
+def test_escape_sequences_are_ignored():
     assert meaning(b"\x1b[s\x1bOr") == ""
     assert meaning(b"\x1b[sr") == RESUME
 
 
-def test_without_a_terminal_nothing_is_read():
+def test_without_a_terminal_no_keys_are_read():
     key = StopKey(io.StringIO("s"))
     assert not key.has_terminal
     key.acquire()
@@ -114,10 +114,10 @@ def test_without_a_terminal_nothing_is_read():
     key.release()
 
 
-def test_a_stop_that_fails_says_that_nothing_is_confirmed():
+def test_a_failed_stop_is_not_confirmed():
     def fail() -> list[str]:
         raise RuntimeError("no bus")
 
-    shown = carry_out(STOP, fail, lambda: [])
+    shown = execute(STOP, fail, lambda: [])
     assert "RuntimeError: no bus" in shown
     assert "NOT confirmed" in shown

@@ -1,7 +1,7 @@
-"""Where the camera of a head really sits: measured by looking around a marker.
+"""Calibration of the camera mounting and joint zeros of a head, with a marker.
 
-`Head.calibrate` measures it, `Calibration` keeps it in a file, and `calibrated` applies that file
-to a robot's model.
+`Head.calibrate` measures them, `Calibration` is the file format, and `calibrated` applies a file to
+a robot model.
 """
 
 from head_tracking.calibration.geometry import Estimate

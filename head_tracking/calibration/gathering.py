@@ -1,4 +1,4 @@
-"""Views of a marker for a calibration: the head looks around by itself, slowly."""
+"""Record views of a marker while the head moves slowly."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
-from head_tracking.exceptions import UnreachableError
+from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.camera_follower import DEFAULT_VIEW, pictures
@@ -25,24 +25,26 @@ MOST_VIEWS: Final = 25
 LONGEST: Final = 90.0  # s
 
 _SPEED: Final = 0.6  # rad/s
-_SETTLING: Final = 0.4  # s after an arrival: a camera's pictures come late
-_STILL: Final = 1.0  # px between two pictures
-_PATIENCE: Final = 1.5  # s for a still picture of a marker
-_LATE: Final = 0.5  # s that a measurement of the joints may come after a picture
+_SETTLING: Final = 0.4  # s after an arrival, because images are late
+_STILL: Final = 1.0  # px: maximum motion between two images
+_PATIENCE: Final = 1.5  # s to wait for a still image of a marker,
+_COMPARED: Final = 4  # and minimum number of images: a busy computer is late
+_LATE: Final = 0.5  # s: maximum delay of joint measurements after an image
 _POLL: Final = 0.005  # s
-_REACH: Final = 0.75  # of half the picture, to which the marker is brought
-_DISTANCE: Final = 2.0  # m: of what is looked at
+_RETRY: Final = 0.2  # s
+_REACH: Final = 0.75  # of half the image: range of marker positions
+_DISTANCE: Final = 2.0  # m: distance of the points to look at
 _STEPS: Final = 5  # in each direction
-_CROSSED: Final = math.radians(3.0)  # a joint that has turned so far has crossed its play
-_STOOD: Final = math.radians(0.3)  # one that has turned less stands where it stood in its play
+_CROSSED: Final = math.radians(3.0)  # motion after which the play is certainly crossed
+_STOOD: Final = math.radians(0.3)  # smaller motion does not change the position in the play
 
 
 class TurningHead(Protocol):
-    """What looks around; `Head` is one."""
+    """Interface of a head for a calibration; `Head` implements it."""
 
     @property
     def frames(self) -> TransformBuffer:
-        """The robot's frames."""
+        """The frames of the robot."""
 
     @property
     def joints(self) -> Mapping[str, float]:
@@ -62,32 +64,32 @@ def calibrate_camera(
     focal_length: bool = False,
     report: Callable[[str], object] = lambda text: None,
 ) -> Calibration:
-    """Find out where the camera sits: the head looks around a marker, at most 25 views and 90 s.
+    """Calibrate the camera mounting: the head looks around a marker, at most 25 views and 90 s.
 
-    The marker stands still and is in view at first. `head.stop()` from any thread ends it.
+    The marker does not move and is visible at the start. `head.stop()` in any thread ends it.
 
     Args:
-        head: that carries the camera.
-        camera: number, device, file or URL; or pictures (blue, green, red; shape (height, width,
-            3)) with their times [s, as time.time()].
-        marker: which one, and how wide it is.
-        frame: the camera's optical frame.
-        model: of the camera; None: one that sees 60 degrees from left to right.
-        focal_length: whether to estimate that, too.
-        report: told in a sentence what goes on.
+        head: the head.
+        camera: number, device, file or URL; or images (blue, green, red; shape (height, width, 3))
+            with their times [s, as time.time()].
+        marker: family, number and size of the marker.
+        frame: optical frame of the camera.
+        model: the camera; None: a horizontal field of view of 60 degrees.
+        focal_length: whether to estimate the focal length.
+        report: receives progress messages.
 
     Returns:
-        The calibration; nothing is written, and the head's model stays as it is.
+        The calibration; neither files nor the model of the head are changed.
 
     Raises:
-        CalibrationError: no picture comes, the marker is not seen, or the views contradict each
-            other or the model.
+        CalibrationError: no image is received, the marker is not visible, or the views contradict
+            each other or the model.
         RefusedCommandError: the head is stopped, relaxed or closed.
-        FrameError: the frame is not known.
+        FrameError: the frame is unknown, or the joints are not measured until the end.
         ValueError: the marker has no size.
     """
     if marker.marker_size <= 0.0:
-        raise ValueError("the marker needs a size above 0: the edge of its black square, in metres")
+        raise ValueError("marker_size is not above 0; set it to the edge of the black square [m]")
     robot = head.frames.model
     assert robot is not None
     pan, tilt = head.joints
@@ -106,13 +108,13 @@ def calibrate_camera(
 
 
 class _Observer:
-    """Takes views with a camera on the head.
+    """Records views.
 
     Args:
-        head: that carries the camera.
-        source: of pictures with their times [s].
-        camera: its lens.
-        marker: which one counts.
+        head: the head.
+        source: images with their times [s].
+        camera: the camera.
+        marker: the marker.
     """
 
     def __init__(
@@ -127,30 +129,32 @@ class _Observer:
         self._positions, self._directions = tuple(head.joints.values()), [0, 0]
 
     def views(self) -> list[View]:
-        """Return the markers that are seen as soon as the pictures stand still; none: no marker.
+        """Return the visible markers as soon as the image is still; empty: no marker.
 
-        The joints stand from a measurement before these pictures to one after them: on a busy
-        computer measurements come late, and the head may begin to turn late.
+        The joints must be at rest from a measurement before the images to one after them, because
+        measurements and the start of a motion may be late.
         """
         self._note_motion()
         arrived = self._measured()
         end = arrived + _SETTLING + _PATIENCE
         before: dict[int, View] = {}
-        for stamp, picture in self._source:
+        compared = 0
+        for stamped, picture in self._source:
+            stamp = min(stamped, time.time())  # the clock of the camera may be ahead
             if stamp < arrived + _SETTLING:
                 continue
             self._wait_for_joints(stamp)
             if self._note_motion():
-                arrived, found = self._measured(), {}
+                arrived, compared, found = self._measured(), 0, {}
             else:
-                found = self._detect(stamp, picture)
+                compared, found = compared + 1, self._detect(stamp, picture)
             still = [
                 view
                 for number, view in found.items()
                 if number in before
                 and float(np.abs(view.corners - before[number].corners).max()) < _STILL
             ]
-            if still or stamp > end:
+            if still or (stamp > end and compared >= _COMPARED):
                 return still
             before = found
         raise _no_picture()
@@ -167,29 +171,26 @@ class _Observer:
         }
 
     def _measured(self) -> float:
-        """Return when the joints were measured last [s]."""
+        """Return the time of the latest joint measurement [s]."""
         found = map(self._head.frames.latest_joint_position, self._head.joints)
         return min((each[0] * 1e-9 for each in found if each is not None), default=-math.inf)
 
     def _wait_for_joints(self, stamp: float) -> None:
-        """Wait until the joints have been measured after a picture.
-
-        Where the camera's clock is ahead of the joints', that takes too long to be waited for.
-        """
+        """Wait for a joint measurement after an image."""
         end = time.monotonic() + _LATE
         while self._measured() < stamp and time.monotonic() < end:
             time.sleep(_POLL)
 
     def _note_motion(self) -> bool:
-        """Return whether a joint has turned since it was asked last; note in which direction."""
+        """Return whether a joint has moved since the last call; store its direction."""
         positions = tuple(self._head.joints.values())
-        ways = [now - before for before, now in zip(self._positions, positions, strict=True)]
-        if all(abs(way) <= _STOOD for way in ways):
+        motions = [now - before for before, now in zip(self._positions, positions, strict=True)]
+        if all(abs(motion) <= _STOOD for motion in motions):
             return False
-        for joint, way in enumerate(ways):
-            if abs(way) > _CROSSED:
-                self._directions[joint] = 1 if way > 0.0 else -1
-            elif abs(way) > _STOOD:
+        for joint, motion in enumerate(motions):
+            if abs(motion) > _CROSSED:
+                self._directions[joint] = 1 if motion > 0.0 else -1
+            elif abs(motion) > _STOOD:
                 self._directions[joint] = 0
         self._positions = positions
         return True
@@ -198,8 +199,8 @@ class _Observer:
 def _no_picture() -> CalibrationError:
     return CalibrationError(
         Reason.NO_PICTURE,
-        "the camera sends no more pictures: see that it is plugged in and that no other program "
-        "has opened it, and calibrate again",
+        "no image from the camera: check that it is connected and that no other program uses it, "
+        "and calibrate again",
     )
 
 
@@ -210,17 +211,17 @@ def _gather(
     camera: Camera,
     report: Callable[[str], object],
 ) -> list[View]:
-    """Return views in which the marker is all over the picture, in a random order.
+    """Return views with the marker at positions all over the image, in random order.
 
-    In that order what slips on the way cannot be mistaken for a wrong mounting.
+    Random order distinguishes a motion of marker or camera from a wrong mounting.
     """
     end = time.monotonic() + LONGEST
     views = observer.views()
     if not views:
         raise CalibrationError(
             Reason.FEW_VIEWS,
-            "no marker is in view: turn the head or the marker so that the camera sees it, and "
-            "give its family and number",
+            "no marker is visible: turn the head or the marker, and check the family and number of "
+            "the marker",
         )
     directions = _directions(camera)
     random.Random(1).shuffle(directions)
@@ -229,21 +230,33 @@ def _gather(
     for number, (right, down) in enumerate(directions, 1):
         if time.monotonic() > end:
             break
-        report(f"direction {number} of {len(directions)}; markers seen so far: {len(views)}")
-        try:
-            head.look_at(
-                _point_beside(head, geometry, camera, nearest, right, down),
-                geometry.base,
-                max_velocity=_SPEED,
-            )
-        except UnreachableError:
-            continue
-        views += observer.views()
+        report(f"direction {number} of {len(directions)}; views: {len(views)}")
+        point = _point_beside(head, geometry, camera, nearest, right, down)
+        if _turn(head, point, geometry.base, end):
+            views += observer.views()
     return views
 
 
+def _turn(head: TurningHead, point: Vector3, frame: str, end: float) -> bool:
+    """Turn to a point [m]; return whether it is reachable.
+
+    While the joints are not measured, the turn is repeated until `end` [s, as time.monotonic()].
+    """
+    while True:
+        try:
+            head.look_at(point, frame, max_velocity=_SPEED)
+        except UnreachableError:
+            return False
+        except FrameError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(_RETRY)
+        else:
+            return True
+
+
 def _directions(camera: Camera) -> list[tuple[float, float]]:
-    """Return where to bring the marker in the picture: x and y at z = 1 from its middle."""
+    """Return the wanted positions of the marker in the image: x and y at z = 1."""
     across = _REACH * camera.width / 2.0 / camera.fx
     down = _REACH * camera.height / 2.0 / camera.fy
     steps = np.linspace(-1.0, 1.0, _STEPS)
@@ -253,7 +266,7 @@ def _directions(camera: Camera) -> list[tuple[float, float]]:
 def _point_beside(
     head: TurningHead, geometry: HeadGeometry, camera: Camera, seen: View, right: float, down: float
 ) -> tuple[float, float, float]:
-    """Return what to look at so that a marker comes to x and y, at z = 1, in the picture [m]."""
+    """Return the point to look at [m] that moves a marker to x and y, at z = 1, in the image."""
     u, v = seen.corners.mean(axis=0).tolist()
     x, y = camera.ray((u, v))
     joints = dict(zip(head.joints, (seen.pan, seen.tilt), strict=True))

@@ -1,4 +1,4 @@
-"""What a head with errors would see: the robot's model, and what a calibration changes in it."""
+"""Kinematics of a head with calibration errors."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _DEGREE: Final = math.pi / 180.0
 
 
 class Parameter(NamedTuple):
-    """A number that a calibration may change.
+    """A calibration parameter.
 
     Attributes:
-        name: as it stands in the result.
+        name: name in the result.
         unit: rad, m, or empty for a ratio.
-        prior: how much it is usually wrong, one standard deviation.
+        prior: standard deviation of the prior, with mean 0.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Parameter(NamedTuple):
     prior: float
 
     def displayed(self, value: float) -> tuple[float, str]:
-        """Return a value and its unit as a person reads them: degrees, mm or %."""
+        """Convert a value to degrees, mm or %; return it with its unit."""
         scale, unit = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm")}.get(
             self.unit, (100.0, "%")
         )
@@ -52,27 +52,27 @@ PARAMETERS: Final = (
     Parameter("tilt play", "rad", 1 * _DEGREE),
     Parameter("pan play", "rad", 1 * _DEGREE),
 )
-"""In order: what a scene cannot tell from something that stands before it is not estimated.
+"""Parameters by priority: of two that a scene cannot distinguish, the later one is not estimated.
 
-The camera turns and moves by its optical frame's axes: about x (pitch), y (yaw) and z (roll); along
-x (right), y (down) and z (ahead). The tilt axis turns towards the pan axis. `focal length` is the
-logarithm of a factor. Play is from side to side, between the encoder and the camera: the camera
-stays behind the encoder by half of it.
+The camera is rotated about the axes of its optical frame, x (pitch), y (yaw) and z (roll), and
+moved along x (right), y (down) and z (ahead). The tilt axis is rotated towards the pan axis. `focal
+length` is the logarithm of a factor. Play is from side to side, between encoder and camera: the
+camera lags behind the encoder by half of it.
 """
 FOCAL_LENGTH: Final = 7
 TILT_PLAY: Final = 10
 PAN_PLAY: Final = 11
 ZEROS: Final = (8, 9)
-"""The joints' zeros: one that the scene does not tell is the model's, and the rest refers to it."""
+"""Joint zeros. One that is not observable is that of the model, by definition."""
 
 
 class Estimate(NamedTuple):
-    """A number that was estimated, or not.
+    """Estimate of a parameter.
 
     Attributes:
-        value: how far it is from the model [rad, m, or a ratio]; 0 if the scene does not tell it.
-        deviation: one standard deviation.
-        observable: whether the scene tells it.
+        value: difference from the model [rad, m, or a ratio]; 0 if it is not observable.
+        deviation: standard deviation.
+        observable: whether the views determine it.
     """
 
     value: float
@@ -81,14 +81,14 @@ class Estimate(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """What views have told of a head.
+    """Result of the estimation.
 
     Attributes:
-        changes: of `PARAMETERS`, shape (12,).
-        estimates: by name of the parameter; what was not asked for is missing.
-        noise: of a corner in the picture, one standard deviation [px].
-        views: that were used.
-        left_out: views that contradict the others.
+        changes: values of `PARAMETERS`, shape (12,).
+        estimates: estimates by name of the parameter.
+        noise: standard deviation of a corner in the image [px].
+        views: number of used views.
+        left_out: number of excluded outliers.
     """
 
     changes: Array
@@ -100,17 +100,17 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HeadGeometry:
-    """The frames between the base of a head and its camera, and which joints a calibration changes.
+    """Kinematic chain from the base of a head to its camera.
 
     Attributes:
-        model: of the robot.
-        base: the link that carries the pan joint.
-        pan_joint: name.
-        tilt_joint: name.
-        camera_joint: the fixed joint that carries the camera; its name.
-        optical_frame: of the camera.
-        before_pan: `T_base_pan` without the pan joint's motion.
-        before_tilt: from the tilt joint's frame, before its motion, to the pan joint's child.
+        model: model of the robot.
+        base: parent link of the pan joint.
+        pan_joint: name of the pan joint.
+        tilt_joint: name of the tilt joint.
+        camera_joint: name of the fixed joint that carries the camera.
+        optical_frame: optical frame of the camera.
+        before_pan: origin of the pan joint in the base.
+        before_tilt: origin of the tilt joint in the child of the pan joint.
         before_camera: `T_tilted_optical`.
     """
 
@@ -126,7 +126,7 @@ class HeadGeometry:
 
     @staticmethod
     def of(model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str) -> HeadGeometry:
-        """Return the geometry of a robot's head.
+        """Return the geometry of the head of a robot.
 
         Raises:
             RobotModelError: the joints do not carry the frame, or one does not carry the other.
@@ -149,7 +149,7 @@ class HeadGeometry:
         """Return the poses of the camera, `T_base_optical`, in several views.
 
         Args:
-            changes: of `PARAMETERS`, shape (12,); play is the readings' affair.
+            changes: values of `PARAMETERS`, shape (12,); play is ignored.
             pans: positions of the pan joint, shape (N,) [rad].
             tilts: positions of the tilt joint, shape (N,) [rad].
 
@@ -168,7 +168,7 @@ class HeadGeometry:
         return panning @ rotations, root + np.einsum("nij,nj->ni", panning, positions)
 
     def changed(self, changes: Array) -> dict[str, Joint]:
-        """Return the joints of the model as a calibration has them; see `cameras`."""
+        """Return the changed joints of the model; see `cameras`."""
         joints = {}
         if changes[:6].any():
             joint = self.model.joint(self.camera_joint)
@@ -189,7 +189,7 @@ class HeadGeometry:
         return joints
 
     def _tilt_axis(self, angle: float) -> Array:
-        """Return the tilt axis in its joint's frame, turned towards the pan axis [rad]."""
+        """Return the tilt axis in the frame of its joint, rotated towards the pan axis [rad]."""
         axis = np.array(self.model.joint(self.tilt_joint).axis)
         pan = np.array(self.model.joint(self.pan_joint).axis) @ _parts(self.before_tilt)[0]
         towards = pan - axis * (pan @ axis)
@@ -198,7 +198,7 @@ class HeadGeometry:
 
 
 def rotation_matrices(vectors: Array) -> Array:
-    """Return the rotations by rotation vectors, shape (N, 3) [rad], as matrices, (N, 3, 3)."""
+    """Convert rotation vectors, shape (N, 3) [rad], to matrices, shape (N, 3, 3)."""
     angles = np.linalg.norm(vectors, axis=1)[:, None, None]
     x, y, z = vectors.T
     zero = np.zeros_like(x)
@@ -209,7 +209,7 @@ def rotation_matrices(vectors: Array) -> Array:
 
 
 def _camera_joint(model: RobotModel, optical_frame: str, tilted: str) -> str:
-    """Return the fixed joint that carries the camera: not the one that turns its axes only."""
+    """Return the fixed joint that carries the camera, not one that only rotates its axes."""
     joint = model.parent_joint(optical_frame)
     assert joint is not None  # the tilt joint carries it
     above = model.parent_joint(joint.parent)

@@ -1,4 +1,4 @@
-"""The result of a calibration: a YAML file, and what it changes in a robot's model."""
+"""Calibration files, and their application to a robot model."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CalibrationFileError(HeadTrackingError, ValueError):
     """A calibration file cannot be used with this robot.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
     """
 
     def __init__(self, path: Path, text: str) -> None:
@@ -44,13 +44,13 @@ class CalibrationFileError(HeadTrackingError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class CalibratedJoint:
-    """A joint as a calibration has it.
+    """A calibrated joint.
 
     Attributes:
-        name: of the joint.
-        origin: of the joint in its parent.
-        axis: of the joint.
-        replaces: the origin that the model has.
+        name: name of the joint.
+        origin: calibrated origin in the parent link.
+        axis: calibrated axis.
+        replaces: origin in the model.
     """
 
     name: str
@@ -64,15 +64,15 @@ class Calibration:
     """A calibration of a robot's head.
 
     Attributes:
-        robot: name of its model.
-        made: when [s, as time.time()].
-        joints: that it changes.
-        focal_length: factor for that of the camera's model; 1: as it was.
-        estimates: what was estimated, by name.
-        noise: of a corner in the picture, one standard deviation [px].
-        views: that were used.
-        left_out: views that contradicted the others.
-        source: the file that it was loaded from; None: it has just been made.
+        robot: name of the robot model.
+        made: time of the calibration [s, as time.time()].
+        joints: the changed joints.
+        focal_length: factor of the focal length.
+        estimates: estimates by name of the parameter.
+        noise: standard deviation of a corner in the image [px].
+        views: number of used views.
+        left_out: number of excluded outliers.
+        source: file of the calibration; None: not loaded from a file.
     """
 
     robot: str
@@ -87,17 +87,17 @@ class Calibration:
 
     @property
     def age(self) -> float:
-        """How long ago it was made [s]."""
+        """Age of the calibration [s]."""
         return time.time() - self.made
 
     @property
     def is_old(self) -> bool:
-        """Whether it is older than half a year: horns and cameras work loose."""
+        """Whether it is older than half a year: mountings may have become loose."""
         return self.age > _OLD
 
     @staticmethod
     def of(geometry: HeadGeometry, solution: Solution) -> Calibration:
-        """Return the calibration that a solution makes of a robot's model."""
+        """Return the calibration of a solution."""
         model = geometry.model
         return Calibration(
             model.name,
@@ -114,7 +114,7 @@ class Calibration:
         )
 
     def save(self, path: Path) -> None:
-        """Write a YAML file; one that is there is kept until all is written."""
+        """Write a YAML file, atomically."""
         document = {
             "robot": self.robot,
             "made": time.strftime(_TIME, time.localtime(self.made)),
@@ -144,10 +144,10 @@ class Calibration:
         draft.replace(path)
 
     def apply(self, model: RobotModel) -> RobotModel:
-        """Return a robot's model with this calibration applied to it, and to its URDF.
+        """Return a robot model, with its URDF, changed by this calibration.
 
         Args:
-            model: that was read from a URDF.
+            model: a model that was read from a URDF.
 
         Raises:
             CalibrationFileError: the calibration was made with another model.
@@ -158,18 +158,18 @@ class Calibration:
             if before is None or not _is_same(before.origin, joint.replaces):
                 raise CalibrationFileError(
                     self.source or Path("calibration"),
-                    f"it was made with another model of {self.robot!r}: its joint "
-                    f"{joint.name!r} is not this one of {model.name!r}; calibrate again",
+                    f"the calibration of {self.robot!r} does not match the model {model.name!r}: "
+                    f"the joint {joint.name!r} differs; calibrate again",
                 )
             _write(tree, joint)
         return parse_robot_model(ElementTree.tostring(tree, encoding="unicode"))
 
     @staticmethod
     def load(path: str | Path) -> Calibration:
-        """Return the calibration of a file.
+        """Load a calibration file.
 
         Raises:
-            CalibrationFileError: it cannot be read, or is none.
+            CalibrationFileError: the file cannot be read, or is invalid.
         """
         path = Path(path)
         try:
@@ -205,18 +205,18 @@ class Calibration:
         except _MALFORMED as error:
             raise CalibrationFileError(
                 path,
-                f"this is no calibration of a head ({type(error).__name__}: {error}); "
-                "`head_tracking calibrate` makes one",
+                f"not a valid calibration file ({type(error).__name__}: {error}); create one with "
+                "`head_tracking calibrate`",
             ) from error
 
 
 def calibrated(model: RobotModel, path: str | Path) -> RobotModel:
-    """Return a robot's model with the calibration of a file applied to it; see `Calibration`."""
+    """Return a robot model changed by a calibration file; see `Calibration.apply`."""
     return Calibration.load(path).apply(model)
 
 
 def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
-    """Return a row for each estimated number: its name, change and deviation, for a person."""
+    """Return name, change and deviation of each estimate as text."""
     rows = []
     for parameter in PARAMETERS:
         estimate = calibration.estimates.get(parameter.name)
@@ -227,11 +227,11 @@ def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
         if estimate.observable:
             rows.append((parameter.name, f"{change:+.2f} {unit}", f"{deviation:.2f} {unit}"))
         else:
-            rows.append((parameter.name, "not observable", "as the model says"))
+            rows.append((parameter.name, "not observable", "value of the model"))
     return rows
 
 
-_HEADER = """# Where the camera of this head sits, measured by `head_tracking calibrate`.
+_HEADER = """# Camera mounting and joint zeros of a head, measured by `head_tracking calibrate`.
 # For `--calibration FILE`. Origins: x y z [m], quaternion x y z w, of joints in the robot's model.
 """
 
@@ -245,7 +245,7 @@ def _write(tree: ElementTree.Element, joint: CalibratedJoint) -> None:
     origin.set("xyz", _text(joint.origin.translation))
     origin.set("rpy", _text(joint.origin.rotation.as_rpy()))
     axis = element.find("axis")
-    if axis is None:  # the URDF means 1 0 0
+    if axis is None:  # the default is 1 0 0
         axis = ElementTree.SubElement(element, "axis")
     axis.set("xyz", _text(joint.axis))
 

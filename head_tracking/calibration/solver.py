@@ -1,8 +1,8 @@
-"""Estimates where the camera sits from views of markers that stand still.
+"""Estimate the calibration errors of a head from views of markers at rest.
 
-A bundle adjustment: the head's errors, the poses of the markers and what the joints' readings are
-off by in each view are estimated together, by least squares with priors (Hartley and Zisserman,
-Multiple View Geometry, 2nd edition, section 18.1 and appendix 6).
+A bundle adjustment by least squares with priors: the errors of the head, the poses of the markers
+and the errors of the joint readings are estimated together (Hartley and Zisserman, Multiple View
+Geometry, 2nd edition, section 18.1 and appendix 6).
 """
 
 from __future__ import annotations
@@ -35,20 +35,22 @@ from head_tracking.vision.opencv import cv2
 FEWEST_VIEWS: Final = 8
 
 _PRIORS: Final = np.array([parameter.prior for parameter in PARAMETERS])
-_KNOWN: Final = 0.5  # of its prior deviation: a parameter with more is not told by the scene
-_ROBUST: Final = 3.0  # deviations; residuals beyond count less
-_FAR: Final = 3.5  # deviations: no camera is mounted that wrong, and no play that negative
-_OUTLYING: Final = 5.0  # deviations: such a view is left out,
-_MOST_LEFT_OUT: Final = 0.2  # of all at most
+_KNOWN: Final = 0.5  # of the prior deviation: a parameter with more is not observable
+_ROBUST: Final = 3.0  # deviations: larger residuals have less weight
+_FAR: Final = 3.5  # deviations: larger errors, or negative play, contradict the model
+_OUTLYING: Final = 5.0  # deviations: such a view is excluded,
+_MOST_LEFT_OUT: Final = 0.2  # at most this share of all
 _MOST_NOISE: Final = 4.0  # px
-_UNSTEADY: Final = 2.5  # readings off by so many times what was said
-_MOVED: Final = 25.0  # of the cost: twice this, as chi-square of 6 degrees, once in 2e8
+_UNSTEADY: Final = 2.5  # times the stated deviation of the readings
+_MOVED: Final = 25.0  # decrease of the cost: chi-square with 6 degrees of freedom, p = 5e-9
 _SPLITS: Final = (0.25, 0.4, 0.5, 0.6, 0.75)
+_SIZES: Final = (0.5, 2.0)  # factors of the stated marker size that are tried
+_RESIZED: Final = 5.4  # decrease of the cost: chi-square with 1 degree of freedom, p = 0.001
 _POSE: Final = 6
 
 
 class Reason(StrEnum):
-    """Why a calibration has failed."""
+    """Reason of a failed calibration."""
 
     NO_PICTURE = "no picture"
     FEW_VIEWS = "few views"
@@ -59,10 +61,10 @@ class Reason(StrEnum):
 
 
 class CalibrationError(HeadTrackingError):
-    """The views do not tell where the camera sits; nothing is changed.
+    """The calibration has failed; nothing is changed.
 
     Attributes:
-        reason: why.
+        reason: reason of the failure.
     """
 
     def __init__(self, reason: Reason, text: str) -> None:
@@ -71,14 +73,14 @@ class CalibrationError(HeadTrackingError):
 
 
 class View(NamedTuple):
-    """A marker, seen while the head stood still.
+    """A marker in an image, with the head at rest.
 
     Attributes:
         pan: measured position of the pan joint [rad].
-        tilt: of the tilt joint [rad].
-        marker: its number.
-        corners: in the picture, clockwise from the marker's upper left, shape (4, 2) [px].
-        directions: in which pan and tilt turned last: 1, -1, or 0 if that is not known.
+        tilt: measured position of the tilt joint [rad].
+        marker: number of the marker.
+        corners: corners in the image, clockwise from the marker's upper left, shape (4, 2) [px].
+        directions: directions of the last motion of pan and tilt: 1, -1, or 0: unknown.
     """
 
     pan: float
@@ -100,21 +102,21 @@ def solve(
     """Estimate the errors of a head.
 
     Args:
-        geometry: of the head, as its model has it.
-        camera: its lens.
-        views: in the order in which they were taken.
-        marker_size: edge of the markers' black square [m].
-        reading_deviation: of the joints' readings, one standard deviation [rad].
-        focal_length: whether to estimate that, too.
+        geometry: geometry of the head in its model.
+        camera: the camera.
+        views: views in the order of recording.
+        marker_size: edge of the black square of the markers [m].
+        reading_deviation: standard deviation of the joint readings [rad].
+        focal_length: whether to estimate the focal length.
 
     Raises:
-        CalibrationError: the views are too few, or contradict each other or the model.
+        CalibrationError: there are too few views, or they contradict each other or the model.
     """
     if len(views) < FEWEST_VIEWS:
         raise CalibrationError(
             Reason.FEW_VIEWS,
-            f"the marker was seen in {len(views)} views; {FEWEST_VIEWS} are needed: give the "
-            "marker more light, or put it nearer",
+            f"the marker is visible in {len(views)} views; {FEWEST_VIEWS} are needed: use more "
+            "light, or a smaller distance",
         )
     free = [k for k in range(len(PARAMETERS)) if focal_length or k != FOCAL_LENGTH]
     observations, square = _Observations.of(views, camera), _square(marker_size)
@@ -133,36 +135,43 @@ def solve(
     if moved is not None:
         raise CalibrationError(
             Reason.MOVED,
-            f"from about view {moved} of {len(views)} on the marker or the camera stood elsewhere: "
-            "fasten both, and calibrate again",
+            f"the marker or the camera moved at about view {moved} of {len(views)}: fasten both, "
+            "and calibrate again",
         )
     kept = fit.consistent_views()
     if len(kept) < max(FEWEST_VIEWS, (1.0 - _MOST_LEFT_OUT) * len(views)):
         raise CalibrationError(
             Reason.INCONSISTENT,
-            f"{len(views) - len(kept)} of {len(views)} views contradict the others: the marker "
-            "must stand still, and the pictures must be sharp",
+            f"{len(views) - len(kept)} of {len(views)} views are outliers: the marker must not "
+            "move, and the images must be sharp",
         )
     fit = fit.with_views(kept).run(free, fit.noise())
     noise = fit.noise()
     if noise > _MOST_NOISE:
         raise CalibrationError(
             Reason.BLURRED,
-            f"corners are off by {noise:.1f} px; at most {_MOST_NOISE:.0f} are allowed: the "
-            "pictures are blurred, or the marker is not flat",
+            f"the deviation of the corners is {noise:.1f} px; the maximum is {_MOST_NOISE:.0f}: "
+            "the images are blurred, or the marker is not flat",
         )
     unsteady = fit.unsteadiness()
     if unsteady > _UNSTEADY:
         raise CalibrationError(
             Reason.INCONSISTENT,
-            f"the camera was {math.degrees(unsteady * reading_deviation):.2f} degrees aside of "
-            "where the joints say: it is loose, or the joints have play",
+            f"camera and joints differ by {math.degrees(unsteady * reading_deviation):.2f} "
+            "degrees: the camera is loose, or the joints have play",
+        )
+    factor = fit.better_size(free, noise)
+    if factor is not None:
+        raise CalibrationError(
+            Reason.FAR_FROM_MODEL,
+            f"the views fit a marker of {factor * marker_size:g} m better than one of "
+            f"{marker_size:g} m: measure the edge of its black square, and check the robot model",
         )
     held: list[int] = []
     while True:
         fit.run(free, noise, robust=False)
         deviations = fit.deviations(free, held)
-        _check_size(fit.changes, deviations, free, marker_size)
+        _check_plausible(fit.changes, deviations, free, marker_size)
         unknown = [k for k in free if deviations[k] > _KNOWN * _PRIORS[k]]
         if not unknown:
             break
@@ -177,27 +186,27 @@ def solve(
     return Solution(changes, estimates, noise, len(kept), len(views) - len(kept))
 
 
-def _check_size(changes: Array, deviations: Array, free: Sequence[int], size: float) -> None:
-    """Raise CalibrationError if no head of this model is like that."""
+def _check_plausible(changes: Array, deviations: Array, free: Sequence[int], size: float) -> None:
+    """Raise CalibrationError if an estimate is implausible for this model."""
     for k in free:
         change, unit = PARAMETERS[k].displayed(changes[k])
         is_negative_play = k in (TILT_PLAY, PAN_PLAY) and changes[k] < -_FAR * deviations[k]
         if is_negative_play or abs(changes[k]) > _FAR * _PRIORS[k]:
             raise CalibrationError(
                 Reason.FAR_FROM_MODEL,
-                f"{PARAMETERS[k].name} would be {change:.1f} {unit} from the model: is the "
-                f"marker really {size:g} m wide, and the model that of this robot?",
+                f"{PARAMETERS[k].name} differs by {change:.1f} {unit} from the model: check the "
+                f"marker size ({size:g} m) and the robot model",
             )
 
 
 class _Observations(NamedTuple):
-    """Markers that were seen, one in each view.
+    """Markers in images, one in each view.
 
     Attributes:
-        positions: measured, of pan and tilt, shape (N, 2) [rad].
-        directions: in which pan and tilt turned last, shape (N, 2); see `View`.
-        markers: index of each view's marker, shape (N,).
-        rays: to the corners, x and y at z = 1, shape (N, 4, 2).
+        positions: measured pan and tilt, shape (N, 2) [rad].
+        directions: directions of the last motion, shape (N, 2); see `View`.
+        markers: index of the marker of each view, shape (N,).
+        rays: rays of the corners, x and y at z = 1, shape (N, 4, 2).
     """
 
     positions: Array
@@ -207,7 +216,7 @@ class _Observations(NamedTuple):
 
     @staticmethod
     def of(views: Sequence[View], camera: Camera) -> _Observations:
-        """Return the observations of some views."""
+        """Convert views."""
         _, markers = np.unique([view.marker for view in views], return_inverse=True)
         corners = np.array([view.corners for view in views], dtype=np.float64)
         rays = [camera.ray((u, v)) for u, v in corners.reshape(-1, 2).tolist()]
@@ -220,19 +229,19 @@ class _Observations(NamedTuple):
 
 
 class _Fit:
-    """A least-squares problem and its solution until now.
+    """A least-squares problem and its present solution.
 
     Args:
-        geometry: of the head, as its model has it.
+        geometry: geometry of the head in its model.
         focal: focal length of the camera [px].
-        seen: the observations of N views.
+        seen: observations of N views.
         square: corners of a marker in its frame, shape (4, 3) [m].
-        reading: deviation of a reading [rad].
-        poses: of the markers, `T_base_marker`: rotation vectors and positions, shape (M, 6).
+        reading: standard deviation of a reading [rad].
+        poses: `T_base_marker` of the markers: rotation vectors and positions, shape (M, 6).
 
     Attributes:
-        cost: half the sum of the squared residuals, in deviations.
-        changes: of `PARAMETERS`, shape (12,).
+        cost: half the sum of the squared, normalised residuals.
+        changes: values of `PARAMETERS`, shape (12,).
     """
 
     def __init__(
@@ -252,7 +261,7 @@ class _Fit:
         self._readings = np.zeros((2, len(seen.positions)))
 
     def with_views(self, kept: Sequence[int]) -> _Fit:
-        """Return a problem with some of the views, from the solution until now."""
+        """Return a problem with some of the views, starting at the present solution."""
         fit = copy(self)
         positions, directions, markers, rays = self._seen
         fit._seen = _Observations(positions[kept], directions[kept], markers[kept], rays[kept])
@@ -261,7 +270,7 @@ class _Fit:
         return fit
 
     def moved_at(self, first: int) -> _Fit:
-        """Return the problem in which all markers may stand elsewhere from a view on."""
+        """Return the problem in which all markers have new poses from a view on."""
         fit = copy(self)
         later = np.arange(len(self._seen.positions)) >= first
         fit._regroup(
@@ -270,17 +279,17 @@ class _Fit:
         return fit
 
     def _regroup(self, markers: npt.NDArray[np.intp], poses: Array) -> None:
-        """Set the marker of each view, as an index of poses; poses without a view are left out."""
+        """Set the index of the pose of each view; remove poses without a view."""
         used, markers = np.unique(markers, return_inverse=True)
         self._seen, self._poses = self._seen._replace(markers=markers), poses[used]
 
     def run(self, free: Sequence[int], noise: float, *, robust: bool = True) -> _Fit:
-        """Solve the problem with some of the parameters; the others are 0.
+        """Solve the problem for some parameters; the others are 0.
 
         Args:
             free: indices of `PARAMETERS`.
-            noise: of a corner, one standard deviation [px].
-            robust: outliers count less.
+            noise: standard deviation of a corner [px].
+            robust: whether to reduce the weight of outliers.
         """
         from scipy.optimize import least_squares
 
@@ -296,12 +305,12 @@ class _Fit:
             xtol=1e-6,
             max_nfev=60,
         )
-        self._take(found.x, free)
+        self._set(found.x, free)
         self.cost = float(found.cost)
         return self
 
     def _unknowns(self, free: Sequence[int]) -> Array:
-        """Return what is estimated: parameters and readings in deviations, then poses."""
+        """Return the unknowns: normalised parameters and readings, then poses."""
         return np.concatenate(
             [
                 self.changes[free] / _PRIORS[free],
@@ -310,7 +319,7 @@ class _Fit:
             ]
         )
 
-    def _take(self, x: Array, free: Sequence[int]) -> None:
+    def _set(self, x: Array, free: Sequence[int]) -> None:
         n = len(free)
         self.changes = np.zeros(len(PARAMETERS))
         self.changes[free] = x[:n] * _PRIORS[free]
@@ -319,13 +328,13 @@ class _Fit:
         self._poses = poses.reshape(-1, _POSE)
 
     def _residuals(self, x: Array, free: Sequence[int]) -> Array:
-        """Return all residuals in deviations: corners, then priors of parameters and readings."""
-        self._take(x, free)
+        """Return the normalised residuals: corners, then priors of parameters and readings."""
+        self._set(x, free)
         priors = x[: len(free) + self._readings.size]
-        return np.concatenate([self._misses().ravel() / self._noise, priors])
+        return np.concatenate([self._errors().ravel() / self._noise, priors])
 
-    def _misses(self) -> Array:
-        """Return how far each corner is from where it should be, shape (N, 4, 2) [px]."""
+    def _errors(self) -> Array:
+        """Return the reprojection errors of the corners, shape (N, 4, 2) [px]."""
         behind = 0.5 * self.changes[[PAN_PLAY, TILT_PLAY]] * self._seen.directions
         pans, tilts = (self._seen.positions - behind).T + self._readings
         rotations, positions = self._geometry.cameras(self.changes, pans, tilts)
@@ -337,7 +346,7 @@ class _Fit:
         return np.asarray(self._focal * (scale * seen[..., :2] / depth - self._seen.rays))
 
     def _differences(self, x: Array, free: Sequence[int]) -> Array:
-        """Return the Jacobian, by differences; a reading concerns its own view only."""
+        """Return the Jacobian by finite differences; a reading affects its own view only."""
         step, n, count = 1e-6, len(free), len(self._seen.positions)
         here = self._residuals(x, free)
         jacobian = np.zeros((len(here), len(x)))
@@ -356,27 +365,27 @@ class _Fit:
                 rows = slice(view * each, (view + 1) * each)
                 jacobian[rows, columns[view]] = slopes[view]
                 jacobian[corners + columns[view], columns[view]] = 1.0
-        self._take(x, free)
+        self._set(x, free)
         return jacobian
 
     def noise(self) -> float:
-        """Return the standard deviation of a corner [px], by the middle half of the residuals."""
-        misses = np.abs(self._misses()).ravel()
+        """Return the standard deviation of a corner [px], from the median of the residuals."""
+        misses = np.abs(self._errors()).ravel()
         used = self.changes.size + self._poses.size + self._readings.size
         share = math.sqrt(misses.size / max(misses.size - used, 0.25 * misses.size))
         return max(0.05, float(np.median(misses)) / 0.6745 * share)
 
     def consistent_views(self) -> list[int]:
-        """Return the views that do not contradict the others."""
-        misses = np.sqrt((self._misses() ** 2).mean(axis=(1, 2))) / self.noise()
+        """Return the indices of the views that are no outliers."""
+        misses = np.sqrt((self._errors() ** 2).mean(axis=(1, 2))) / self.noise()
         aside = np.abs(self._readings).max(axis=0) / self._reading
         limit = _OUTLYING * max(1.0, self.unsteadiness())
         return np.flatnonzero((misses < _OUTLYING) & (aside < limit)).tolist()
 
     def movement(self, free: Sequence[int], noise: float) -> int | None:
-        """Return the view from which on something stood elsewhere; None: nothing has moved.
+        """Return the view at which marker or camera moved; None: no motion.
 
-        A marker that stands elsewhere from that view on explains the views much better then.
+        After a motion, new poses of the markers from that view on reduce the cost significantly.
         """
         count = len(self._seen.positions)
         for share in _SPLITS:
@@ -385,21 +394,37 @@ class _Fit:
                 return first
         return None
 
+    def better_size(self, free: Sequence[int], noise: float) -> float | None:
+        """Return the factor of the marker size that explains the views significantly better.
+
+        The offset between camera and joints tells the scale. None: the stated size is consistent.
+        """
+        costs = {factor: self.resized(factor).run(free, noise).cost for factor in _SIZES}
+        best = min(costs, key=costs.__getitem__)
+        return best if self.cost - costs[best] > _RESIZED else None
+
+    def resized(self, factor: float) -> _Fit:
+        """Return the problem with markers of another size, at another distance."""
+        fit = copy(self)
+        fit._square = factor * self._square
+        fit._poses = self._poses * np.repeat((1.0, factor), 3)
+        return fit
+
     def unsteadiness(self) -> float:
-        """Return how much the readings are off in most views, over what was said of them."""
+        """Return the deviation of the readings relative to the stated one."""
         middles = np.median(np.abs(self._readings), axis=1)
         return float(middles.max()) / 0.6745 / self._reading
 
     def deviations(self, free: Sequence[int], held: Sequence[int]) -> Array:
-        """Return the standard deviation of each parameter; of those that are not free, the prior's.
+        """Return the standard deviations of the parameters; of those that are not free, the priors.
 
-        A parameter that is held at the model's value is wrong by its prior, and makes the free ones
-        wrong (consider covariance: Tapley, Schutz and Born, Statistical Orbit Determination, 2004,
-        chapter 6).
+        A parameter that is held at the value of the model has the error of its prior, which affects
+        the free ones (consider covariance: Tapley, Schutz and Born, Statistical Orbit
+        Determination, 2004, chapter 6).
 
         Args:
-            free: indices of the parameters that were estimated.
-            held: of those that this scene does not tell.
+            free: indices of the estimated parameters.
+            held: indices of the parameters that are not observable.
         """
         n, both = len(free), [*free, *held]
         jacobian = self._differences(self._unknowns(both), both)
@@ -413,7 +438,7 @@ class _Fit:
 
 
 def _first_poses(geometry: HeadGeometry, seen: _Observations, square: Array) -> list[Array]:
-    """Return two guesses of the markers' poses: a square has two that look nearly alike."""
+    """Return two initial guesses of the marker poses: the image of a square is ambiguous."""
     guesses: list[list[Array]] = [[], []]
     extents = np.ptp(seen.rays, axis=1).min(axis=1)
     cameras = geometry.cameras(np.zeros(len(PARAMETERS)), *seen.positions.T)

@@ -1,4 +1,4 @@
-"""calibrate: measures where the camera of a head sits, and writes it into a file."""
+"""calibrate: measures the pose of a head's camera, and writes a calibration file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from head_tracking.calibration import Calibration, summary
 from head_tracking.command_line import DONE, REFUSED, between, exit_code
-from head_tracking.head.program import Head
+from head_tracking.head.head import Head
 from head_tracking.transforms import Rotation, Transform
 
 if TYPE_CHECKING:
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 SIMULATED_MOUNTING: Final = Transform(
     (0.006, -0.004, 0.008), Rotation.from_rpy(0.02, math.radians(3.0), math.radians(-2.0))
 )
-"""`T_model_real`: how the simulated camera really sits, in the model's optical frame."""
+"""Pose of the simulated camera in the optical frame of the model."""
 
 _EPILOG = """\
-The marker hangs still, 1 to 3 m away, and the camera sees it. The head turns slowly, for a minute
-and a half at most; Ctrl-C ends it and relaxes the servos.
+Fix the marker 1 to 3 m away, where the camera sees it. The head turns slowly for at most 90 s.
+Ctrl-C ends the calibration and relaxes the servos.
 exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed; 130 Ctrl-C
 """
 
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None, ask: Callable[[str], str] = inp
 
     Args:
         arguments: the command line.
-        ask: asks the person a question, and returns the answer.
+        ask: asks the user a question and returns the answer.
     """
     options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
     return exit_code("calibrate", lambda: _calibrate(options, ask))
@@ -50,7 +50,7 @@ def _calibrate(options: argparse.Namespace, ask: Callable[[str], str]) -> int:
         if not options.yes and not _confirmed(ask):
             print("calibrate: not confirmed; nothing has moved")
             return REFUSED
-        source = _simulated_pictures(head) if options.sim else options.camera
+        source = _simulated_images(head) if options.sim else options.camera
         width, height = (320, 240) if options.sim else options.size
         calibration = head.calibrate(
             source,
@@ -75,24 +75,27 @@ def _open(options: argparse.Namespace) -> Head:
 
 def _confirmed(ask: Callable[[str], str]) -> bool:
     try:
-        return ask("The head will look around. Is its way free? [y/N] ").strip().lower() == "y"
+        return (
+            ask("The head will look around. Is its range free of obstacles? [y/N] ").strip().lower()
+            == "y"
+        )
     except EOFError:
         return False
 
 
-def _simulated_pictures(head: Head) -> Iterable[tuple[float, Pixels]]:
-    """Return what a camera sees that sits otherwise than the model says."""
+def _simulated_images(head: Head) -> Iterable[tuple[float, Pixels]]:
+    """Return the images of a camera whose pose differs from the model."""
     from head_tracking.scene import film
 
-    where = partial(head.pose, "camera_optical_frame", "base_link")
-    return film("still marker", lambda stamp: where(stamp=stamp) @ SIMULATED_MOUNTING)
+    pose = partial(head.pose, "camera_optical_frame", "base_link")
+    return film("still marker", lambda stamp: pose(stamp=stamp) @ SIMULATED_MOUNTING)
 
 
 def _show(calibration: Calibration) -> None:
     for name, change, deviation in summary(calibration):
         print(f"{name:<22} {change:>18}  +- {deviation}")
     print(
-        f"{calibration.views} views, {calibration.left_out} left out; corners off by "
+        f"{calibration.views} views used, {calibration.left_out} ignored; corner noise "
         f"{calibration.noise:.2f} px"
     )
 
@@ -100,25 +103,37 @@ def _show(calibration: Calibration) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="calibrate",
-        description="Measures where the camera of a head sits: the head looks around a marker.",
+        description="Measures the pose of a head's camera: the head looks around a marker.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("what", choices=("camera",), help="what to calibrate")
     add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
-    add("--sim", action="store_true", help="simulate servos and camera, which is mounted wrong")
-    add("--robot", default="kinectbot", metavar="NAME|FILE", help="its name, or its model")
-    add("--camera", default=0, type=_camera, help="number, device, file or URL (%(default)s)")
-    add("--size", nargs=2, type=int, default=(640, 480), metavar=("W", "H"), help="of its pictures")
+    add("--sim", action="store_true", help="simulate servos and a camera whose pose is wrong")
+    add("--robot", default="kinectbot", metavar="NAME|FILE", help="name of the robot, or its model")
+    add(
+        "--camera",
+        default=0,
+        type=_camera,
+        help="number, device, file or URL (%(default)s)",
+    )
+    add(
+        "--size",
+        nargs=2,
+        type=int,
+        default=(640, 480),
+        metavar=("W", "H"),
+        help="image size",
+    )
     add(
         "--view",
         type=between(5.0, 170.0, "degrees"),
         default=60.0,
         metavar="DEG",
-        help="its angle of view from left to right [degrees] (%(default)s)",
+        help="its horizontal angle of view [degrees] (%(default)s)",
     )
-    add("--focal-length", action="store_true", help="measure the angle of view, too")
+    add("--focal-length", action="store_true", help="measure the angle of view as well")
     add(
         "--marker-size",
         type=between(0.005, 2.0, "m"),
@@ -127,9 +142,19 @@ def _parser() -> argparse.ArgumentParser:
         help="edge of the marker's black square [m] (%(default)s)",
     )
     add("--marker-id", type=int, default=-1, metavar="N", help="number of the marker; -1: any")
-    add("--dictionary", default="4X4_50", metavar="NAME", help="its family (%(default)s)")
-    add("--output", default="calibration.yaml", metavar="FILE", help="what to write (%(default)s)")
-    add("--yes", action="store_true", help="start without a question")
+    add(
+        "--dictionary",
+        default="4X4_50",
+        metavar="NAME",
+        help="of the marker (%(default)s)",
+    )
+    add(
+        "--output",
+        default="calibration.yaml",
+        metavar="FILE",
+        help="the file to write (%(default)s)",
+    )
+    add("--yes", action="store_true", help="start without confirmation")
     return parser
 
 

@@ -1,18 +1,18 @@
-"""check_model: prints the tree of a robot model, or reports what is wrong with it."""
+"""check_model: prints the tree of a robot model, or the error in it."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 
-from head_tracking.command_line import exit_code
+from head_tracking.command_line import DONE, exit_code
 from head_tracking.share import robot_file
 from head_tracking.transforms import RobotModel, load_robot_model
 from head_tracking.transforms.robot_model import walk
 
 
 def tree_text(model: RobotModel) -> str:
-    """Return the tree as urdf's check_urdf prints it."""
+    """Return the tree in the format of urdf's check_urdf."""
     lines = [
         f"robot name is: {model.name}",
         "---------- Successfully Parsed XML ---------------",
@@ -26,14 +26,12 @@ def tree_text(model: RobotModel) -> str:
 
 
 def summary(model: RobotModel) -> str:
-    """Return what was checked, and what is in the model."""
-    joints = model.joints.values()
-    moving = [joint for joint in joints if joint.moves]
+    """Return the number of links and joints."""
+    moving = [joint for joint in model.joints.values() if joint.moves]
     mimics = sum(joint.mimic is not None for joint in moving)
     return (
-        f"{len(model.links)} links and {len(model.joints)} joints, {len(moving)} of them moving"
-        f"{f' ({mimics} by mimicking another)' if mimics else ''}: one root, no link with two "
-        "parents, no cycle; all names, types, axes, limits and mimicked joints can be used"
+        f"{len(model.links)} links, {len(model.joints)} joints: {len(moving)} move, "
+        f"{mimics} of them mimic another"
     )
 
 
@@ -51,4 +49,4 @@ def _check(name: str) -> int:
     model = load_robot_model(robot_file(name))
     print(tree_text(model))
     print(summary(model))
-    return 0
+    return DONE

@@ -1,7 +1,9 @@
-"""What the tools that talk to a running robot have in common: a node, its frames, its services."""
+"""The client of a running robot, for the tools that use one: a node, its frames, its services."""
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -11,16 +13,17 @@ import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from head_tracking.command_line import exit_code
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.kit.start import start_ros
+from head_tracking.ros.kit.start import start_ros, without_ros_arguments
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.tf import listening_buffer
-from head_tracking.transforms import TransformBuffer
+from head_tracking.transforms import RobotModel, TransformBuffer
 
 
 class ClientError(HeadTrackingError):
-    """A running robot did not do what was asked."""
+    """A running robot did not do what was requested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,34 +31,53 @@ class Client:
     """A node that spins in a thread.
 
     Attributes:
-        node: The node.
-        frames: The robot's frames and joints.
-        stop: Whether the user has asked the tool to end.
+        node: the node.
+        frames: the robot's frames and joints.
+        stop: whether the user has pressed Ctrl-C.
     """
 
     node: Node
     frames: TransformBuffer
     stop: StopSignal
 
-    def wait_for(self, condition: Callable[[], bool], seconds: float, otherwise: str) -> None:
-        """Wait until a condition holds; raise ClientError with a text if it does not."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end or self.stop():
-                raise ClientError(otherwise)
-            self.stop.wait(0.02)
-
-    def call(self, services: Sequence[str], seconds: float) -> str:
-        """Call the first of some services of type Trigger that is there; return its message.
+    def wait_for(self, condition: Callable[[], bool], seconds: float, error: str) -> None:
+        """Wait until a condition holds.
 
         Raises:
-            ClientError: None is there within the time, it does not answer, or it fails.
+            ClientError: it does not hold in time; the message is `error`.
+            KeyboardInterrupt: the user has pressed Ctrl-C.
+        """
+        end = time.monotonic() + seconds
+        while not condition():
+            if self.stop():
+                raise KeyboardInterrupt
+            if time.monotonic() > end:
+                raise ClientError(error)
+            self.stop.wait(0.02)
+
+    def model(self, seconds: float) -> RobotModel:
+        """Wait for the robot's model and return it; raise ClientError after some seconds."""
+        self.wait_for(
+            lambda: self.frames.model is not None,
+            seconds,
+            "no robot_description is published; is head_tracking running in this ROS_DOMAIN_ID? "
+            "(start a simulated head with: head_tracking --sim)",
+        )
+        assert self.frames.model is not None
+        return self.frames.model
+
+    def call(self, services: Sequence[str], seconds: float) -> str:
+        """Call the first available service of type Trigger; return its message.
+
+        Raises:
+            ClientError: no service is available in time, it does not answer, or it fails.
         """
         clients = [self.node.create_client(Trigger, name) for name in services]
         self.wait_for(
             lambda: any(client.service_is_ready() for client in clients),
             seconds,
-            f"no service {' or '.join(services)}: is head_tracking running in this domain?",
+            f"there is no service {' or '.join(services)}; is head_tracking running in this "
+            "ROS_DOMAIN_ID?",
         )
         client = next(client for client in clients if client.service_is_ready())
         answer = client.call_async(Trigger.Request())
@@ -67,10 +89,10 @@ class Client:
 
 @contextmanager
 def running_client(name: str) -> Iterator[Client]:
-    """Start ROS and a node of this name, and end both.
+    """Start ROS and a node with this name, and end both.
 
     Raises:
-        StartError: An argument of ROS is malformed.
+        StartError: a ROS argument is malformed.
     """
     with StopSignal() as stop, ExitStack() as resources:
         start_ros()
@@ -79,3 +101,24 @@ def running_client(name: str) -> Iterator[Client]:
         buffer = listening_buffer(node)
         resources.enter_context(closing(NodeThreads())).start(node)
         yield Client(node, buffer.core, stop)
+
+
+def run_client(
+    name: str,
+    parse: Callable[[Sequence[str]], argparse.Namespace],
+    work: Callable[[Client, argparse.Namespace], int],
+) -> int:
+    """Run a tool with a client; return its exit code.
+
+    Args:
+        name: of the tool and its node.
+        parse: parses the command line without ROS arguments.
+        work: the tool; returns the exit code.
+    """
+
+    def run() -> int:
+        options = parse(without_ros_arguments(sys.argv)[1:])
+        with running_client(name) as client:
+            return work(client, options)
+
+    return exit_code(name, run)

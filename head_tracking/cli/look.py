@@ -1,4 +1,4 @@
-"""look: turns a running head to a point or a frame, and reports whether it got there."""
+"""look: turns a running head to a point or a frame, and reports whether it has arrived."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ from collections.abc import Callable, Sequence
 
 from geometry_msgs.msg import PointStamped
 
-from head_tracking.cli.client import Client, ClientError, running_client
-from head_tracking.command_line import PointInFrame, finite, point_in_frame, with_points
+from head_tracking.cli.client import Client, ClientError, run_client
+from head_tracking.command_line import (
+    PointInFrame,
+    finite,
+    point_in_frame,
+    positive,
+    with_negative_values,
+)
 from head_tracking.gaze import Arrival, PanTiltHead
-from head_tracking.ros.kit.messages import target_message
-from head_tracking.ros.kit.start import program, without_ros_arguments
+from head_tracking.ros.kit.target_point import target_message
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException
 
@@ -22,21 +27,15 @@ _PERIOD = 0.05  # s
 _SETTLE_TIME = 0.3  # s
 
 
-def look(client: Client, options: argparse.Namespace) -> str:
-    """Turn the head, wait until it is there, and return how far it misses.
+def look(client: Client, options: argparse.Namespace) -> int:
+    """Turn the head, wait until it has arrived, and print the miss.
 
     Raises:
-        ClientError: The head did not get there.
-        RobotModelError: The robot has no such head.
+        ClientError: the head did not arrive.
+        RobotModelError: the robot has no such head.
     """
     joints, frames = (options.pan_joint, options.tilt_joint), client.frames
-    client.wait_for(
-        lambda: frames.model is not None,
-        options.wait,
-        "no robot_description is published: is head_tracking running in this domain?",
-    )
-    assert frames.model is not None
-    head = PanTiltHead(frames.model, *joints, options.camera)
+    head = PanTiltHead(client.model(options.wait), *joints, options.camera)
     client.wait_for(
         lambda: all(frames.latest_joint_position(joint) for joint in joints),
         options.wait,
@@ -46,7 +45,7 @@ def look(client: Client, options: argparse.Namespace) -> str:
     def positions() -> tuple[float, float]:
         pan, tilt = (frames.latest_joint_position(joint) for joint in joints)
         if pan is None or tilt is None:
-            raise ClientError("the clock has jumped; the head has not been measured since")
+            raise ClientError("the clock has jumped, and no joint position has come since")
         return pan[1], tilt[1]
 
     if options.centre:
@@ -58,23 +57,23 @@ def look(client: Client, options: argparse.Namespace) -> str:
     client.wait_for(
         lambda: targets.get_subscription_count() > 0,
         options.wait,
-        f"no head listens on {options.topic}: is head_tracking running in this domain?",
+        f"no head subscribes to {options.topic}; is head_tracking running in this ROS_DOMAIN_ID?",
     )
 
     def miss() -> float:
         try:
             point = frames.transform_point(options.point, head.base_frame, options.frame)
         except TransformException as error:
-            raise ClientError(f"nothing moves: {error}") from error
+            raise ClientError(f"the head does not move: {error}") from error
         gaze = head.gaze(point, *positions())
         if not gaze.reached:
-            raise ClientError(f"nothing moves: {gaze.reason}")
+            raise ClientError(f"the head does not move: {gaze.reason}")
         return head.miss(point, *positions())
 
     def send() -> str:
         targets.publish(target_message(Target(LATEST, options.frame, options.point)))
         others = client.node.count_publishers(targets.topic_name) - 1
-        return f"; {others} other programs publish {options.topic} too" if others else ""
+        return f"; {others} other publishers of {options.topic}" if others else ""
 
     return _wait(client, options, miss, send)
 
@@ -84,17 +83,17 @@ def _wait(
     options: argparse.Namespace,
     miss: Callable[[], float],
     send: Callable[[], str],
-) -> str:
-    """Send the target until the head has arrived, or until Ctrl-C with --follow."""
+) -> int:
+    """Send the target until the head has arrived; with --follow until Ctrl-C."""
     arrival = Arrival(options.tolerance, _SETTLE_TIME)
     end = math.inf if options.follow else time.monotonic() + options.timeout
     while True:
         angle = miss()
         text = f"the head misses the target by {math.degrees(angle):.2f} degrees"
-        if options.follow and client.stop() and angle <= options.tolerance:
-            return f"stopped: {text}"
-        if not options.follow and arrival.step(angle, time.monotonic()):
-            return f"arrived: {text}"
+        is_stopped = options.follow and client.stop() and angle <= options.tolerance
+        if is_stopped or (not options.follow and arrival.step(angle, time.monotonic())):
+            print(f"{'stopped' if is_stopped else 'arrived'}: {text}")
+            return 0
         others = send()
         if client.stop() or time.monotonic() > end:
             raise ClientError(f"did not arrive: {text}{others}")
@@ -106,30 +105,31 @@ def _wait(
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="look",
-        description="Turns a running head and reports whether it got there.",
-        epilog="Exit code 0: it looks there. 1: it does not, and the message says why. 2: usage.",
+        description="Turns a running head to a target and reports the miss.",
+        epilog="exit codes: 0 arrived; 1 not arrived; 2 wrong command line; 130 Ctrl-C. "
+        "ROS arguments follow --ros-args.",
     )
     add = parser.add_argument
     add(
         "where", nargs="*", type=_number_or_point, metavar="x,y,z@frame",
         help="a point [m] and its frame, such as 1,0.5,0@base_link; or X Y Z with --frame",
     )  # fmt: skip
-    add("--frame", help="the frame of X Y Z; alone: the frame to look at")
-    add("--follow", action="store_true", help="go on until Ctrl-C")
+    add("--frame", help="frame of X Y Z; without a point: the frame to look at")
+    add("--follow", action="store_true", help="follow the target until Ctrl-C")
     add("--centre", "--center", action="store_true", help="look straight ahead")
     add(
         "--tolerance", type=_degrees, default=math.radians(2.0), metavar="DEG",
-        help="the largest miss that counts as arrived (default 2)",
+        help="largest miss that counts as arrived (default: 2)",
     )  # fmt: skip
-    add("--timeout", type=finite, default=8.0, metavar="S", help="for the turn (default 8)")
-    add("--wait", type=finite, default=10.0, metavar="S", help="for a running head (default 10)")
+    add("--timeout", type=positive, default=8.0, metavar="S", help="of the turn (%(default)s s)")
+    add("--wait", type=positive, default=10.0, metavar="S", help="for a head (%(default)s s)")
     add("--topic", default="target_point", help="default: %(default)s")
     add("--camera", default="camera_link", help="the frame that is pointed (%(default)s)")
     add("--pan-joint", default="head_pan_joint", help="default: %(default)s")
     add("--tilt-joint", default="head_tilt_joint", help="default: %(default)s")
-    options = parser.parse_intermixed_args(with_points(arguments))
+    options = parser.parse_intermixed_args(with_negative_values(arguments))
     if options.centre == bool(options.where or options.frame):
-        parser.error("give a target: x,y,z@frame, --frame alone, or --centre alone")
+        parser.error("give a target: x,y,z@frame, or --frame FRAME, or --centre")
     points = [one for one in options.where if isinstance(one, PointInFrame)]
     if len(options.where) == len(points) == 1 and options.frame is None:
         options.point, options.frame = points[0]
@@ -140,13 +140,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-@program("look")
 def main() -> int:
     """Turn the head; return the exit code."""
-    options = _parse(without_ros_arguments(sys.argv)[1:])
-    with running_client("look") as client:
-        print(look(client, options))
-    return 0
+    return run_client("look", _parse, look)
 
 
 def _number_or_point(text: str) -> float | PointInFrame:
@@ -154,4 +150,4 @@ def _number_or_point(text: str) -> float | PointInFrame:
 
 
 def _degrees(text: str) -> float:
-    return math.radians(finite(text))
+    return math.radians(positive(text))

@@ -1,4 +1,4 @@
-"""new-robot: describes a pan/tilt head, and writes the model and the servo configuration for it."""
+"""new-robot: writes the model and the servo parameters of a pan/tilt head."""
 
 from __future__ import annotations
 
@@ -13,10 +13,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop, find_servo
-from head_tracking.cli.servo.calibrate import Motion, configuration, mount_of, ticks_by_hand
+from head_tracking.cli.servo.calibrate import (
+    Motion,
+    calibration_of,
+    configuration,
+    relax_for_hand,
+    ticks_by_hand,
+)
 from head_tracking.cli.servo.overview import USUAL_BAUD_RATES, FoundServo, find_servos
-from head_tracking.command_line import DONE, between, exit_code, servo_id, with_numbers
+from head_tracking.cli.servo.session import Session, Terminal, ToolError, find_servo
+from head_tracking.command_line import DONE, between, exit_code, servo_id, with_negative_values
 from head_tracking.configuration import configured_head
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.servo import Servo
@@ -26,68 +32,65 @@ from head_tracking.share import share_directory
 from head_tracking.transforms import load_robot_model
 
 _MODEL: Final = "pan_tilt_head.xacro"
-_MARGIN: Final = 0.03  # rad that the limits stay away from the ends found by hand
-_MOVED: Final = 0.1  # rad: a servo that turned less was not meant
-_ALIKE: Final = 0.85  # of the way: two servos of one joint turn at least so far alike
+_MARGIN: Final = 0.03  # rad between the limits and the ends found by hand
+_MIN_TURN: Final = 0.1  # rad; less does not count as moved
+_SAME_TURN: Final = 0.85  # smallest ratio of the turns of two servos on one joint
 _PAN, _TILT = "head_pan", "head_tilt"
 _POSES: Final = {
     "ahead": "Point the camera straight ahead",
-    "left": "Turn the head as far to the left as it may go",
-    "right": "Turn the head as far to the right as it may go",
-    "up": "Point the camera straight ahead again, then as far up as it may go",
-    "down": "Point the camera as far down as it may go",
+    "left": "Turn the head to the left as far as it may go",
+    "right": "Turn the head to the right as far as it may go",
+    "up": "Point the camera straight ahead again, then up as far as it may go",
+    "down": "Point the camera down as far as it may go",
 }
 _MEASURES: Final = {
     "pan_xyz": ("pan axis in base_link", "0 0 0.05"),
     "tilt_xyz": ("tilt axis, measured from the pan axis with the head straight ahead", "0 0 0.04"),
     "camera_xyz": ("lens of the camera, measured from the tilt axis", "0.03 0 0.03"),
 }
-"""What is measured with a ruler, and what two AX-12 on top of each other have."""
+"""What is measured with a ruler, and the values for two AX-12 on top of each other."""
 
 _EPILOG = """\
-No servo is turned. Without --pan and --tilt you move the head by hand: that shows which servo is
+No servo is turned. Without --pan and --tilt you move the head by hand: this shows which servo is
 pan, its direction, its zero and its range. Axes: x ahead, y to the left, z up.
 exit codes: 0 done; 1 failed; 2 wrong command line; 3 refused or not confirmed; 130 Ctrl-C
 """
 
-Poses = Mapping[str, Mapping[int, int]]
-"""The tick of each servo id in each pose of _POSES."""
+Ticks = Mapping[int, int]
+"""The position of each servo, by id."""
+
+MakeSession = Callable[[Terminal, str, int], Session]
 
 
 def main(
     arguments: Sequence[str] | None = None,
-    workshop: Callable[[Terminal, str, int], Workshop] = Workshop,
+    make_session: MakeSession = Session,
     show: Callable[[Sequence[str]], int] = subprocess.call,
 ) -> int:
     """Describe the head on a port; return the exit code.
 
     Args:
         arguments: the command line.
-        workshop: makes the port and the terminal.
+        make_session: opens the terminal and the port.
         show: runs the command that shows the head in the page.
     """
     words = sys.argv[1:] if arguments is None else arguments
-    options = _parser().parse_args(with_numbers(words))
-    return exit_code("new-robot", lambda: _describe(options, workshop, show))
+    options = _parser().parse_args(with_negative_values(words))
+    return exit_code("new-robot", lambda: _describe(options, make_session, show))
 
 
 def _describe(
-    options: argparse.Namespace,
-    workshop: Callable[[Terminal, str, int], Workshop],
-    show: Callable[[Sequence[str]], int],
+    options: argparse.Namespace, make_session: MakeSession, show: Callable[[Sequence[str]], int]
 ) -> int:
     terminal = Terminal(assume_yes=options.yes)
-    files = _new_files(options)
+    urdf, parameters = files = _new_files(options)
     measures = {name: _measure(terminal, options, name) for name in _MEASURES}
-    rate, mounts = _calibrate(options, lambda baud: workshop(terminal, options.port, baud))
-    calibrations = [mount for mount, *_ in mounts]
-    seconds = {mount.joint_name: other for mount, *others in mounts for other in others}
-    model = _model(options, calibrations, measures)
-    text = configuration(calibrations, options.port, rate, "head_tracking new-robot", seconds)
+    rate, joints = _calibrate(options, lambda baud: make_session(terminal, options.port, baud))
+    model = _model(options, [first for first, *_ in joints], measures)
+    text = configuration(joints, options.port, rate, "head_tracking new-robot")
     _check_and_write(files, (model, text))
-    urdf = files[0]
     print(
-        f"written: {files[0]}, {files[1]}\n"
+        f"written:   {urdf}, {parameters}\n"
         f"see it:    head_tracking --sim --viewer --robot {urdf}\n"
         f"turn it:   head_tracking --port {options.port} --robot {urdf} --viewer\n"
         f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})"
@@ -108,14 +111,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("name", type=_name, metavar="NAME", help="name of the robot, such as my_head")
-    add("--folder", type=Path, default=Path(), help="where the files are written (here)")
+    add("--folder", type=Path, default=Path(), help="folder of the files (here)")
     add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
     add(
         "--baud", type=int, metavar="RATE",
-        help=f"its baud rate (the first of {' '.join(map(str, USUAL_BAUD_RATES))} with two servos)",
+        help=f"its baud rate (the first with two servos of {' '.join(map(str, USUAL_BAUD_RATES))})",
     )  # fmt: skip
-    add("--pan", type=servo_id, metavar="ID", help="id of the pan servo (found by hand)")
-    add("--tilt", type=servo_id, metavar="ID", help="id of the tilt servo (found by hand)")
+    add("--pan", type=servo_id, metavar="ID", help="id of the pan servo (default: found by hand)")
+    add("--tilt", type=servo_id, metavar="ID", help="id of the tilt servo (default: found by hand)")
     for joint, usual in ((_PAN, "-90 90"), (_TILT, "-45 45")):
         word = joint.removeprefix("head_")
         add(
@@ -125,7 +128,7 @@ def _parser() -> argparse.ArgumentParser:
         )  # fmt: skip
         add(
             f"--{word}-zero", type=between(0, 4095, "ticks", int), metavar="TICK",
-            help=f"with --{word}: tick with the camera straight ahead (the servo's middle)",
+            help=f"with --{word}: tick with the camera straight ahead (the middle)",
         )  # fmt: skip
         add(
             f"--reverse-{word}", action="store_true",
@@ -138,9 +141,9 @@ def _parser() -> argparse.ArgumentParser:
         )  # fmt: skip
     add(
         "--camera-roll", type=between(-180.0, 180.0, "degrees"), default=0.0, metavar="DEG",
-        help="how far the camera is turned clockwise about the direction in which it looks (0)",
+        help="angle by which the camera is turned clockwise about its axis (0)",
     )  # fmt: skip
-    add("--show", action="store_true", help="show the head in simulation, in a browser, at the end")
+    add("--show", action="store_true", help="show the simulated head in the page at the end")
     add("--yes", action="store_true", help="answer every question with yes or its default")
     return parser
 
@@ -156,27 +159,25 @@ def _falling(joint: str) -> str:
 def _name(text: str) -> str:
     if not re.fullmatch(r"[A-Za-z]\w*", text, re.ASCII):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no name; give letters, digits and underscores, such as my_head"
+            f"{text!r} is not a name; give letters, digits and underscores, such as my_head"
         )
     return text
 
 
 def _new_files(options: argparse.Namespace) -> tuple[Path, Path]:
-    """Return the paths of the model and of the configuration; refuse to overwrite."""
-    if not options.folder.is_dir():
-        raise ToolError(f"there is no folder {options.folder}; make it, or give another --folder")
-    files = (
-        options.folder / f"{options.name}.urdf.xacro",
-        options.folder / f"{options.name}.yaml",
-    )
+    """Return the paths of the model and of the parameters; refuse to overwrite files."""
+    folder, name = options.folder, options.name
+    if not folder.is_dir():
+        raise ToolError(f"the folder {folder} does not exist; make it, or give another --folder")
+    files = folder / f"{name}.urdf.xacro", folder / f"{name}.yaml"
     for file in files:
         if file.exists():
-            raise RefusedError(f"{file} exists; choose another name or --folder, or remove it")
+            raise RefusedError(f"{file} exists; give another name or --folder, or remove it")
     return files
 
 
 def _measure(terminal: Terminal, options: argparse.Namespace, name: str) -> str:
-    """Return three numbers [m] from the command line, or from the terminal."""
+    """Return three numbers [m] from the command line or from the terminal."""
     what, usual = _MEASURES[name]
     given = getattr(options, name)
     while given is None:
@@ -185,7 +186,7 @@ def _measure(terminal: Terminal, options: argparse.Namespace, name: str) -> str:
             numbers = [between(-3.0, 3.0, "m")(word) for word in answer.split()]
             given = numbers if len(numbers) == 3 else None
         if given is None:
-            terminal.say(f"{answer!r} is not three numbers from -3 to 3, such as {usual}")
+            terminal.print(f"{answer!r} is not three numbers from -3 to 3, such as {usual}")
     return " ".join(f"{number:g}" for number in given)
 
 
@@ -193,62 +194,57 @@ def _measure(terminal: Terminal, options: argparse.Namespace, name: str) -> str:
 
 
 def _calibrate(
-    options: argparse.Namespace, workshop: Callable[[int], Workshop]
+    options: argparse.Namespace, make_session: Callable[[int], Session]
 ) -> tuple[int, list[list[ServoCalibration]]]:
-    """Return the baud rate, and how the servos of pan and of tilt are mounted."""
+    """Return the baud rate, and the calibrations of the servos of pan and of tilt."""
     if (options.pan is None) != (options.tilt is None):
         raise RefusedError("give both --pan and --tilt, or neither to move the head by hand")
     if options.pan is not None and options.pan == options.tilt:
         raise RefusedError(f"pan and tilt cannot both be servo {options.pan}; give two ids")
-    wanted = () if options.pan is None else (options.pan, options.tilt)
-    rate, ids = _find_rate(workshop, options.baud, wanted)
-    bench = workshop(rate)
-    with bench.port() as port:
-        links = [find_servo(port, number) for number in wanted or ids]
-        if wanted:
-            motions = [
-                [_as_given(link, options, joint)]
-                for link, joint in zip(links, ("pan", "tilt"), strict=True)
-            ]
+    given = () if options.pan is None else (options.pan, options.tilt)
+    rate, ids = _find_rate(make_session, options.baud, given)
+    session = make_session(rate)
+    with session.port() as port:
+        servos = [find_servo(port, number) for number in given or ids]
+        if given:
+            pan, tilt = servos
+            motions = [[_as_given(pan, options, "pan")], [_as_given(tilt, options, "tilt")]]
         else:
-            motions = _by_hand(bench, links)
-        margin = 0.0 if wanted else _MARGIN
-        mounts = [
-            [mount_of(name, *motion, margin) for motion in found]
-            for name, found in zip((_PAN, _TILT), motions, strict=True)
+            motions = _by_hand(session.terminal, servos)
+        margin = 0.0 if given else _MARGIN
+        return rate, [
+            [calibration_of(name, *motion, margin) for motion in of_joint]
+            for name, of_joint in zip((_PAN, _TILT), motions, strict=True)
         ]
-    return rate, mounts
 
 
 def _find_rate(
-    workshop: Callable[[int], Workshop], baud_rate: int | None, wanted: Sequence[int]
+    make_session: Callable[[int], Session], baud_rate: int | None, given: Sequence[int]
 ) -> tuple[int, list[int]]:
-    """Return the first baud rate at which two servos, or those that are wanted, answer."""
+    """Return the first baud rate at which two servos, or the given ones, answer, and their ids."""
     found: list[FoundServo] = []
-    rates = USUAL_BAUD_RATES if baud_rate is None else (baud_rate,)
-    for rate in rates:
-        found += find_servos(workshop(rate), (rate,), wanted or range(253))
+    for rate in USUAL_BAUD_RATES if baud_rate is None else (baud_rate,):
+        session = make_session(rate)
+        found += find_servos(session, (rate,), given or range(253))
         for own_rate in dict.fromkeys(servo.baud_rate for servo in found):
-            ids = sorted({servo.id for servo in found if servo.baud_rate == own_rate})
-            if len(ids) >= 2:
-                bench = workshop(rate)
-                named = {each.id: each.model for each in found if each.baud_rate == own_rate}
-                text = ", ".join(f"{number} ({named[number]})" for number in ids)
-                bench.terminal.say(f"servos at {own_rate} baud: {text}")
-                return own_rate, ids
+            models = {servo.id: servo.model for servo in found if servo.baud_rate == own_rate}
+            if len(models) >= 2:
+                text = ", ".join(f"{number} ({models[number]})" for number in sorted(models))
+                session.terminal.print(f"servos at {own_rate} baud: {text}")
+                return own_rate, sorted(models)
     seen = ", ".join(f"{servo.id} at {servo.baud_rate} baud" for servo in found) or "none"
-    asked = " and ".join(map(str, wanted)) if wanted else "two"
+    names = f"the servos {' and '.join(map(str, given))}" if given else "two servos"
     raise ToolError(
-        f"the servos {asked} do not answer at one baud rate (found: {seen}); check power and "
-        "cables, give the servos different ids and the same rate with `servo set-id` and "
-        "`servo set-baud`, or name another rate with --baud"
+        f"{names} do not answer at one baud rate (found: {seen}); check power and cables, give the "
+        "servos different ids and the same rate with `servo set-id` and `servo set-baud`, or give "
+        "another rate with --baud"
     )
 
 
-def _as_given(link: Servo, options: argparse.Namespace, joint: str) -> Motion:
-    """Return how the command line says that a servo is mounted."""
+def _as_given(servo: Servo, options: argparse.Namespace, joint: str) -> Motion:
+    """Return the poses of a servo from the command line."""
     zero = getattr(options, f"{joint}_zero")
-    zero = link.model.center if zero is None else zero
+    zero = servo.model.center if zero is None else zero
     sign = -1.0 if getattr(options, f"reverse_{joint}") else 1.0
     lower, upper = getattr(options, f"{joint}_range")
     if not lower < upper:
@@ -256,57 +252,53 @@ def _as_given(link: Servo, options: argparse.Namespace, joint: str) -> Motion:
             f"--{joint}-range {lower:g} {upper:g} is not possible; the first number is the lower"
         )
     low, high = (
-        zero + round(sign * math.radians(end) / link.model.radians_per_tick)
+        zero + round(sign * math.radians(end) / servo.model.radians_per_tick)
         for end in (lower, upper)
     )
-    return Motion(link, zero, low, high)
+    return Motion(servo, zero, low, high)
 
 
-def _by_hand(bench: Workshop, links: Sequence[Servo]) -> list[list[Motion]]:
-    """Return the servos of pan and of tilt as somebody moves them by hand."""
-    held = [link for link in links if link.get("Torque Enable")]
-    if held:
-        ids = ", ".join(str(link.id) for link in held)
-        bench.terminal.confirm(f"Switch the torque of servo {ids} off? Hold the head: it may drop.")
-        for link in held:
-            link.set_torque(False)
-    poses: dict[str, dict[int, int]] = {}
-    for pose, prompt in _POSES.items():
-        poses[pose] = ticks_by_hand(bench.terminal, links, prompt)
-    pan = _moved(bench.terminal, links, poses, ("right", "left"))
-    rest = [link for link in links if link not in [motion.link for motion in pan]]
-    tilt = _moved(bench.terminal, rest, poses, ("up", "down"))
-    return [pan, tilt]
+def _by_hand(terminal: Terminal, servos: Sequence[Servo]) -> list[list[Motion]]:
+    """Return the servos of pan and of tilt, found by moving the head by hand."""
+    relax_for_hand(terminal, servos)
+    poses = {pose: ticks_by_hand(terminal, servos, prompt) for pose, prompt in _POSES.items()}
+    pan = _moved(terminal, servos, poses, ("right", "left"))
+    others = [servo for servo in servos if servo not in [motion.servo for motion in pan]]
+    return [pan, _moved(terminal, others, poses, ("up", "down"))]
 
 
 def _moved(
-    terminal: Terminal, links: Sequence[Servo], poses: Poses, ends: tuple[str, str]
+    terminal: Terminal,
+    servos: Sequence[Servo],
+    poses: Mapping[str, Ticks],
+    ends: tuple[str, str],
 ) -> list[Motion]:
     """Return the servo that turned most between two poses, and a second one that turned as far.
 
     Raises:
-        RefusedError: none turned, or others did that drive another joint.
+        RefusedError: no servo turned, or servos of another joint turned.
     """
     low, high = (poses[end] for end in ends)
-
-    def turn(link: Servo) -> float:
-        return abs(high[link.id] - low[link.id]) * link.model.radians_per_tick
-
-    most = max(map(turn, links), default=0.0)
-    if most < _MOVED:
+    turns = {
+        servo.id: abs(high[servo.id] - low[servo.id]) * servo.model.radians_per_tick
+        for servo in servos
+    }
+    most = max(turns.values(), default=0.0)
+    if most < _MIN_TURN:
         raise RefusedError(
-            f"no other servo turned between {ends[0]} and {ends[1]}; was the right joint moved? "
-            "Run it again, or name the servos with --pan and --tilt"
+            f"no other servo turned between {ends[0]} and {ends[1]}; move the right joint, or give "
+            "the servos with --pan and --tilt"
         )
-    moved = [link for link in links if turn(link) > 0.5 * most]
+    moved = [servo for servo in servos if turns[servo.id] > 0.5 * most]
     if len(moved) > 1:
-        ids = " and ".join(str(link.id) for link in moved)
-        if len(moved) > 2 or min(map(turn, moved)) < _ALIKE * most:
+        ids = " and ".join(str(servo.id) for servo in moved)
+        if len(moved) > 2 or min(turns[servo.id] for servo in moved) < _SAME_TURN * most:
             raise RefusedError(
                 f"servos {ids} turned between {ends[0]} and {ends[1]}; move one joint at a time"
             )
-        terminal.confirm(f"Servos {ids} turned alike. Do they drive one joint together?")
-    return [Motion(link, poses["ahead"][link.id], low[link.id], high[link.id]) for link in moved]
+        terminal.confirm(f"Servos {ids} turned by the same angle. Do they drive one joint?")
+    ahead = poses["ahead"]
+    return [Motion(each, ahead[each.id], low[each.id], high[each.id]) for each in moved]
 
 
 # The files
@@ -317,7 +309,7 @@ def _model(
     calibrations: Sequence[ServoCalibration],
     measures: Mapping[str, str],
 ) -> str:
-    """Return the xacro: the package's own head with this one's measures."""
+    """Return the xacro: the model of the package with the measures of this head."""
     values = {**measures, "camera_roll": f"{options.camera_roll:g}"}
     for calibration in calibrations:
         joint = calibration.joint_name.removeprefix("head_")
@@ -334,7 +326,7 @@ def _model(
 
 
 def _check_and_write(files: Sequence[Path], texts: Sequence[str]) -> None:
-    """Write the files where they are new, once they describe a head that can be pointed."""
+    """Check that the files describe a head that can be pointed, and write new files."""
     with tempfile.TemporaryDirectory() as folder:
         drafts = [Path(folder, file.name) for file in files]
         for draft, text in zip(drafts, texts, strict=True):

@@ -1,25 +1,25 @@
-"""relax: switches the torque of all servos of a running head off, once."""
+"""relax: switches the torque of all servos of a running head off."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 
-from head_tracking.cli.client import running_client
-from head_tracking.ros.kit.start import program, without_ros_arguments
+from head_tracking.cli.client import Client, run_client
 
-_PATIENCE = 10.0  # s; discovery of a running servo_bus can take a few
+_TIMEOUT = 10.0  # s; the discovery of a running servo_bus can take some seconds
 
 
-@program("relax")
 def main() -> int:
-    """Relax the servos and return 0 if every one has confirmed."""
-    argparse.ArgumentParser(
+    """Relax the servos; return 0 if each of them has confirmed."""
+    parser = argparse.ArgumentParser(
         prog="relax",
-        description="Switch the torque of a running head's servos off. Where no program drives "
-        "them: servo --port DEV relax",
-        epilog="ROS's own arguments follow --ros-args.",
-    ).parse_args(without_ros_arguments(sys.argv)[1:])
-    with running_client("relax") as client:
-        print(client.call(["relax"], _PATIENCE))
+        description="Switch the torque of a running head's servos off. If no program runs: "
+        "servo --port DEV relax",
+        epilog="ROS arguments follow --ros-args.",
+    )
+    return run_client("relax", parser.parse_args, _relax)
+
+
+def _relax(client: Client, _: argparse.Namespace) -> int:
+    print(client.call(["servo_bus/relax", "relax"], _TIMEOUT))
     return 0

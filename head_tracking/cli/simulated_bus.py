@@ -1,4 +1,4 @@
-"""simulated_bus: serves simulated servos on a port that any program can open."""
+"""simulated_bus: simulated servos on a serial port that any program can open."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _model = read_by(servo_model, ConfigurationError)
 
 
 class ServoOption(NamedTuple):
-    """A servo that the command line asks for."""
+    """A servo of the command line."""
 
     model: ServoModel
     id: int
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the port to open and serve it until SIGINT or SIGTERM; return the exit code."""
+    """Print the name of the port and serve it until SIGINT or SIGTERM; return the exit code."""
     options = _parser().parse_args(arguments)
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -95,20 +95,28 @@ def _parser() -> argparse.ArgumentParser:
     add("--link", metavar="PATH", help="also make a link to the port here")
     add(
         "--baud", type=between(9_600, 4_500_000, "bits per second", int), metavar="RATE",
-        help="set the servos to this baud rate; they hear no other (default: they hear any)",
+        help="baud rate of the servos (default: they accept any)",
     )  # fmt: skip
-    add("--paced", action="store_true", help="bytes take their time at the program's baud rate")
-    add("--exact", action="store_true", help="use one core to be exact to some microseconds")
+    add(
+        "--paced",
+        action="store_true",
+        help="simulate the transmission time of bytes",
+    )
+    add(
+        "--exact",
+        action="store_true",
+        help="exact timing; uses a whole core",
+    )
     add(
         "--latency", type=between(0.0, 255.0, "ms"), default=0.0, metavar="MS",
-        help="latency timer of the adapter; FTDI's default is 16",
+        help="latency timer of the adapter; the default of FTDI is 16",
     )  # fmt: skip
     add(
         "--return-delay", type=between(0, 508, "us", int), default=None, metavar="US",
         help="the servos' return delay (default: the factory's 500)",
     )  # fmt: skip
     add("--realistic", action="store_true", help="start delay, encoder noise, slow EEPROM")
-    add("--echo", action="store_true", help="the adapter sends back whatever it is sent")
+    add("--echo", action="store_true", help="let the adapter echo what it sends")
     add(
         "--faults", type=between(0.0, 100.0, "percent"), default=0.0, metavar="PERCENT",
         help="share of transactions with a fault",

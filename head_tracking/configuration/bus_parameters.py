@@ -1,4 +1,4 @@
-"""The parameters of the servo bus and its joints, by the tutorials' names."""
+"""The parameters of the servo bus and its joints."""
 
 from __future__ import annotations
 
@@ -16,23 +16,27 @@ from head_tracking.parameters import parameter
 
 _ANY_OFFSET: Final = -(2**31)
 _OFFSET: Final = (
-    "What the servo's memory added to its position (Position, Homing or Multi Turn Offset) when "
-    "init, min and max were measured; a servo with another one is refused. The default: it is not "
-    "checked."
+    "Offset in the servo's memory (Position, Homing or Multi Turn Offset) to which init, min and "
+    "max belong; a servo with another offset is refused. The default: not checked."
 )
 _REVERSE: Final = (
-    "Bit 0 (reverse) of Drive Mode that min and max belong to; a servo with another one is "
-    "refused; -1: it is not checked."
+    "Bit 0 (reverse) of Drive Mode to which min and max belong; a servo with another value is "
+    "refused; -1: not checked."
 )
 
 
 @dataclass(frozen=True, slots=True)
 class ServoBusParameters:
-    """The port and who is on it."""
+    """The port and its servos."""
 
     port_name: str = parameter("/dev/ttyUSB0", "Serial port of the bus.", fixed=True)
     baud_rate: int = parameter(
-        1_000_000, "Speed of the bus.", unit="bit/s", minimum=9600, maximum=4_500_000, fixed=True
+        1_000_000,
+        "Baud rate of the bus.",
+        unit="bit/s",
+        minimum=9600,
+        maximum=4_500_000,
+        fixed=True,
     )
     update_rate: float = parameter(
         50.0, "Bus cycles per second.", unit="Hz", minimum=1.0, maximum=1000.0, fixed=True
@@ -42,25 +46,24 @@ class ServoBusParameters:
     )
     reply_timeout: float = parameter(
         0.0,
-        "How long to wait for a servo's answer, besides its time on the wire; 0: as long as "
-        "answers take on this port, and a margin.",
+        "Timeout for a reply, in addition to its transmission time; 0: adapted to the measured "
+        "reply times of the port.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
         fixed=True,
     )
     allow_missing: bool = parameter(
-        False, "Start without the servos that do not answer, and look for them.", fixed=True
+        False, "Start although servos do not answer, and search for them.", fixed=True
     )
     short_names: bool = parameter(
         True,
-        "Offer stop, resume, relax, recover and torque_enable also without the node's name before "
-        "them.",
+        "Offer stop, resume, relax, recover and torque_enable also without the node's name.",
         fixed=True,
     )
     command_timeout: float = parameter(
         0.0,
-        "A joint that is under way holds where it is this long after its last command; 0: never.",
+        "A moving joint stops at its position this long after its last command; 0: never.",
         unit="s",
         minimum=0.0,
         maximum=60.0,
@@ -68,60 +71,57 @@ class ServoBusParameters:
     )
     bus_watchdog: float = parameter(
         1.0,
-        "Servos of the X series stop by themselves after this time without a packet; 0: never.",
+        "Servos of the X series stop after this time without a packet; 0: never.",
         unit="s",
         minimum=0.0,
         maximum=2.5,
         fixed=True,
     )
     dynamixels: tuple[str, ...] = parameter(
-        ("head_pan", "head_tilt"), "The servos; X is described by X_controller.*.", fixed=True
+        ("head_pan", "head_tilt"),
+        "Names of the servos; the parameters X_controller.* describe X.",
+        fixed=True,
+    )
+
+
+def _temperature(default: float, description: str) -> Any:
+    return parameter(
+        default, description, unit="degrees Celsius", minimum=0.0, maximum=100.0, fixed=True
     )
 
 
 @dataclass(frozen=True, slots=True)
 class TemperatureParameters:
-    """When a servo is too warm; the factory's own limit is 65 to 80 degrees."""
+    """Temperature limits; the limit of the factory is 65 to 80 degrees."""
 
-    warn: float = parameter(
-        60.0, "Worth a warning.", unit="degrees Celsius", minimum=0.0, maximum=100.0, fixed=True
-    )
-    error: float = parameter(
-        65.0, "Worth an error.", unit="degrees Celsius", minimum=0.0, maximum=100.0, fixed=True
-    )
-    rest: float = parameter(
-        68.0,
-        "The joint is relaxed, until it is below the warning.",
-        unit="degrees Celsius",
-        minimum=0.0,
-        maximum=100.0,
-        fixed=True,
-    )
+    warn: float = _temperature(60.0, "Reported as a warning.")
+    error: float = _temperature(65.0, "Reported as an error.")
+    rest: float = _temperature(68.0, "The joint is relaxed until it is cooler than the warning.")
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerParameters:
-    """A joint that a servo turns."""
+    """A joint with one servo or two."""
 
-    joint_name: str = parameter("", "The joint that the servo turns.", fixed=True)
+    joint_name: str = parameter("", "The joint that the servo drives.", fixed=True)
     joint_speed: float = parameter(
         2.0,
-        "Speed for commands that give none; at most twice the no-load speed of the servo's model.",
+        "Speed for commands without one; at most twice the no-load speed of the servo.",
         unit="rad/s",
         minimum=0.02,
     )
     max_speed: float = parameter(
         0.0,
-        "Highest speed ever asked of the servo; 0 for the no-load speed of its model.",
+        "Highest commanded speed; 0: the no-load speed of the servo.",
         unit="rad/s",
         minimum=0.0,
     )
     port_name: str = parameter(
-        "", "Serial port of the servo; empty for the node's port_name.", fixed=True
+        "", "Serial port of the servo; empty: port_name of the node.", fixed=True
     )
     baud_rate: int = parameter(
         0,
-        "Speed of that port; 0 for the node's baud_rate.",
+        "Baud rate of that port; 0: baud_rate of the node.",
         unit="bit/s",
         minimum=0,
         maximum=4_500_000,
@@ -130,44 +130,42 @@ class ControllerParameters:
 
 
 @dataclass(frozen=True, slots=True)
-class MotorParameters:
-    """The servo of a joint; `min` above `max` says that it is mounted the other way round."""
+class SecondMotorParameters:
+    """The second servo of a joint that two servos of one model drive."""
 
-    model: str = parameter("AX-12", "Model of the servo, such as XM430-W350.", fixed=True)
-    id: int = parameter(-1, "Id of the servo on the bus.", minimum=-1, maximum=253, fixed=True)
-    init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
-    min: int = parameter(0, "The joint's lower limit.", unit="ticks")
-    max: int = parameter(1023, "The joint's upper limit.", unit="ticks")
+    id: int = parameter(
+        -1, "Id of the servo on the bus; -1: none.", minimum=-1, maximum=253, fixed=True
+    )
+    init: int = parameter(512, "Tick at position 0.", unit="ticks", fixed=True)
+    min: int = parameter(
+        0, "Tick at the lower limit; above `max` if ticks fall.", unit="ticks", fixed=True
+    )
+    max: int = parameter(1023, "Tick at the upper limit.", unit="ticks", fixed=True)
     offset: int = parameter(_ANY_OFFSET, _OFFSET, unit="ticks", fixed=True)
     reverse: int = parameter(-1, _REVERSE, minimum=-1, maximum=1, fixed=True)
 
 
 @dataclass(frozen=True, slots=True)
-class SecondMotorParameters:
-    """The other servo of a joint that two of them drive, of the same model."""
+class MotorParameters(SecondMotorParameters):
+    """The servo of a joint."""
 
-    id: int = parameter(
-        -1, "Id of the second servo; -1: none.", minimum=-1, maximum=253, fixed=True
-    )
-    init: int = parameter(512, "Where the joint is at 0.", unit="ticks", fixed=True)
-    min: int = parameter(0, "The joint's lower limit.", unit="ticks", fixed=True)
-    max: int = parameter(1023, "The joint's upper limit.", unit="ticks", fixed=True)
-    offset: int = parameter(_ANY_OFFSET, _OFFSET, unit="ticks", fixed=True)
-    reverse: int = parameter(-1, _REVERSE, minimum=-1, maximum=1, fixed=True)
+    min: int = parameter(0, "Tick at the lower limit; above `max` if ticks fall.", unit="ticks")
+    max: int = parameter(1023, "Tick at the upper limit.", unit="ticks")
+    model: str = parameter("AX-12", "Model of the servo, such as XM430-W350.", fixed=True)
 
 
 TUTORIAL_HEAD: Final[dict[str, dict[str, Any]]] = {
     "head_pan": {"id": 1},
     "head_tilt": {"id": 2, "min": 300, "max": 800},
 }
-"""What the motors of the tutorials' head are where nobody says otherwise."""
+"""Default motors: those of the tutorials' head."""
 
 
 def bus_settings(p: ServoBusParameters, temperature: TemperatureParameters) -> BusSettings:
-    """How the bus deals with silence, faults and heat.
+    """Return the settings of the bus.
 
     Raises:
-        ConfigurationError: the temperatures do not rise.
+        ConfigurationError: the temperatures are not in ascending order.
     """
     return BusSettings(
         command_timeout=p.command_timeout,
@@ -184,10 +182,10 @@ def configured_joint(
     motor: MotorParameters,
     second_motor: SecondMotorParameters,
 ) -> JointConfiguration:
-    """The joint that a servo, named as in the list `dynamixels`, turns.
+    """Return the joint of a servo in the list `dynamixels`.
 
     Raises:
-        ConfigurationError: the servo can't do what is configured, or has no id.
+        ConfigurationError: the servo does not support its configuration, or has no id.
     """
     if motor.id < 0:
         raise ConfigurationError(
@@ -196,15 +194,9 @@ def configured_joint(
     model, name = servo_model(motor.model), controller.joint_name
     second = None
     if second_motor.id >= 0:
+        other = second_motor
         second = ServoCalibration(
-            name,
-            second_motor.id,
-            second_motor.init,
-            second_motor.min,
-            second_motor.max,
-            model,
-            offset=_offset(second_motor),
-            reverse=_reverse(second_motor),
+            name, other.id, other.init, other.min, other.max, model, **_memory(other)
         )
     return JointConfiguration(
         name,
@@ -217,14 +209,13 @@ def configured_joint(
         max_speed=controller.max_speed or None,
         model=model,
         second=second,
-        offset=_offset(motor),
-        reverse=_reverse(motor),
+        **_memory(motor),
     )
 
 
-def _offset(motor: MotorParameters | SecondMotorParameters) -> int | None:
-    return None if motor.offset == _ANY_OFFSET else motor.offset
-
-
-def _reverse(motor: MotorParameters | SecondMotorParameters) -> bool | None:
-    return None if motor.reverse < 0 else bool(motor.reverse)
+def _memory(motor: SecondMotorParameters) -> dict[str, Any]:
+    """Return the expected settings in the servo's memory; None: any."""
+    return {
+        "offset": None if motor.offset == _ANY_OFFSET else motor.offset,
+        "reverse": None if motor.reverse < 0 else bool(motor.reverse),
+    }

@@ -34,14 +34,14 @@ _POINTED = {"point_head": "pointing_frame", "head_tracker": "camera_link"}
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredBus:
-    """The servos that are configured on one port.
+    """The configured servos of one port.
 
     Attributes:
         port_name: device.
         baud_rate: bits per second.
         update_rate: cycles per second.
         joints: the joints.
-        settings: temperatures, among others.
+        settings: watchdog, timeouts and temperatures.
     """
 
     port_name: str
@@ -67,13 +67,13 @@ class ConfiguredHead:
 
 
 def configured_head(files: Sequence[Path]) -> ConfiguredHead:
-    """Return the head that parameter files describe; without files, that of the tutorials.
+    """Return the head that parameter files describe; without files the tutorials' head.
 
     Raises:
-        ConfigurationError: there is no such head on one bus.
+        ConfigurationError: no bus has the servos of pan and tilt.
         OSError: a file cannot be read.
         ValueError: a value is not allowed.
-        yaml.YAMLError: a file is no YAML.
+        yaml.YAMLError: a file is not YAML.
     """
     pan, tilt, frame = head_names("point_head", files)
     for bus in configured_buses(files):
@@ -87,7 +87,7 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
 
 
 def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
-    """Return the pan joint, the tilt joint and the frame that a node points, as files name them.
+    """Return the names of the pan joint, the tilt joint and the pointed frame of a node.
 
     Args:
         node: point_head or head_tracker.
@@ -102,7 +102,7 @@ def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
 def configured_buses(
     files: Sequence[Path], port_name: str = "", baud_rate: int = 0
 ) -> tuple[ConfiguredBus, ...]:
-    """Return the buses that servo_bus would open.
+    """Return the buses that servo_bus opens with parameter files.
 
     Args:
         files: parameter files; later ones win.
@@ -110,10 +110,10 @@ def configured_buses(
         baud_rate: replaces the configured one, unless 0.
 
     Raises:
-        ConfigurationError: a servo cannot do what is configured.
+        ConfigurationError: a servo does not support its configuration.
         OSError: a file cannot be read.
         ValueError: a value is not allowed.
-        yaml.YAMLError: a file is no YAML.
+        yaml.YAMLError: a file is not YAML.
     """
     values = parameters_of("servo_bus", files)
     if port_name:
@@ -139,11 +139,11 @@ def configured_buses(
 def _read(
     kind: type[P], values: Mapping[str, Any], prefix: str = "", defaults: Mapping[str, Any] = {}
 ) -> P:
-    """Return a parameter class as the node makes it; raise ValueError where the node refuses."""
-    made = {}
+    """Make a parameter class from values; raise ValueError if one is not allowed."""
+    arguments = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         default = defaults.get(field.name, field.default)
         name = f"{prefix}{field.name}"
         value = values.get(name, default)
-        made[field.name] = checked(name, parameter_info(field), default, value)
-    return kind(**made)
+        arguments[field.name] = checked(name, parameter_info(field), default, value)
+    return kind(**arguments)

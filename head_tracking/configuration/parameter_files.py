@@ -1,4 +1,4 @@
-"""Reads parameter files of ROS without ROS."""
+"""Reads ROS parameter files without ROS."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _PARAMETERS = "ros__parameters"
 
 
 class Given(NamedTuple):
-    """One value in a file.
+    """One value of a parameter file.
 
     Attributes:
-        file: which.
-        nodes: the names it is for, wildcards and all: `/**/servo_bus`.
+        file: name of the file.
+        nodes: name or pattern of the nodes, such as `/**/servo_bus`.
         name: of the parameter.
-        value: as YAML has it.
+        value: from YAML.
     """
 
     file: str
@@ -28,33 +28,35 @@ class Given(NamedTuple):
     value: Any = None
 
     def is_for(self, node: str) -> bool:
-        """Whether a node of this full name takes it, by rcl's rules."""
+        """Return whether the pattern matches the full name of a node, by the rules of rcl."""
         pattern = re.escape(self.nodes if self.nodes.startswith("/") else f"/{self.nodes}")
         pattern = pattern.replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
         return re.fullmatch(pattern, node) is not None
 
     @property
     def node(self) -> str:
-        """The last part of the name; empty if that is a wildcard."""
+        """The last part of the pattern; empty for a wildcard."""
         last = self.nodes.rsplit("/", 1)[-1]
         return "" if "*" in last else last
 
 
 def read(file: str) -> list[Given]:
-    """Return all values in a file.
+    """Return all values of a file.
 
     Raises:
-        OSError, ValueError, yaml.YAMLError: It cannot be read, or is not YAML.
+        OSError: the file cannot be read.
+        ValueError: it has no parameters of nodes.
+        yaml.YAMLError: it is not YAML.
     """
     with open(file, encoding="utf-8") as text:
         content = yaml.safe_load(text)
     if not isinstance(content or {}, Mapping):
-        raise ValueError(f"{file} has {content!r}, not nodes and their ros__parameters")
+        raise ValueError(f"{file}: expected nodes with ros__parameters, not {content!r}")
     return list(_values(file, "", content))
 
 
 def parameters_of(node: str, files: Iterable[Path]) -> dict[str, Any]:
-    """Return the parameters of a node in files, whatever its namespace; later files win."""
+    """Return the parameters of a node in any namespace; later files win."""
     return {
         given.name: given.value
         for file in files

@@ -1,4 +1,4 @@
-"""The servos of one serial port or several, as what drives the joints of a loop."""
+"""The servos on the serial ports of this process, as the backend of a control loop."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class DynamixelBackend:
 
     Args:
         buses: one for each port; they share the epoch of the loop's owners.
-        loop: run in each cycle between reading and writing, once `start` is called.
+        loop: runs in each cycle between reading and writing, after `start`.
         rate: of the cycle [Hz].
-        report: called with a joint, or an owner, and what was not done as it was asked for.
+        report: called with a joint or an owner, and why its goal was not set as requested.
 
     Raises:
         ConfigurationError: two buses have a joint or a controller of the same name, one has another
@@ -62,7 +62,11 @@ class DynamixelBackend:
     ) -> None:
         self.threads = tuple(
             BusThread(
-                bus, rate, partial(self._after_write, bus), self._fail, partial(self._update, bus)
+                bus,
+                rate,
+                partial(self._after_write, bus),
+                self._fail,
+                partial(self._update, bus),
             )
             for bus in buses
         )
@@ -77,9 +81,8 @@ class DynamixelBackend:
         self._by_joint = {
             name: thread for thread in self.threads for name in self._names[thread.bus]
         }
-        if len(self._by_joint) + len({each.controller for each in self.joints}) < 2 * len(
-            self.joints
-        ):
+        controllers = {each.controller for each in self.joints}
+        if min(len(self._by_joint), len(controllers)) < len(self.joints):
             raise ConfigurationError(
                 "two serial ports have a joint or a controller of the same name"
             )
@@ -99,11 +102,10 @@ class DynamixelBackend:
         on_reading: Observer = lambda bus, reading: None,
         on_failure: Callable[[BaseException], object] = lambda error: None,
     ) -> None:
-        """Run the cycles from now on.
+        """Start the cycles.
 
         Args:
-            on_reading: called with a bus and each of its readings after the goals were written, in
-                its thread.
+            on_reading: called with a bus and each of its readings, after the write, in its thread.
             on_failure: called with the error that has ended a thread, in that thread.
         """
         self._on_reading, self._on_failure = on_reading, on_failure
@@ -111,13 +113,13 @@ class DynamixelBackend:
             thread.start()
 
     def close(self) -> tuple[str, ...]:
-        """Brake and relax the servos and close the ports of all buses, whatever one does.
+        """Brake and relax the servos and close the ports of all buses, even if one fails.
 
         Returns:
             Joints that did not confirm that they are relaxed.
 
         Raises:
-            BusStoppedError: a thread did not end; says which, and whether its servos are relaxed.
+            BusStoppedError: a thread did not end, with its name and the state of its servos.
         """
         for thread in self.threads:
             thread.ask_to_stop()
@@ -138,10 +140,10 @@ class DynamixelBackend:
     def write(
         self, owner: str, goals: Mapping[str, Goal], epoch: int, claim: Claim | None = None
     ) -> None:
-        """See `JointBackend`. Limits clamp the goals; joints that take none now are left out.
+        """Set goals, within the limits, of the joints that accept goals now; see `JointBackend`.
 
         Args:
-            owner: whose goals they are.
+            owner: of the joints.
             goals: by joint.
             epoch: in which they were made.
             claim: see `ServoBus.command`.
@@ -152,7 +154,7 @@ class DynamixelBackend:
             self._report(owner, f"goals refused: {error}")
             return
         for name, reason in result.left_out.items():
-            self._report(name, f"{reason}; the goals of {owner} do nothing until then")
+            self._report(name, f"{reason}; goals of {owner} are ignored until then")
         for name in result.clamped:
             self._report(
                 name,
@@ -175,11 +177,10 @@ class DynamixelBackend:
             StoppedError: STOP came after the command was made.
             NotConnectedError: a bus is not connected.
         """
-        if epoch is None:
-            epoch = self._loop.owners.epoch.value
+        epoch = self._loop.owners.epoch.value if epoch is None else epoch
         result = CommandResult({}, {}, {})
         refusals: list[str] = []
-        for thread, names in self._shares(goals).items():
+        for thread, names in self._by_bus(goals).items():
             share = {name: goals[name] for name in names}
             try:
                 part = thread.bus.command(share, clamp=clamp, claim=claim, epoch=epoch)
@@ -196,26 +197,19 @@ class DynamixelBackend:
         return result
 
     def claim(self) -> None:
-        """See `JointBackend`; the owners of this process are those of its servos."""
+        """Do nothing: the owners of this process are those of its servos; see `JointBackend`."""
 
     def servo(self, joint: str) -> str:
-        """See `JointBackend`: the adapter's serial number, the model and the id."""
+        """Return the adapter's serial number, the model and the id; see `JointBackend`."""
         thread = self._by_joint.get(joint)
         return "" if thread is None else thread.bus.servo_name(joint)
 
     # Torque
 
     def joint(self, name: str) -> Joint:
-        """Return a joint, to look at; see `ServoBus.joint`."""
-        (thread,) = self._shares([name])
+        """Return the state of a joint; see `ServoBus.joint`."""
+        (thread,) = self._by_bus([name])
         return thread.bus.joint(name)
-
-    @property
-    def holds(self) -> bool:
-        """Whether the torque of all joints is on."""
-        return all(
-            thread.bus.joint(name).torque is Torque.ON for name, thread in self._by_joint.items()
-        )
 
     def call(
         self,
@@ -228,10 +222,10 @@ class DynamixelBackend:
         """Run a function in the thread of each bus that has some of these joints.
 
         Args:
-            joints: which; None: all.
-            function: called with the bus and its share of the joints.
-            epoch: when the request was made; None: now. See `BusThread.call`.
-            despite_stop: whether it is carried out although STOP came after it.
+            joints: their names; None: all.
+            function: called with a bus and the names of its joints.
+            epoch: in which the request was made; None: now. See `BusThread.call`.
+            despite_stop: run it also if STOP came after the request.
 
         Raises:
             GoalError: a joint is unknown; nothing was run.
@@ -239,28 +233,25 @@ class DynamixelBackend:
         if epoch is None:
             epoch = self._loop.owners.epoch.value
 
-        def ask(thread: BusThread, share: tuple[str, ...]) -> Future[_T]:
-            return thread.call(lambda bus: function(bus, share), epoch, despite_stop=despite_stop)
+        def ask(thread: BusThread, names: tuple[str, ...]) -> Future[_T]:
+            return thread.call(lambda bus: function(bus, names), epoch, despite_stop=despite_stop)
 
-        shares = self._shares(self._by_joint if joints is None else joints)
-        return [ask(thread, share) for thread, share in shares.items()]
+        shares = self._by_bus(self._by_joint if joints is None else joints)
+        return [ask(thread, names) for thread, names in shares.items()]
 
     def switch_torque(
         self, joints: Iterable[str] | None, on: bool, epoch: int | None = None
     ) -> list[Future[None]]:
-        """Begin to switch the torque of joints, or of all (None); return what each bus does.
+        """Begin to switch the torque of joints (None: all), and return a future for each bus.
 
-        Args:
-            joints: which.
-            on: on or off; off is done although there was a STOP.
-            epoch: when it was asked for; None: now.
+        Torque is switched off also after a STOP; for `epoch` see `call`.
         """
         return self.call(
-            joints, lambda bus, share: bus.switching_torque(share, on), epoch, despite_stop=not on
+            joints, lambda bus, names: bus.switching_torque(names, on), epoch, despite_stop=not on
         )
 
     def resume(self) -> tuple[str, ...]:
-        """End a STOP: hold what was not relaxed on request; return the owners that go on.
+        """End a STOP: hold the joints that were not relaxed on request; return their owners.
 
         Raises:
             StoppedError: there was another STOP meanwhile.
@@ -276,24 +267,24 @@ class DynamixelBackend:
             if thread.bus.joint(name).torque is Torque.OFF_UNTIL_COMMANDED
         ]
         for future in self.switch_torque(holding, True, epoch):
-            future.add_done_callback(self._torque_done)
+            future.add_done_callback(self._torque_switched)
         return resumed
 
-    def _torque_done(self, future: Future[None]) -> None:
+    def _torque_switched(self, future: Future[None]) -> None:
         error = None if future.cancelled() else future.exception()
         if error is not None and not isinstance(error, StoppedError):
             self._report("resume", f"torque stays off: {error}")
 
     def relax_now(self, timeout: float = _STOP_TIME) -> dict[str, str]:
-        """STOP: relax all joints of all buses, whatever their threads do; for any thread.
+        """STOP: relax all joints of all buses without waiting for their threads.
 
         Args:
-            timeout: how long servos may take to confirm [s].
+            timeout: time for the servos to confirm [s].
 
         Returns:
-            For each joint what went wrong; empty where its servos have confirmed.
+            The problem of each joint; empty if its servos have confirmed.
         """
-        epoch = self._loop.owners.epoch.advance()  # first: a thread that hangs relaxes later
+        epoch = self._loop.owners.epoch.advance()  # a thread that hangs relaxes its servos later
         problems: dict[str, str] = {}
 
         def relax(thread: BusThread) -> None:
@@ -333,14 +324,14 @@ class DynamixelBackend:
     def _fail(self, error: BaseException) -> None:
         self._on_failure(error)
 
-    def _shares(self, joints: Iterable[str]) -> dict[BusThread, tuple[str, ...]]:
+    def _by_bus(self, joints: Iterable[str]) -> dict[BusThread, tuple[str, ...]]:
         """Return the joints of each bus; raise GoalError if one is unknown."""
-        shares: dict[BusThread, tuple[str, ...]] = {}
+        found: dict[BusThread, tuple[str, ...]] = {}
         for name in joints:
             thread = self._by_joint.get(name)
             if thread is None:
                 raise GoalError(
                     f"no joint {name!r} on any bus; there are {', '.join(self._by_joint)}"
                 )
-            shares[thread] = (*shares.get(thread, ()), name)
-        return shares
+            found[thread] = (*found.get(thread, ()), name)
+        return found

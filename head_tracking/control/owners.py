@@ -1,4 +1,4 @@
-"""Who may command which joint, and STOP: facts that every part of a process reads."""
+"""The owners of joints, and STOP."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from head_tracking.dynamixel import Epoch, StoppedError
 _T = TypeVar("_T")
 
 LEASE = 1.0
-"""A claim by commands alone ends when none has come for so long [s]."""
+"""Time without commands after which a claim by commands ends [s]."""
 
 STOPPED = "the head is stopped; call resume"
-"""Why anything but `resume` is refused after a STOP."""
+"""The error message of everything that is refused after a STOP."""
 
-_OVERTAKEN = "the head was stopped after this was asked for"
+_OVERTAKEN = "the head was stopped after this was requested"
 
 
 class OwnershipError(Exception):
@@ -27,39 +27,36 @@ class OwnershipError(Exception):
     Attributes:
         joint: the joint.
         owner: who owns it.
-        leased: whether it does only as long as it sends commands.
+        leased: whether its claim ends when it sends no more commands.
     """
 
     def __init__(self, joint: str, owner: str, leased: bool) -> None:
-        cure = (
-            "as long as that sends commands"
+        remedy = (
+            f"wait until it has sent no command for {LEASE:g} s"
             if leased
-            else f"now; disable that first ({owner}/enable false), or wait until it ends"
+            else f"disable it first ({owner}/enable false)"
         )
-        super().__init__(f"{joint} belongs to {owner} {cure}")
+        super().__init__(f"{joint} belongs to {owner}; {remedy}")
         self.joint, self.owner, self.leased = joint, owner, leased
 
 
 class JointOwners:
     """Owners of joints, and whether the head is stopped; for any thread.
 
-    A joint is owned until its owner releases it (a controller that is enabled), or for as long as
-    its owner goes on sending commands (a lease). STOP takes all joints from everybody. It ends by
-    `resume` only, which gives them back.
+    A controller owns its joints until it releases them. A sender of commands owns them while it
+    sends (a lease). STOP takes all joints from their owners, until `resume` gives them back.
 
-    Whoever makes a request or a goal gets the epoch of that moment from `permit` or `check`, and
-    hands it on to where the request is carried out. STOP advances the epoch before it does anything
-    else, so that what is older is discarded there.
+    A request or a goal carries the epoch in which it was made, from `permit` or `check`. STOP
+    advances the epoch before it does anything else, and older requests are discarded.
 
     Args:
-        exclusive: whether commands for a joint of another owner are refused; else the last command
-            wins.
-        epoch: counts STOPs; None: its own.
+        exclusive: refuse commands for a joint of another owner; else the last command wins.
+        epoch: counts STOPs; None: a new one.
         clock: monotonic time [s].
 
     Attributes:
-        epoch: the same.
-        stopped: whether everybody is refused.
+        epoch: as given.
+        stopped: whether everything but `resume` is refused.
     """
 
     def __init__(
@@ -80,7 +77,7 @@ class JointOwners:
         self._observers: list[Callable[[], object]] = []
 
     def observe(self, changed: Callable[[], object]) -> None:
-        """Call back after each change of an owner or of `stopped`, in the thread that made it."""
+        """Call a function after each change of an owner or of `stopped`, in the changing thread."""
         self._observers.append(changed)
 
     def permit(self) -> int:
@@ -93,12 +90,12 @@ class JointOwners:
             return self._permit()
 
     def check(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> int:
-        """Return the epoch of a command for joints; refuse what `claim` would refuse.
+        """Return the epoch of a command for joints; raise what `claim` would raise.
 
         Args:
-            owner: who commands.
-            joints: which.
-            epoch: when the command was made, if that is known.
+            owner: the sender.
+            joints: their names.
+            epoch: in which the command was made; None: not known.
 
         Raises:
             OwnershipError: one belongs to another owner.
@@ -112,9 +109,9 @@ class JointOwners:
         """Give joints to an owner, all or none.
 
         Args:
-            owner: who wants them.
-            joints: which.
-            lease: the claim ends after so long [s], unless it is made again.
+            owner: the new owner.
+            joints: their names.
+            lease: time after which the claim ends, unless it is repeated [s].
 
         Raises:
             OwnershipError: one belongs to another owner.
@@ -128,7 +125,7 @@ class JointOwners:
             self._notify()
 
     def claim_at_resume(self, owner: str, joints: Iterable[str]) -> None:
-        """Let `resume` give joints to an owner, unless it gives some of them back to another."""
+        """Let `resume` give joints to an owner, unless one of them has another owner then."""
         with self._lock:
             if self.stopped and not self._interrupted.keys() & set(joints):
                 self._interrupted |= dict.fromkeys(joints, owner)
@@ -137,7 +134,7 @@ class JointOwners:
         """Give joints to an owner, whoever had them.
 
         Raises:
-            StoppedError: the head is stopped, or was after `epoch`, when that was asked for.
+            StoppedError: the head is stopped, or was after `epoch`, in which this was requested.
         """
         with self._lock:
             self._permit(epoch)
@@ -146,7 +143,7 @@ class JointOwners:
         self._notify()
 
     def release(self, owner: str) -> None:
-        """Take all joints from an owner, also those that `resume` would give back."""
+        """Take all joints from an owner, including those that `resume` would give back."""
         with self._lock:
             self._interrupted = {j: name for j, name in self._interrupted.items() if name != owner}
             its = [joint for joint, (other, _) in self._owners.items() if other == owner]
@@ -155,10 +152,10 @@ class JointOwners:
         self._notify()
 
     def stop(self, relax: Callable[[], _T]) -> _T:
-        """STOP: refuse everything, relax, and only then let the observers know.
+        """STOP: refuse everything, relax the servos, then notify the observers.
 
         Args:
-            relax: relaxes the servos, and waits for no controller; its result is returned.
+            relax: relaxes the servos without waiting for a controller; its result is returned.
         """
         with self._lock:
             self.epoch.advance()
@@ -169,10 +166,10 @@ class JointOwners:
             self._notify()
 
     def resume(self, epoch: int | None = None) -> tuple[str, ...]:
-        """End a STOP and return the owners that have their joints again.
+        """End a STOP and return the owners that have their joints back.
 
         Args:
-            epoch: when that was asked for; None: now.
+            epoch: in which this was requested; None: now.
 
         Raises:
             StoppedError: there was another STOP since.
@@ -185,14 +182,14 @@ class JointOwners:
         return resumed
 
     def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> bool:
-        """Do as the servo bus of another process, and return whether it knows of the STOP here.
+        """Adopt the state of a servo bus in another process; return whether it knows our STOP.
 
-        One that was started anew does not: nobody has called `resume`, so it must be stopped, too.
+        A servo bus that was restarted does not know it, and must be stopped again.
 
         Args:
-            stopped: whether it is stopped.
+            stopped: whether the servo bus is stopped.
             epoch: number of its STOPs.
-            owners: of its joints. What an owner of this process loses there, it loses here.
+            owners: of its joints. An owner that loses a joint there loses it here.
         """
         with self._lock:
             if self.stopped and not stopped and epoch != self.epoch.value:
@@ -214,7 +211,7 @@ class JointOwners:
         return True
 
     def elsewhere(self, joints: Iterable[str]) -> str:
-        """Return who owns one of these joints at a servo bus of another process; empty: nobody."""
+        """Return the owner of one of these joints at a servo bus elsewhere; empty: none."""
         return next(filter(None, map(self._elsewhere.get, joints)), "")
 
     def owns(self, owner: str, joints: Iterable[str]) -> bool:
@@ -222,7 +219,7 @@ class JointOwners:
         return all([self._owners.get(joint, ("", 0.0))[0] == owner for joint in joints])
 
     def of(self, joints: Iterable[str]) -> Mapping[str, str]:
-        """Return each joint's owner; empty where there is none."""
+        """Return the owner of each joint; empty: none."""
         now = self._clock()
         with self._lock:
             found = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
@@ -251,7 +248,7 @@ class JointOwners:
         self._permit()
 
     def _give(self, owner: str, joints: tuple[str, ...], lease: float) -> bool:
-        """Set the owner, except where a controller is enabled; return whether any changed."""
+        """Set the owner, unless a controller owns the joint; return whether one has changed."""
         changed, until = False, self._clock() + lease
         for joint in joints:
             other, last = self._owners.get(joint, ("", 0.0))

@@ -37,9 +37,10 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import (
     ErrorBits,
     HardwareErrors,
+    Status,
     describe_errors,
 )
-from head_tracking.dynamixel.reading import ReadGroup, ReadMethod, Reply
+from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.dynamixel.requests import Epoch
 from head_tracking.dynamixel.serial_port import serial_ports
 from head_tracking.dynamixel.servo import Servo
@@ -93,7 +94,6 @@ __all__ = [
     "ReadGroup",
     "ReadMethod",
     "Register",
-    "Reply",
     "ReplyTimeoutError",
     "Servo",
     "ServoBus",
@@ -104,6 +104,7 @@ __all__ = [
     "ServoSetupError",
     "ServoState",
     "ServoStatistics",
+    "Status",
     "StoppedError",
     "Symptom",
     "Torque",

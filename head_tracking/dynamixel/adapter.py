@@ -1,8 +1,7 @@
-"""The serial adapter: which driver serves it, and how long it keeps received bytes to itself.
+"""The USB serial adapter: its driver, its latency and its stable name.
 
-FTDI chips keep short packets for the time of their latency timer, 16 ms from the factory, so
-that each answer of a servo takes that long. Sources: Linux ftdi_sio, and the fact sheet's section
-on adapters.
+FTDI chips hold short packets back for the time of their latency timer, 16 ms by default.
+Source: Linux ftdi_sio.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ _WANTED: Final = 1  # ms
 
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """What is known about a serial adapter.
+    """Facts about a serial adapter.
 
     Attributes:
         driver: Kernel driver, such as ftdi_sio; empty if it is not known.
-        latency: How long it may keep received bytes to itself, s; None where it has no such knob.
-        advice: What to do about a latency that is too long; empty if all is well.
+        latency: Time for which it may hold received bytes back, s; None: no latency timer.
+        advice: How to shorten a latency that is too long; empty otherwise.
     """
 
     driver: str = ""
@@ -39,12 +38,7 @@ class Adapter:
 
 
 def stable_name(port_name: str, folder: Path = Path("/dev/serial/by-id")) -> str:
-    """Return the name by which a device is found again wherever it is plugged in; "" if none.
-
-    Args:
-        port_name: The device, such as /dev/ttyUSB0.
-        folder: Where udev keeps links by serial number.
-    """
+    """Return the name of a device by its serial number, from udev's links; "" if it has none."""
     device = os.path.realpath(port_name)
     with suppress(OSError):
         for link in sorted(folder.iterdir()):
@@ -56,13 +50,12 @@ def stable_name(port_name: str, folder: Path = Path("/dev/serial/by-id")) -> str
 def prepare_adapter(
     port_name: str, set_low_latency: Callable[[], object], sysfs: Path = Path("/sys")
 ) -> Adapter:
-    """Set the shortest latency where there is such a setting, and return what is known then.
+    """Set the shortest latency that the adapter has, and return its facts.
 
     Args:
         port_name: The device, or a link to it.
-        set_low_latency: Asks the driver to deliver received bytes at once; raises OSError or
-            ValueError where that cannot be done.
-        sysfs: Where the kernel shows its devices.
+        set_low_latency: Asks the driver for low latency; raises OSError or ValueError if it fails.
+        sysfs: Mount point of sysfs.
     """
     device = sysfs / "class" / "tty" / os.path.basename(os.path.realpath(port_name)) / "device"
     driver = ""
@@ -73,16 +66,19 @@ def prepare_adapter(
     if before is None or before > _WANTED:
         with suppress(OSError, ValueError):
             set_low_latency()
-    if before is None:
-        return Adapter(driver)
-    if (_latency(timer) or 0) > _WANTED:
+    if before is not None and (_latency(timer) or 0) > _WANTED:
         with suppress(OSError):
             timer.write_text(f"{_WANTED}\n")
-    latency = _latency(timer)
+    latency = None if before is None else _latency(timer)
     if latency is None:
         return Adapter(driver)
-    advice = _advice(latency, timer) if latency > _WANTED else ""
-    return Adapter(driver, latency * 1e-3, advice)
+    advice = (
+        f"each reply of a servo takes up to {latency} ms, because the adapter's latency timer "
+        f"could not be set to {_WANTED} ms. Until it is unplugged: "
+        f"`echo {_WANTED} | sudo tee {timer}`; permanently: `ros2 run head_tracking head_setup "
+        "udev`, then plug it in again"
+    )
+    return Adapter(driver, latency * 1e-3, advice if latency > _WANTED else "")
 
 
 def _latency(timer: Path) -> int | None:
@@ -90,12 +86,3 @@ def _latency(timer: Path) -> int | None:
         return int(timer.read_text())
     except (OSError, ValueError):
         return None
-
-
-def _advice(latency: int, timer: Path) -> str:
-    return (
-        f"each answer of a servo takes up to {latency} ms, because the adapter's latency timer "
-        f"could not be set to {_WANTED} ms. Until it is unplugged: "
-        f"`echo {_WANTED} | sudo tee {timer}`; for good: `ros2 run head_tracking head_setup udev`, "
-        "and plug it in again"
-    )

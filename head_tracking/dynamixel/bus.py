@@ -1,4 +1,4 @@
-"""The servo bus: all servos of one port, driven by one thread; see `cycle` and `procedures`."""
+"""The servo bus: all servos of one serial port."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
-from head_tracking.dynamixel.servo import Changes, Servo, ServoIdentity, answering, run
+from head_tracking.dynamixel.servo import Servo, ServoIdentity, Version, answering, run
 from head_tracking.dynamixel.state import (
     BusReading,
     BusStatistics,
@@ -48,33 +48,30 @@ _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case t
 class ServoBus:
     """Reads and drives the servos of one port.
 
-    One thread owns the bus: it calls `connect`, `step` or the methods of `cycle`, everything that
-    talks to servos, and `close` (`BusThread` is that thread). Any thread may call `command`, and
-    what only looks.
+    One thread owns the bus: it calls `connect`, `step`, `close` and everything that talks to servos
+    (`BusThread` is that thread). Any thread may call `command` and read properties.
 
     Servos start relaxed. The first command to a joint switches its torque on; after
     `switching_torque(..., False)` commands are refused until `switching_torque(..., True)`. Goals
-    outside the limits never reach the wire, nor does a moving speed of 0, nor a goal for a relaxed
-    servo.
+    outside the limits, goals for relaxed servos, and a goal speed of 0 are never written.
 
-    Servos that fall silent, and the adapter, may go and come back at any time: `step` goes on
-    with what is there and looks for the rest.
+    Servos and the adapter may be unplugged and return at any time.
 
-    What takes several transactions, such as `recovering`, comes as steps: the cycles take those of
-    `requests` one by one; `servo.run` takes them at once.
+    Methods that return `Steps` need several transactions: pass them to `BusThread.call`, which
+    spreads them over the cycles, or to `servo.run`, which takes them at once.
 
     Args:
-        port: Where the servos are.
+        port: The port of the servos.
         joints: The joints to drive.
-        clock: Time for the stamps of measurements, ns.
-        monotonic: Time that never jumps, ns.
-        settings: How to deal with silence, faults and heat.
-        pause: Waits so many seconds, outside the cycle.
+        clock: Clock of the stamps of measurements, ns.
+        monotonic: Monotonic time, ns.
+        settings: Limits for silence, faults and heat.
+        pause: Waits a number of seconds, outside the cycle.
         epoch: Counts STOPs; shared with everything that is stopped together. None: its own.
 
     Attributes:
         cycle: Reads and writes.
-        requests: What is to be done, and the goals that have not been written.
+        requests: Requests, and goals that have not been written.
 
     Raises:
         ConfigurationError: The joints contradict each other.
@@ -91,9 +88,9 @@ class ServoBus:
         pause: Callable[[float], object] = time.sleep,
         epoch: Epoch | None = None,
     ) -> None:
-        settings, changes = settings or BusSettings(), Changes()
+        settings, version = settings or BusSettings(), Version()
         self._joints = {
-            joint.joint_name: Joint(joint, port, settings.watchdog, changes)
+            joint.joint_name: Joint(joint, port, settings.watchdog, version)
             for joint in check_configuration(joints)
         }
         self._all = tuple(self._joints.values())
@@ -103,7 +100,7 @@ class ServoBus:
                 servo.others = others
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
         self._bus = BusContext(
-            port, self._joints, self.requests, settings, changes, clock, monotonic, pause
+            port, self._joints, self.requests, settings, version, clock, monotonic, pause
         )
         self._port, self._pause, self._each_servo = port, pause, self._bus.each_servo
         self._procedures = Procedures(self._bus)
@@ -121,22 +118,21 @@ class ServoBus:
         claim: Callable[[Iterable[str]], object] | None = None,
         epoch: int | None = None,
     ) -> CommandResult:
-        """Set the goals of some joints, all or none; the newest goal of a joint wins.
+        """Set the goals of some joints, all or none, for the next cycle.
 
-        The goals are written in the owner's next cycle. Speeds above a joint's `speed_limit` are
-        reduced to it.
+        Speeds above a joint's `speed_limit` are reduced to it.
 
         Args:
             goals: Goal by joint name.
             clamp: For a stream of commands: move positions outside the limits to the limit, and
-                leave joints out that take no commands now, instead of refusing all. One tick of
-                excess always counts as being on the limit.
-            claim: Gets the joints that shall move before they do; it may refuse, by raising.
-            epoch: When the command was made, see `Epoch`; None: now.
+                leave joints out that accept none now, instead of refusing all. Positions up to one
+                tick outside are always moved to the limit.
+            claim: Called with the joints that shall move, before they do; raises to refuse.
+            epoch: In which the command was made; None: the present one.
 
         Raises:
-            GoalError: A joint is unknown, a position is not finite or outside the limits, a speed
-                is not finite or not above 0, or joints take no commands now. Nothing has changed.
+            GoalError: A joint is unknown or accepts no commands now, a position is not finite or
+                outside the limits, or a speed is not above 0. Nothing has changed.
             StoppedError: STOP came after the command was made. Nothing has changed.
             NotConnectedError: `connect` has not been called.
         """
@@ -154,12 +150,12 @@ class ServoBus:
         try:
             for name, goal in goals.items():
                 joint = self._joints.get(name) or self.joint(name)
-                if clamp and not joint.on and joint.torque.waits:
+                if clamp and not joint.on and joint.torque.refuses:
                     left_out[name] = joint.torque.value
                     continue
                 position = joint.admit(goal, clamp)
                 if incomplete and name in incomplete:
-                    left_out[name] = "a servo of it does not answer; it is asked again all the time"
+                    left_out[name] = "a servo of it does not answer; the bus keeps asking it"
                     continue
                 positions[name] = position
                 if position == goal.position:
@@ -182,11 +178,7 @@ class ServoBus:
         return CommandResult(positions, clamped, left_out)
 
     def joint(self, name: str) -> Joint:
-        """Return a joint. Any thread may look at it, and call `set_default_speed`.
-
-        Raises:
-            GoalError: It is unknown.
-        """
+        """Return a joint; raise GoalError if it is unknown. Any thread may read it."""
         try:
             return self._joints[name]
         except KeyError:
@@ -206,7 +198,7 @@ class ServoBus:
 
     @property
     def adapter(self) -> Adapter:
-        """What is known about the device since it was opened."""
+        """Facts about the adapter, since it was opened."""
         return self._port.adapter
 
     @property
@@ -216,13 +208,13 @@ class ServoBus:
 
     @property
     def servos(self) -> tuple[ServoIdentity, ...]:
-        """What was found on the bus; empty before `connect`."""
+        """Servos that were found; empty before `connect`."""
         found = (servo.identity for _, servo in self._each_servo())
         return tuple(identity for identity in found if identity is not None)
 
     @property
     def summary(self) -> str:
-        """A line that says what was found, such as "2 AX-12 servos: ids 1, 2"."""
+        """The servos that were found, such as "2 AX-12 servos: ids 1, 2"."""
         by_model: dict[str, list[str]] = {}
         for identity in self.servos:
             by_model.setdefault(identity.model, []).append(str(identity.id))
@@ -232,10 +224,7 @@ class ServoBus:
         )
 
     def servo_name(self, joint_name: str) -> str:
-        """Return what identifies the servo of a joint in another run; "" if that is not known.
-
-        It is the adapter's name by its serial number, the servo's model and its id.
-        """
+        """Return adapter (by serial number), model and id of a joint's servo; "" if not known."""
         adapter, servo = self._port.stable_name, self.joint(joint_name).configuration
         return f"{Path(adapter).name} {servo.model.name} {servo.id}" if adapter else ""
 
@@ -285,21 +274,18 @@ class ServoBus:
             outcome=outcome,
         )
 
-    # Owner's thread: connecting and closing
+    # Thread that owns the bus
 
     def connect(self, *, allow_missing: bool = False) -> str:
-        """Open the port, find all servos, relax them, and return a line that says what is there.
+        """Open the port, find and relax all servos, and return `summary`.
 
         Args:
-            allow_missing: Go on without the servos that do not answer, and look for them.
-
-        Returns:
-            A summary such as "2 AX-12 servos: ids 1, 2".
+            allow_missing: Go on without servos that do not answer, and keep asking them.
 
         Raises:
             PortError: The port cannot be opened.
             ServoNotFoundError: A configured id does not answer.
-            ServoError: A servo is another model, in wheel mode, silent, or does not relax.
+            ServoError: A servo is another model, in another mode, or does not relax.
             ConfigurationError: A servo's own angle limits leave a joint no range.
             CommunicationError: A servo answers pings, but then fails.
         """
@@ -339,11 +325,7 @@ class ServoBus:
             raise CorruptReplyError(f"{cause}; {advice(servo)}") from cause
 
     def close(self) -> tuple[str, ...]:
-        """Brake, relax every servo, close the port. Never raises for what happens on the wire.
-
-        Returns:
-            Joints that did not confirm that they are relaxed.
-        """
+        """Brake and relax every servo, and close the port; return joints that did not confirm."""
         self.requests.end_all(BusStoppedError("the servo bus has stopped"))
         problems: Mapping[str, str] = {}
         try:
@@ -359,17 +341,17 @@ class ServoBus:
         return tuple(name for name, problem in problems.items() if problem)
 
     def hold(self) -> None:
-        """Stop now: make the present position the goal of every joint with torque on.
+        """Make the present position the goal of every joint with torque on.
 
         Raises:
-            PortLostError: The port has gone.
+            PortLostError: The port was lost.
             NotConnectedError: `connect` has not been called.
         """
         self._require_connection()
         self.requests.drop_goals()
         for joint in self._all:
             if joint.on:
-                for servo in joint.servos:  # one that is silent gets the position read last
+                for servo in joint.servos:  # a silent one gets the position read last
                     with suppress(CommunicationError):
                         if servo.answers:
                             servo.read_feedback(1 + self._bus.settings.retries)
@@ -381,7 +363,7 @@ class ServoBus:
 
         Raises:
             NotConnectedError: `connect` has not been called.
-            PortLostError: The port has gone and cannot come back under its name.
+            PortLostError: The port was lost and cannot return under its name.
         """
         if not self._connected:
             self._require_connection()
@@ -389,22 +371,20 @@ class ServoBus:
         events = self.cycle.write()
         return reading._replace(events=(*reading.events, *events)) if events else reading
 
-    # Owner's thread: what takes longer than one transaction, as steps. All raise GoalError for an
-    # unknown joint, and NotConnectedError before `connect`; then nothing was done.
+    # Steps. All raise GoalError for an unknown joint, and NotConnectedError before `connect`.
 
     def switching_torque(self, joints: Iterable[str] | None, on: bool) -> Steps[None]:
         """Switch the torque of some joints, or of all (None).
 
         Torque on holds the present position. Torque off drops the goal; commands are refused until
-        torque is switched on again. The first step switches torque off, the others confirm. Of the
-        other facts, it changes none: a servo that has shut itself down needs `recovering`, a
-        stopped joint `starting`, before and after.
+        torque is switched on again. The first step switches torque off, the others read it back. A
+        servo that has shut itself down needs `recovering`, a stopped joint `starting`.
 
         Raises:
             TorqueError: Some joints did not confirm; the others were switched.
         """
         chosen = self._require_connection(joints)
-        for joint in chosen:  # all in the first step: who relaxes one later is heard
+        for joint in chosen:  # in the first step, so that a later request has the last word
             if not on:
                 joint.relaxed = True
             elif not (joint.stopped or joint.faulted or joint.resting):
@@ -417,17 +397,17 @@ class ServoBus:
             raise TorqueError(True, problems)
 
     def relax_at_once(self, timeout: float, epoch: int | None = None) -> Mapping[str, str]:
-        """STOP: relax all joints, whatever else is under way, and go on trying where that fails.
+        """STOP: relax all joints, and keep trying where that fails.
 
-        Commands and requests of before are discarded. The next command switches torque on again,
-        except where it was off on request; whoever stops a head refuses commands until it resumes.
+        Earlier commands and requests are discarded. The next command switches torque on again,
+        except where it was off on request; the caller must refuse commands until `resume`.
 
         Args:
             timeout: How long servos may take to confirm, s.
-            epoch: Begun by this STOP; None: it begins one.
+            epoch: Begun by this STOP; None: begin one.
 
         Returns:
-            For each joint what went wrong; empty where its servos have confirmed.
+            What went wrong, by joint; empty where the servos have confirmed.
         """
         self._procedures.obeyed = self.epoch.advance() if epoch is None else epoch
         deadline = self._bus.monotonic() + round(timeout * 1e9)
@@ -451,8 +431,7 @@ class ServoBus:
     ) -> Steps[tuple[str, ...]]:
         """Clear the faults of joints, or of all (None), and leave them relaxed.
 
-        Protocol 1.0 servos are ready at once; others restart and are found again some cycles
-        later, which `torque` tells.
+        Protocol 1.0 servos of Dynamixel are ready at once; others restart.
 
         Args:
             joints: The joints.
@@ -482,10 +461,10 @@ class ServoBus:
         return self._procedures.relaxing(self._require_connection(joints), stop=True)
 
     def starting(self, joints: Iterable[str] | None) -> Steps[None]:
-        """Take stopped joints, or all (None), back, relaxed and found anew.
+        """Take stopped joints, or all (None), back into the cycle, relaxed.
 
         Raises:
-            ServoError: A servo is missing, or cannot be used; it is looked for from now on.
+            ServoError: A servo is missing or cannot be used; the bus keeps asking it.
         """
         chosen = self._require_connection(joints)
         _raise((yield from self._procedures.for_each(chosen, self._procedures.starting)))
@@ -493,11 +472,11 @@ class ServoBus:
     def writing_eeprom(
         self, joint: str, settings: EepromSettings
     ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
-        """Write settings into the memory of a relaxed joint's servos, in some 0.1 s for each.
+        """Write settings into the memory of a relaxed joint's servos, which takes about 0.1 s each.
 
         Args:
             joint: The joint.
-            settings: What they shall keep.
+            settings: The settings.
 
         Returns:
             Old and new values of what was changed, by servo id and register name.
@@ -508,29 +487,8 @@ class ServoBus:
             CommunicationError: A servo does not answer.
         """
         (chosen,) = self._require_connection((joint,))
-        return self._procedures.exclusively(chosen, self._writing_eeprom(chosen, settings))
-
-    def _writing_eeprom(
-        self, joint: Joint, settings: EepromSettings
-    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
-        wanted = {
-            servo: settings.registers(servo.model, servo.calibration.tick_range)
-            for servo in joint.servos
-        }
-        changed = {}
-        self.requests.drop_goals(joint.name)
-        joint.writing = True
-        try:
-            for servo, registers in wanted.items():
-                changed[servo.id] = yield from servo.write_eeprom(registers)
-            for servo in joint.servos:
-                if not joint.stopped and not servo.lost:
-                    yield from servo.identify()
-        finally:
-            joint.writing = False
-        return changed
-
-    # Helpers
+        steps = self._procedures.writing_eeprom(chosen, settings)
+        return self._procedures.exclusively(chosen, steps)
 
     def _require_connection(self, joints: Iterable[str] | None = ()) -> list[Joint]:
         """Return some joints, or all (None), of a bus that is connected."""

@@ -1,4 +1,4 @@
-"""How joints are wired, what the bus puts up with, and what servos shall keep in their memory."""
+"""Configuration of joints, of the bus, and of the memory of servos."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ from head_tracking.parameters import parameter
 
 @dataclass(frozen=True, slots=True)
 class ServoCalibration:
-    """Where a servo's joint has its zero, in which direction it turns, and how far it may turn.
+    """Zero, direction and range of a servo's joint: the only conversion of ticks and radians.
 
-    The convention is dynamixel_motor's: position 0 rad is at tick `init`; `min` above `max` says
-    that the servo is mounted the other way round, which turns the sign of position, velocity and
-    load. Ticks become radians here and nowhere else.
+    As in dynamixel_motor, position 0 rad is at tick `init`, and `min` above `max` reverses the
+    direction, which changes the sign of position, velocity and load.
 
     Attributes:
         joint_name: The joint in the robot model.
@@ -28,14 +27,14 @@ class ServoCalibration:
         min: Tick of the lowest position.
         max: Tick of the highest position.
         model: The servo's model.
-        offset: What the servo's own memory added to its position, ticks, when this was measured;
-            a servo with another offset is refused. None: it is not checked.
-        reverse: Whether the servo's Drive Mode counted ticks in reverse when this was measured; a
-            servo with another Drive Mode is refused. None: it is not checked.
-        direction: -1 if rising ticks are falling positions, else 1.
-        scale: What one tick more is for the joint's position, rad.
-        lowest_turn: Lowest tick of the turn around the middle of the range. A servo whose scale
-            goes round counts on beyond a turn while it is relaxed.
+        offset: Position offset in the servo's memory, ticks; a servo with another one is refused.
+            None: do not check it.
+        reverse: Whether Drive Mode reverses ticks; a servo that does not fit is refused. None: do
+            not check it.
+        direction: -1 if the direction is reversed, otherwise 1.
+        scale: Change of the joint's position with one tick, rad.
+        lowest_turn: Lowest tick of the turn around the middle of the range, for servos that count
+            on beyond a turn while they are relaxed.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.
@@ -98,7 +97,7 @@ class ServoCalibration:
             ) from cause
 
     def mirrored(self) -> tuple[int, int, int]:
-        """Return what init, min and max are with the other direction of Drive Mode."""
+        """Return init, min and max for the other direction of Drive Mode."""
         last = self.model.ticks - 1
         init, low, high = (
             min(last, 2 * self.model.center - tick) for tick in (self.init, self.min, self.max)
@@ -107,7 +106,7 @@ class ServoCalibration:
 
     @property
     def tick_range(self) -> tuple[int, int]:
-        """Lowest and highest tick, in whichever direction the servo turns."""
+        """Lowest and highest tick."""
         return (self.max, self.min) if self.min > self.max else (self.min, self.max)
 
     @property
@@ -126,10 +125,10 @@ class ServoCalibration:
         return self.model.radians_per_tick
 
     def within(self, own_range: tuple[int, int]) -> tuple[int, int]:
-        """Return lowest and highest tick that this, its model and a servo's own limits allow.
+        """Return lowest and highest tick within a servo's own limits, `own_range`.
 
         Raises:
-            ConfigurationError: They have nothing in common.
+            ConfigurationError: There is none.
         """
         (low, high), (lower, upper), (first, last) = (
             self.tick_range,
@@ -146,32 +145,28 @@ class ServoCalibration:
         return lowest, highest
 
     def position(self, ticks: float) -> float:
-        """Return the joint's position, rad, at a tick (a simulated servo has fractions of one)."""
+        """Return the joint's position, rad, at a tick."""
         return (ticks - self.init) * self.scale
 
     def ticks(self, position: float) -> int:
-        """Return the tick next to a position in rad, also beyond the limits."""
+        """Return the nearest tick to a position in rad."""
         return round(self.init + position / self.scale)
 
 
 def fastest_speed(model: ServoModel) -> float:
-    """Return the highest speed, rad/s, that may be configured for a servo of that model.
-
-    It is twice the no-load speed, if the goal speed's register can hold that.
-    """
+    """Return the highest speed to configure, rad/s: twice the no-load speed, if it fits."""
     return min(model.speed_maximum * model.speed_unit, 2.0 * model.no_load_speed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointConfiguration(ServoCalibration):
-    """One joint: the calibration of the servo that drives it, and perhaps of a second one.
+    """One joint, driven by one servo or two.
 
     Attributes:
         controller: Prefix of the joint's topics, such as head_pan_controller.
-        joint_speed: Speed used when a command gives none, rad/s; `speed_limit` reduces it.
-        max_speed: Highest speed ever asked of the servo, rad/s; None stands for the model's
-            no-load speed. See `speed_limit`.
-        second: The other servo of a joint that two of them drive.
+        joint_speed: Speed of commands without a speed, rad/s.
+        max_speed: Highest goal speed, rad/s; None: the model's no-load speed.
+        second: The second servo.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.
@@ -198,22 +193,22 @@ class JointConfiguration(ServoCalibration):
 
     @property
     def calibrations(self) -> tuple[ServoCalibration, ...]:
-        """The servos that drive the joint."""
+        """The calibration of each servo of the joint."""
         return (self,) if self.second is None else (self, self.second)
 
     @property
     def speed_limit(self) -> float:
-        """Highest speed ever asked of the servos, rad/s."""
+        """Highest goal speed, rad/s."""
         slowest = min(each.model.no_load_speed for each in self.calibrations)
         return slowest if self.max_speed is None else self.max_speed
 
 
 def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConfiguration, ...]:
-    """Return the joints of one bus after checking them against each other.
+    """Check the joints of one bus against each other and return them.
 
     Raises:
         ConfigurationError: There is no joint, two share an id, a name or a controller, or servos
-            are of families that cannot be on one line.
+            of different families are on one line.
     """
     checked = tuple(joints)
     if not checked:
@@ -237,30 +232,28 @@ def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConf
     if len(families) > 1:
         raise ConfigurationError(
             f"servos of the families {', '.join(sorted(families))} cannot be on one bus: they "
-            "take each other's packets for their own; give each family an adapter"
+            "obey each other's packets; give each family an adapter"
         )
     return checked
 
 
 @dataclass(frozen=True, slots=True)
 class BusSettings:
-    """Numbers that suit most robots.
+    """Settings of a bus; the defaults suit most robots.
 
     Attributes:
-        retries: How often a failed read is repeated within the same cycle.
-        lost_after: Failed cycles in a row after which a servo counts as lost.
-        poll_interval: Time between two questions to a lost servo, s.
-        reconnect_interval: Time between two looks for an adapter that has gone, s.
-        command_timeout: Time after its last command at which a joint that is still under way holds
-            where it is, s; 0: it goes on to its goal.
-        watchdog: Time without any packet after which servos of the X series stop by themselves, s;
-            0: never.
-        warm: Temperature from which on a servo is worth a warning, degrees Celsius.
-        hot: Temperature from which on it is an error.
-        rest: Temperature from which on the joint is relaxed until its servo is no longer warm.
+        retries: How often a failed read is repeated within a cycle.
+        lost_after: Failed cycles in a row after which a servo is lost.
+        poll_interval: Time between two polls of a lost servo, s.
+        reconnect_interval: Time between two attempts to open a lost port, s.
+        command_timeout: Time without a command after which a moving joint holds, s; 0: never.
+        watchdog: Time without any packet after which X servos stop by themselves, s; 0: never.
+        warm: Temperature of a warning, degrees Celsius.
+        hot: Temperature of an error.
+        rest: Temperature at which the joint is relaxed until its servo is below `warm`.
 
     Raises:
-        ConfigurationError: A number makes no sense.
+        ConfigurationError: A value is out of range.
     """
 
     retries: int = 1
@@ -293,7 +286,7 @@ class BusSettings:
 
 @dataclass(frozen=True, slots=True)
 class EepromSettings:
-    """What the service write_eeprom puts into the memory of the servos."""
+    """Settings that the service write_eeprom writes into the memory of the servos."""
 
     return_delay: float = parameter(
         0.0, "Time before a servo answers.", unit="microseconds", minimum=0.0, maximum=508.0
@@ -301,22 +294,18 @@ class EepromSettings:
     angle_limits: bool = parameter(True, "The servo itself refuses goals beyond min and max.")
     shutdown: tuple[str, ...] = parameter(
         (),
-        "Errors upon which a servo switches itself off, such as overload and overheating; none: "
-        "those that it has.",
+        "Errors that make a servo switch itself off, such as overload and overheating; none: keep "
+        "those of the servo.",
     )
     status_return_level: int = parameter(
-        2, "What a servo answers: 1 pings and reads, 2 everything.", minimum=1, maximum=2
+        2, "Instructions that a servo answers: 1 ping and read, 2 all.", minimum=1, maximum=2
     )
 
     def registers(self, model: ServoModel, tick_range: tuple[int, int]) -> dict[str, int]:
-        """Return the register values for a servo, by name.
-
-        Args:
-            model: Its model.
-            tick_range: Lowest and highest tick of its joint.
+        """Return the register values for a model and the tick range of a joint, by name.
 
         Raises:
-            ConfigurationError: The model has no such error, or a value is outside its register.
+            ConfigurationError: The model has no such error, or a value is out of range.
         """
         wanted: dict[str, int] = {}
         table = model.control_table

@@ -1,4 +1,4 @@
-"""What the parts of one bus share, and its events, of which the log shows each twice."""
+"""What the parts of one bus share, and its log of events."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from head_tracking.dynamixel.configuration import BusSettings
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.requests import RequestQueue
-from head_tracking.dynamixel.servo import Changes, Servo
+from head_tracking.dynamixel.servo import Servo, Version
 from head_tracking.dynamixel.state import BusEvent, EventKind
 
-_REPEATS: Final = 30_000_000_000  # ns; an event that comes back sooner repeats
+_REPEATS: Final = 30_000_000_000  # ns; an event that returns sooner is repeated
 _STUCK: Final = (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
 
 
@@ -22,22 +22,22 @@ class BusContext:
     """What the parts of one bus share.
 
     Attributes:
-        port: Where the servos are.
+        port: The serial port.
         joints: All joints of the bus, by name.
-        requests: What is to be done, and the goals that have not been written.
-        settings: How to deal with silence, faults and heat.
-        changes: Counts the changes of who is read.
-        clock: Time for the stamps of measurements, ns.
-        monotonic: Time that never jumps, ns.
-        pause: Waits so many seconds, outside the cycle.
-        events: What has happened and has not been reported.
+        requests: Requests, and goals that have not been written.
+        settings: Limits for silence, faults and heat.
+        version: Changes with the set of servos that are read.
+        clock: Clock of the stamps, ns.
+        monotonic: Monotonic time, ns.
+        pause: Waits a number of seconds, outside of the cycle.
+        events: Events that have not been reported.
     """
 
     port: DynamixelPort
     joints: dict[str, Joint]
     requests: RequestQueue
     settings: BusSettings
-    changes: Changes
+    version: Version
     clock: Callable[[], int]
     monotonic: Callable[[], int]
     pause: Callable[[float], object]
@@ -45,24 +45,23 @@ class BusContext:
     _recent: dict[tuple[EventKind, str, Hashable], tuple[int, int]] = field(default_factory=dict)
 
     def each_servo(self) -> Iterator[tuple[Joint, Servo]]:
-        """Yield all servos, each with its joint."""
+        """Yield each servo with its joint."""
         return ((joint, servo) for joint in self.joints.values() for servo in joint.servos)
 
     def note(
         self, kind: EventKind, joint: Joint, text: str, stuck: bool = False, about: Hashable = None
     ) -> None:
-        """Note what happened to a joint.
+        """Add an event.
 
-        A loose cable, or two servos with one id, make the same events again and again. The second
-        event of a kind says that it repeats; further ones are marked as repeated, until there was
-        none for 30 s.
+        The second event of a kind says that it repeats; later ones are marked as repeated, until
+        there was none for 30 s.
 
         Args:
             kind: What happened.
-            joint: To which.
+            joint: To which joint.
             text: The same for the log.
             stuck: Whether the joint cannot reach its goals.
-            about: Which one, of a kind of which a joint may have several at a time.
+            about: Distinguishes events of one kind.
         """
         text = f"{joint.name} (id {joint.servos[0].id}): {text}"
         now, key = self.monotonic(), (kind, joint.name, about)
@@ -75,6 +74,6 @@ class BusContext:
         self.events.append(BusEvent(kind, joint.name, text, stuck, repeated=count > 2))
 
     def take_events(self) -> tuple[BusEvent, ...]:
-        """Return the events that have not been reported, and remove them."""
+        """Return and remove the events."""
         events, self.events = tuple(self.events), []
         return events

@@ -1,7 +1,6 @@
-"""Control tables: the registers of a servo, as data, and what their counts stand for.
+"""Control tables: the registers of a servo as data, and their units.
 
-Sources: the ROBOTIS e-manual page of each model; protocol 1.0 for the byte order, AX-12A for the
-sign bits. Feetech's: the memory table of each family.
+Sources: the ROBOTIS e-manual page of each model; the memory table of each Feetech family.
 """
 
 from __future__ import annotations
@@ -15,15 +14,11 @@ from typing import Final
 from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
 
 SIGN_BIT: Final = 10
-"""AX, MX (protocol 1.0) and XL-320 mark clockwise speed and load by this bit."""
+"""Bit for negative (clockwise) speed and load of AX, MX (protocol 1.0) and XL-320."""
 
 
 def encode_sign_magnitude(value: int, bit: int = SIGN_BIT) -> int:
-    """Return a register value: magnitude in the low bits, sign bit set when negative (clockwise).
-
-    Raises:
-        RangeError: The magnitude needs more bits.
-    """
+    """Return magnitude and sign bit; raise RangeError if the magnitude needs more bits."""
     largest = (1 << bit) - 1
     if abs(value) > largest:
         raise RangeError(f"{value} does not fit; allowed are {-largest} to {largest}")
@@ -31,11 +26,7 @@ def encode_sign_magnitude(value: int, bit: int = SIGN_BIT) -> int:
 
 
 def decode_sign_magnitude(raw: int, bit: int = SIGN_BIT) -> int:
-    """Return the signed number in a sign-magnitude register; inverse of the encoder.
-
-    Raises:
-        RangeError: A bit above the sign bit is set, or the value is negative.
-    """
+    """Return the number of magnitude and sign bit; raise RangeError if a higher bit is set."""
     if not 0 <= raw < 2 << bit:
         raise RangeError(
             f"register value {raw} is no {bit} bit sign-magnitude number; "
@@ -61,12 +52,12 @@ class Sign(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """What one count of a register stands for.
+    """Unit of a register.
 
     Attributes:
         symbol: The unit; empty for plain numbers and codes.
         scale: One count in that unit.
-        zero: The count that stands for 0.
+        zero: The count of 0.
     """
 
     symbol: str = ""
@@ -79,19 +70,18 @@ NUMBER = Unit()
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register, in the vendor's words.
+    """One register.
 
     Attributes:
         name: The vendor's name.
         address: First byte.
         size: Bytes.
         writable: Whether a packet may write it.
-        eeprom: Whether its value survives power-off; if not, it is in RAM.
-        initial: Factory value (EEPROM) or value at power-on (RAM); None where the vendor gives none
-            or it is taken from elsewhere.
-        minimum: Lowest value a write may carry; None for read-only registers.
-        maximum: Highest value a write may carry; None for read-only registers.
-        unit: What one count stands for.
+        eeprom: Whether its value survives power-off.
+        initial: Factory value (EEPROM) or value at power-on (RAM); None: not documented.
+        minimum: Lowest value of a write; None for read-only registers.
+        maximum: Highest value of a write; None for read-only registers.
+        unit: Its unit.
         sign: How it stores negative values.
     """
 
@@ -112,36 +102,31 @@ class Register:
         return self.address + self.size
 
     def admits(self, value: int) -> bool:
-        """Return whether a write may carry this value."""
+        """Return whether this value may be written."""
         lowest, highest = self.minimum, self.maximum
         return lowest is not None and highest is not None and lowest <= value <= highest
 
-    def in_unit(self, value: int) -> float:
-        """Return a value that was read in the register's unit.
+    def counts(self, value: int) -> int:
+        """Return the signed number of a register value.
 
         Raises:
             RangeError: It is no sign-magnitude number, though the register should hold one.
         """
-        return (self.counts(value) - self.unit.zero) * self.unit.scale
-
-    def counts(self, value: int) -> int:
-        """Return the number that a value that was read stands for; raises as `in_unit` does."""
         bit = self.sign.bit
         return decode_sign_magnitude(value, bit) if bit else value
 
-    def from_unit(self, quantity: float) -> int:
-        """Return the value to write for a quantity in the register's unit; mirrors `in_unit`."""
-        counts = round(quantity / self.unit.scale + self.unit.zero)
-        return self.from_counts(counts)
+    def in_unit(self, value: int) -> float:
+        """Return a register value in the register's unit; raises as `counts` does."""
+        return (self.counts(value) - self.unit.zero) * self.unit.scale
 
     def from_counts(self, counts: int) -> int:
-        """Return the value to write for a number; mirrors `counts`.
-
-        Raises:
-            RangeError: A sign-magnitude register has too few bits for it.
-        """
+        """Return the register value of a signed number; RangeError if it does not fit."""
         bit = self.sign.bit
         return encode_sign_magnitude(counts, bit) if bit else counts
+
+    def from_unit(self, quantity: float) -> int:
+        """Return the register value of a quantity in the register's unit."""
+        return self.from_counts(round(quantity / self.unit.scale + self.unit.zero))
 
 
 _STRUCT_CODES = {1: "B", 2: "H", 4: "I"}
@@ -149,14 +134,12 @@ _STRUCT_CODES = {1: "B", 2: "H", 4: "I"}
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One register or several that one packet reads or writes.
-
-    Values of sign-magnitude registers are not decoded: sign and magnitude stay together.
+    """Registers that one packet reads or writes; sign-magnitude values are not decoded.
 
     Attributes:
         registers: In rising order of address; bytes between them are skipped.
         byte_order: "little" or "big".
-        layout: Packs and unpacks one value per register, unchecked.
+        layout: Packs and unpacks one value for each register, unchecked.
     """
 
     registers: tuple[Register, ...]
@@ -187,20 +170,16 @@ class Block:
         return self.layout.size
 
     def decode(self, data: bytes) -> tuple[int, ...]:
-        """Return one value per register.
-
-        Raises:
-            RangeError: The number of bytes is wrong.
-        """
+        """Return one value for each register; raise RangeError for a wrong number of bytes."""
         if len(data) != self.length:
             raise RangeError(f"the block has {self.length} bytes, not {len(data)}")
         return self.layout.unpack(data)
 
     def encode(self, *values: int) -> bytes:
-        """Return the bytes that write one value per register.
+        """Return the bytes that write one value into each register.
 
         Raises:
-            RangeError: A value is outside its register, or the block has gaps or another length.
+            RangeError: A value is out of range, or the block has gaps or another length.
         """
         if len(values) != len(self.registers):
             raise RangeError(f"the block has {len(self.registers)} values, not {len(values)}")
@@ -216,11 +195,11 @@ class Block:
 
 
 class ControlTable:
-    """The registers of one servo model, found by name.
+    """The registers of one servo model, by name.
 
     Args:
-        name: What the table belongs to, for messages.
-        registers: All documented registers; addresses between them are reserved.
+        name: Name of the model, for messages.
+        registers: All documented registers.
         byte_order: Of registers with several bytes, "little" or "big".
 
     Raises:
@@ -269,11 +248,11 @@ class ControlTable:
     def spans(
         self, longest: int, names: Collection[str] | None = None, *, gaps: bool = True
     ) -> Iterator[Block]:
-        """Yield blocks, of at most so many bytes, of the registers of these names that there are.
+        """Yield blocks of the registers with these names.
 
         Args:
-            longest: Bytes of a block.
-            names: In any order; None for all registers.
+            longest: Highest number of bytes of a block.
+            names: In any order, also of registers that do not exist; None: all.
             gaps: Whether a block may have bytes between its registers.
         """
         span: list[Register] = []

@@ -1,8 +1,8 @@
-"""Name what is wrong with a servo, from what it measures in each cycle and what was asked of it.
+"""Find faults of a servo by comparing its measurements with its goals.
 
-A detector finds a contradiction that lasts, so that it names nothing on a healthy servo. Before a
-servo that does not follow is reported, a few of its registers are read, which tell the cause.
-The thresholds are ours, tried against the simulator: test/dynamixel/test_dynamixel_named_faults.py.
+Before a servo that does not follow its goal is reported, a few of its registers are read, to find
+the cause. The thresholds were chosen with the simulator:
+test/dynamixel/test_dynamixel_named_faults.py.
 """
 
 from __future__ import annotations
@@ -20,33 +20,35 @@ from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity
 from head_tracking.dynamixel.state import EventKind, Symptom
 
-_GONE: Final = 1.0  # s without a symptom until it counts as gone
+_GONE: Final = 1.0  # s without a symptom until it is cleared
 _AGAIN: Final = 1.0  # s between two examinations of a servo
 _MOVES: Final = 0.3  # rad/s
 _DRIVES: Final = 0.15  # of full torque
 _LONGEST_READ: Final = 64  # bytes
+_NEAR: Final = 0.1  # rad; closer to its goal a servo may be slow
+_FAR: Final = 0.3  # rad
 _ARRIVED: Final = 5.0  # ticks
 _UNDER_WAY: Final = "under way"
 _CAUSES: Final = (
     "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog",
 )  # fmt: skip
-"""Registers that tell why a servo does not follow, besides its modes and position limits."""
+"""Registers with causes, besides modes and position limits."""
 
 
-# What the bus and the programs that look at servos have in common
+# For the bus and for command line tools
 
 
 def conditions(
     servo: Servo, warm: float, share: float = 0.8, slack: float = 0.0
 ) -> dict[Symptom, str]:
-    """Return what one reading of an identified servo tells: supply and heat, a sentence each.
+    """Return low supply and high temperature of an identified servo, a sentence each.
 
     Args:
         servo: The servo, as read last.
-        warm: Temperature from which a servo is too warm, °C; 8 degrees below its own limit at most.
-        share: Of the voltage that the model is made for; less is low, and so is anything up to
-            0.5 V above its own limit.
-        slack: Degrees below that at which one that was too warm is so no longer.
+        warm: Temperature of the symptom, °C; at most 8 degrees below the servo's own limit.
+        share: Share of the nominal voltage; less is low, and so is less than 0.5 V above the
+            servo's own limit.
+        slack: Hysteresis of the temperature, °C.
     """
     identity, volts, celsius = servo.identity, servo.voltage, servo.temperature
     found: dict[Symptom, str] = {}
@@ -55,19 +57,19 @@ def conditions(
     nominal = servo.model.nominal_voltage
     if volts < share * nominal or volts < identity.lowest_voltage + 0.5:
         found[Symptom.SUPPLY] = (
-            f"its supply is down to {volts:.1f} V, of {nominal:.1f} V that it is made for: charge "
-            "the battery, or take a stronger supply"
+            f"its supply is {volts:.1f} V instead of {nominal:.1f} V: charge the battery, or use a "
+            "stronger supply"
         )
     if celsius >= min(warm, identity.temperature_limit - 8.0) - slack:
         found[Symptom.WARM] = (
             f"it is at {celsius:.0f} °C; at {identity.temperature_limit:.0f} °C it shuts itself "
-            "down: what does it work against?"
+            "down: reduce its load"
         )
     return found
 
 
 def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
-    """Return, by id, whose angle limits a servo has in its memory instead of its own joint's."""
+    """Return servos, by id, that have the angle limits of another servo's joint in their memory."""
     found: dict[int, Servo] = {}
     servos = tuple(servos)
     for servo in servos:
@@ -83,7 +85,7 @@ def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
 
 
 class _Watch:
-    """What is remembered of a servo from cycle to cycle, and what is measured in this one."""
+    """Measurements of a servo in this cycle, and what detectors keep from earlier ones."""
 
     def __init__(self, joint: Joint, servo: Servo, index: int) -> None:
         self.joint, self.servo, self.index = joint, servo, index
@@ -101,13 +103,14 @@ class _Watch:
         self.failures: list[int] = []
         self.goals: deque[int] = deque(maxlen=5)
         self.target: tuple[int, ...] = ()
+        self.pace_target: tuple[int, ...] = ()
         self.outcome = ""
         self.usual_voltage = self.jump = self.away_speed = 0.0
         self.pace_since, self.pace_begin, self.pace_error = 0, 0.0, 0.0
         self.rest_since, self.rest_position, self.rest_error, self.owed = 0, 0.0, 0.0, 0.0
 
     def lasting(self, what: str, seconds: float) -> bool:
-        """Return whether a condition has held for so long, s; call it while the condition holds."""
+        """Return whether a condition has held for so long; call it while the condition holds."""
         first, last = self.since.get(what, (self.now, 0))
         if last != self.cycle - 1:
             first = self.now
@@ -115,16 +118,16 @@ class _Watch:
         return self.now - first >= seconds * 1e9
 
     def forget_motion(self) -> None:
-        """Begin anew: it does not follow goals, or was not read."""
+        """Start again, because it does not follow goals, or was not read."""
         self.pace_since = self.rest_since = self.now
         self.rest_position, self.owed = self.position, 0.0
 
 
-# Detectors: each returns a sentence about what it has found, or nothing
+# Detectors: each returns a sentence, or nothing
 
 
 def _jump(watch: _Watch) -> str:
-    """Find a step that no motor can make, and after which it stays where it is."""
+    """Find a step that no motor can make, without a step back."""
     if not (watch.joint.on and 0.0 < watch.elapsed < 0.1):
         return ""
     far = 2.0 * watch.servo.model.no_load_speed * watch.elapsed + 8.0 * watch.tick
@@ -133,26 +136,26 @@ def _jump(watch: _Watch) -> str:
     if jumps or not before:
         return ""
     return (
-        f"its position jumped by {before:+.2f} rad in a cycle: a dirty or loose encoder, or teeth "
-        "of its gear"
+        f"its position jumped by {before:+.2f} rad in a cycle: a dirty or loose encoder, or "
+        "a broken gear"
     )
 
 
 def _frozen(watch: _Watch) -> str:
-    """Find a position that stands, not at the end of its scale, while the speed does not."""
+    """Find a constant position, not at the end of its scale, with a speed."""
     servo, speed = watch.servo, abs(watch.servo.velocity)
     if watch.step or speed < _MOVES or servo.ticks in (0, servo.model.ticks - 1):
         return ""
     if not watch.lasting("frozen", max(0.12, 10.0 * watch.tick / speed)):
         return ""
     return (
-        f"it says that it turns at {servo.velocity:+.1f} rad/s, but its position stands at "
-        f"{servo.position:.3f} rad: its encoder is frozen"
+        f"it measures {servo.velocity:+.1f} rad/s, but its position stays at {servo.position:.3f} "
+        "rad: its encoder is frozen"
     )
 
 
 def _sag(watch: _Watch) -> str:
-    """Find a voltage that falls by a tenth of what the model is made for, in a short time."""
+    """Find a voltage that falls by a tenth of the nominal voltage in a short time."""
     volts, usual = watch.servo.voltage, watch.usual_voltage
     watch.usual_voltage += (0.1 if volts > usual else 0.001) * (volts - usual)
     falls = usual - volts >= 0.1 * watch.servo.model.nominal_voltage
@@ -194,7 +197,7 @@ def _apart(watch: _Watch) -> str:
 
 
 def _away(watch: _Watch) -> str:
-    """Find that it turns away from its goal; one that brakes may take longer to turn round."""
+    """Find that it turns away from its goal; braking before it turns round may take longer."""
     speed = watch.servo.velocity
     turns_away = speed * watch.error < 0.0 and abs(speed) >= _MOVES and abs(watch.error) >= 0.1
     if not turns_away:
@@ -204,20 +207,24 @@ def _away(watch: _Watch) -> str:
     if not watch.lasting("away", patience):
         return ""
     return (
-        f"it turns away from its goal at {speed:+.1f} rad/s: something pushes it, or its motor "
-        "does not obey"
+        f"it turns away from its goal at {speed:+.1f} rad/s: something pushes it, or its motor is "
+        "defective"
     )
 
 
 def _slow(watch: _Watch) -> str:
-    """Find less than 35 % of the speed that was asked, on 0.16 s of a long way.
+    """Find less than 35 % of the goal speed for 0.16 s, after 0.1 s to accelerate.
 
-    The first 0.1 s do not count: it gathers speed.
+    Within 0.3 rad of a goal that changes, a tracking law may ask for more speed than it needs.
     """
     servo, error, now, position = watch.servo, watch.error, watch.now, watch.position
-    far = abs(error) >= 0.3 and servo.velocity * error > 0.0 and watch.asked >= _MOVES
-    if not far or watch.pace_error * error < 0.0:
+    if abs(error) >= _FAR:
+        watch.pace_target = watch.target
+    near = abs(error) < _NEAR or watch.target != watch.pace_target
+    moves = servo.velocity * error > 0.0 and watch.asked >= _MOVES
+    if near or not moves or watch.pace_error * error < 0.0:
         watch.pace_since, watch.pace_begin, watch.pace_error = now, position, error
+        watch.pace_target = watch.target
         return ""
     seconds = (now - watch.pace_since) * 1e-9
     if seconds < 0.1:
@@ -231,19 +238,18 @@ def _slow(watch: _Watch) -> str:
     if moved >= 0.35 * min(watch.asked, 0.9 * fastest) * 0.16:
         return ""
     return (
-        f"it turns at {abs(servo.velocity):.1f} rad/s, far less than was asked for, at "
+        f"it turns at {abs(servo.velocity):.1f} rad/s, far below the goal speed, at "
         f"{servo.voltage:.1f} V and {abs(servo.load):.0%} of its torque: friction, load, or a weak "
         "supply"
     )
 
 
 def _stuck(watch: _Watch) -> str:
-    """Find that it stands away from its goal; what it drives tells why.
+    """Find that it stands away from its goal; its load shows whether it is blocked or idle.
 
-    It stands if it has not gone a short way in the time that this takes at the speed that was
-    asked, with 0.1 s to gather that speed. A servo that holds a weight stands a little off,
-    driving. One that has to turn round may take 0.1 s more; of a late cycle only 0.02 s count, for
-    the goal may have come late.
+    It stands if it has not moved a short distance in the time that this takes at the goal speed,
+    with 0.1 s to accelerate, and 0.1 s more to turn round. A servo that holds a weight stands a
+    little off, with load. A late cycle counts as 0.02 s, because the goal may have come late.
     """
     servo, error, now, tick = watch.servo, watch.error, watch.now, watch.tick
     off, load, way = abs(error), abs(servo.load), max(0.012, 2.5 * tick)
@@ -258,10 +264,10 @@ def _stuck(watch: _Watch) -> str:
         if watch.owed < patience:
             return ""
         if load < _DRIVES:
-            return "does not drive, with torque on: motor or gear"
+            return "has no load, with torque on: motor or gear"
         return (
-            f"drives with {load:.0%} of its torque: something is in its way, an end stop (has a "
-            "horn slipped?), or its encoder stands"
+            f"has a load of {load:.0%}: an obstacle, an end stop (has a horn slipped?), or a "
+            "frozen encoder"
         )
     if off <= _ARRIVED * tick:
         if abs(servo.velocity) < _MOVES:
@@ -274,7 +280,7 @@ def _stuck(watch: _Watch) -> str:
 Detector = tuple[Symptom, Callable[[_Watch], str]]
 
 LINE: Final[tuple[Detector, ...]] = ((Symptom.LINE, _line),)
-"""For a servo with a failed transaction since the last examination, also if it was not read."""
+"""For servos with a failed transaction since the last examination."""
 
 READ: Final[tuple[Detector, ...]] = (
     (Symptom.JUMP, _jump),
@@ -288,10 +294,10 @@ FOLLOWING: Final[tuple[Detector, ...]] = (
     (Symptom.SLOW, _slow),
     (Symptom.BLOCKED, _stuck),
 )
-"""For a servo that follows goals. Before one of these is reported, registers tell the cause."""
+"""For servos with a goal; registers are read before one of these is reported."""
 
 PAIR: Final[tuple[Detector, ...]] = ((Symptom.APART, _apart),)
-"""For the first servo of a joint that two of them turn."""
+"""For the first of two servos of a joint."""
 
 
 class Diagnosis:
@@ -311,19 +317,19 @@ class Diagnosis:
         self._watches = {each.servo.id: each for _, watches in self._joints for each in watches}
 
     def of(self, servo_id: int) -> tuple[Mapping[Symptom, str], str]:
-        """Return what is wrong with a servo, a sentence each, and the result of its last goal."""
+        """Return the symptoms of a servo, a sentence each, and the result of its last goal."""
         watch = self._watches[servo_id]
         return dict(watch.symptoms), watch.outcome
 
     def report_swapped(self) -> None:
-        """Report servos whose own angle limits are those of another joint's, not their own's."""
+        """Report servos with the angle limits of another joint in their memory."""
         for servo_id, other in swapped(each.servo for each in self._watches.values()).items():
             name = other.calibration.joint_name
             text = f"its memory holds the angle limits of {name}: have two servos been swapped?"
             self._report(self._watches[servo_id], Symptom.SWAPPED, text)
 
     def examine(self, now: int) -> None:
-        """Examine what was read in this cycle; `now` is monotonic, ns."""
+        """Run all detectors; `now` is monotonic, ns."""
         for joint, watches in self._joints:
             if joint.stopped:
                 continue
@@ -376,7 +382,7 @@ class Diagnosis:
                 self._suspect(watch, symptom, text)
 
     def _suspect(self, watch: _Watch, suspicion: Symptom, text: str) -> None:
-        """Ask a servo why, unless that is known and it is still the same."""
+        """Read the registers of a servo that does not follow, at most once a second."""
         for known in watch.symptoms:
             if known.serious:
                 watch.seen[known] = watch.now
@@ -390,18 +396,15 @@ class Diagnosis:
     def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
         joint, servo = watch.joint, watch.servo
         for last in (False, True):
-            values: dict[str, int] = {}
             try:
                 wanted = (*_CAUSES, *servo.model.modes, *servo.model.position_limits)
-                for block in servo.model.control_table.spans(_LONGEST_READ, wanted):
-                    names = [register.name for register in block.registers]
-                    values.update(zip(names, servo.read(block, 2), strict=True))
-                    yield 0.0
+                spans = servo.model.control_table.spans(_LONGEST_READ, wanted)
+                values = yield from servo.read_named(spans, 2)
             except CommunicationError:
                 watch.examined = -math.inf
                 return
             if not joint.on or joint.busy:
-                return  # somebody has relaxed it meanwhile
+                return  # it was relaxed meanwhile
             watch.goals.append(joint.goal_ticks[watch.index])  # not every cycle is examined
             off = f"it stands {abs(joint.goal_position - servo.position):.2f} rad from its goal"
             stands = suspicion in (Symptom.BLOCKED, Symptom.IDLE)
@@ -410,7 +413,7 @@ class Diagnosis:
                 f"{off} and {text}" if stands else text,
             )
             if symptom is not Symptom.OVERRULED or last:
-                break  # a goal that went out while the bus was held up is not somebody else's
+                break  # a goal that was written late is not another program's
         self._report(watch, symptom, why)
         if symptom in (Symptom.TORQUE_LOST, Symptom.MODE):
             self._procedures.cut(joint)
@@ -443,18 +446,17 @@ class Diagnosis:
                 self._bus.note(EventKind.CLEARED, watch.joint, text, about=symptom)
 
     def _end(self, watch: _Watch, why: str) -> None:
-        """A goal has been dropped."""
         watch.target = ()
         if watch.outcome in (_UNDER_WAY, ""):
             watch.outcome = why
 
 
 def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom, str] | None:
-    """Return the symptom that the registers give, and a sentence; None: they give none."""
+    """Return the symptom and a sentence, if the registers show a cause."""
     servo = watch.servo
     if not values["Torque Enable"]:
         return Symptom.TORQUE_LOST, (
-            "its torque is off, though nobody here has switched it off: its supply, or another "
+            "its torque is off, but this program has not switched it off: its supply, or another "
             "program; the joint is relaxed until the next command"
         )
     wrong = any(not mode.fits(values[name]) for name, mode in servo.model.modes.items())
@@ -462,22 +464,22 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
     turns = servo.model.protocol == 1 and limits[0] == limits[1]
     if wrong or turns:
         return Symptom.MODE, (
-            "it is not in position mode any more: somebody has changed its settings; the joint "
-            "is relaxed"
+            "it is not in position mode any more: another program has changed its settings; the "
+            "joint is relaxed"
         )
     limit, most = values.get("Torque Limit", 1), values.get("Max Torque", 1)
     if {"Max Torque", "Torque Limit"} <= values.keys() and limit < 0.3 * most:
         share = limit / servo.model.load_maximum
         return Symptom.WEAK, f"{off}: its Torque Limit is at {share:.0%} only"
-    if servo.watched and values.get("Bus Watchdog", 0) in (-1, 255):
+    if servo.has_watchdog and values.get("Bus Watchdog", 0) in (-1, 255):
         return Symptom.TRIPPED, (
-            f"{off}: its Bus Watchdog has tripped, because it heard nothing for some time, and "
-            "it ignores goals; it is cleared, and the joint holds where it is"
+            f"{off}: its Bus Watchdog has tripped, because it received nothing for some time, and "
+            "it ignores goals; it is cleared, and the joint holds its present position"
         )
     goals = watch.goals
     if goals and not min(goals) - 1 <= values["Goal Position"] <= max(goals) + 1:
         return Symptom.OVERRULED, (
-            f"it goes to tick {values['Goal Position']}, not {watch.goals[-1]}: another program "
+            f"its goal is tick {values['Goal Position']}, not {watch.goals[-1]}: another program "
             "writes to this bus"
         )
     return None

@@ -1,4 +1,4 @@
-"""Everything that the servo driver can raise; `DynamixelError` is the root."""
+"""Errors of the servo driver; `DynamixelError` is the root."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class DynamixelError(HeadTrackingError):
 
 
 class ConfigurationError(DynamixelError):
-    """A joint, a model name or a baud rate is described in a way that cannot work."""
+    """The configuration of a joint, a model name or a baud rate is wrong."""
 
 
 class RangeError(DynamixelError, ValueError):
-    """A value does not fit the register or the unit it was meant for."""
+    """A value does not fit its register or unit."""
 
 
 class UnknownRegisterError(DynamixelError, LookupError):
@@ -32,7 +32,7 @@ class NotConnectedError(DynamixelError):
 
 
 class BusStoppedError(DynamixelError):
-    """The thread that owns the bus does not run, so a request cannot be carried out."""
+    """The thread that owns the bus does not run."""
 
 
 class StoppedError(DynamixelError):
@@ -44,11 +44,7 @@ class GoalError(DynamixelError):
 
 
 class PortError(DynamixelError):
-    """The serial port cannot be opened.
-
-    Attributes:
-        port_name: The device that was to be opened.
-    """
+    """The serial port `port_name` cannot be opened."""
 
     def __init__(self, port_name: str, reason: str) -> None:
         super().__init__(f"cannot open {port_name}: {reason}")
@@ -56,24 +52,17 @@ class PortError(DynamixelError):
 
 
 class PortMissingError(PortError):
-    """There is no such device.
-
-    Args:
-        port_name: The device that was to be opened.
-        existing: Serial devices of this machine, as far as somebody has looked for them.
-    """
+    """There is no such device; `existing`: serial devices of this machine, if they were listed."""
 
     def __init__(self, port_name: str, existing: Sequence[str] = ()) -> None:
-        found = (
-            f"serial ports that exist: {_join(existing)}"
-            if existing
-            else "is the adapter plugged in?"
-        )
+        found = "is the adapter plugged in?"
+        if existing:
+            found = f"serial ports that exist: {_join(existing)}"
         super().__init__(port_name, f"there is no such device; {found}")
 
 
 class PortBusyError(PortError):
-    """Another program holds the device."""
+    """Another program uses the device."""
 
     def __init__(self, port_name: str) -> None:
         super().__init__(
@@ -98,7 +87,7 @@ class PortPermissionError(PortError):
 
 
 class PortLostError(DynamixelError):
-    """The port was open and has gone: unplugged, or its other end has closed."""
+    """The open port `port_name` was lost: it was unplugged, or its other end has closed."""
 
     def __init__(self, port_name: str, reason: object) -> None:
         super().__init__(f"lost {port_name}: {reason}; check the cable of the adapter")
@@ -110,11 +99,11 @@ class CommunicationError(DynamixelError):
 
 
 class LineBusyError(CommunicationError):
-    """Somebody else speaks on the line without a pause that is long enough to send a packet."""
+    """Another program sends without a pause that is long enough for a packet."""
 
     def __init__(self, port_name: str, patience: float) -> None:
         super().__init__(
-            f"another program speaks on the line of {port_name} without a pause: nothing could be "
+            f"another program sends on the line of {port_name} without a pause: nothing could be "
             f"sent for {patience * 1e3:.0f} ms. Only one program can own a servo bus: stop it"
         )
 
@@ -124,11 +113,11 @@ class ReplyTimeoutError(CommunicationError):
 
 
 class CorruptReplyError(CommunicationError):
-    """A reply was damaged, too short, or did not fit the question."""
+    """A reply was damaged, or did not fit the instruction."""
 
 
 class ServoError(DynamixelError):
-    """A servo is missing, is another one than configured, or does not do what it is told."""
+    """A servo is missing, is another one than configured, or refuses an instruction."""
 
 
 class ServoNotFoundError(ServoError):
@@ -154,23 +143,19 @@ class ServoNotFoundError(ServoError):
 
 
 class ServoSetupError(ServoError):
-    """A servo is another model than configured, or is set to what its joint cannot use."""
+    """A servo is another model than configured, or its settings do not fit its joint."""
 
 
 class RegisterRefusedError(ServoError):
-    """A servo answered a write with an error bit, or did not keep the value."""
+    """A servo refused a write, or did not keep the value."""
 
 
 class PositionError(ServoError):
-    """A servo stands where it could turn the wrong way to its range, so torque stays off."""
+    """A servo could turn in the wrong direction from its position, so torque stays off."""
 
 
 class TorqueError(ServoError):
-    """Torque could not be switched, or could not be confirmed, on some joints.
-
-    Attributes:
-        problems: What went wrong, by joint name. The other joints were switched.
-    """
+    """Torque could not be switched, or not be confirmed, on the joints of `problems`."""
 
     def __init__(self, on: bool, problems: Mapping[str, object]) -> None:
         state = "on" if on else "off"

@@ -1,7 +1,7 @@
-"""A joint as the bus keeps it: its servos, its limits, its goal, and the facts about its torque.
+"""A joint of the bus: its servos, limits, goal, and the state of its torque.
 
-Relaxed on request, stopped, resting from heat, and shut down by itself (a fact of the servo) are
-independent: whoever sets or clears one does not touch the others. `torque` sums them up.
+A joint may be relaxed on request, stopped, resting from heat, or shut down by itself. These facts
+are independent of each other; `torque` is the most important one of them.
 """
 
 from __future__ import annotations
@@ -14,38 +14,38 @@ from functools import reduce
 from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.dynamixel.exceptions import ConfigurationError, GoalError
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.servo import Changes, LinkState, Servo
+from head_tracking.dynamixel.servo import LinkState, Servo, Version
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
 
 class Joint:
-    """State of one joint. Only the thread that owns the bus changes it; any thread may look.
+    """State of one joint. Only the thread that owns the bus changes it; any thread may read it.
 
     Args:
-        configuration: How the joint is wired.
-        port: Where its servos are.
+        configuration: Of the joint.
+        port: The port of its servos.
         watchdog: Time without any packet after which its servos shall stop, s; 0: never.
-        changes: Of its bus.
+        version: Of its bus.
 
     Attributes:
         name: The joint's name.
-        configuration: How the joint is wired.
+        configuration: Of the joint.
         servos: Its servo, or its two.
-        on: Whether its goal is written and its servos hold it.
-        relaxed: Whether somebody has relaxed it, until somebody switches its torque on.
-        stopped: Whether it takes no part in the cycle, on request.
+        on: Whether its torque is on and its goal is written.
+        relaxed: Whether it was relaxed on request, until torque is switched on.
+        stopped: Whether it is out of the cycle on request.
         resting: Whether it is relaxed to cool down.
-        default_speed: Speed for goals that give none, rad/s.
-        goal_ticks: What is written to its servos; () without a goal.
+        default_speed: Speed for goals without a speed, rad/s.
+        goal_ticks: Goal of each servo; () without a goal.
         goal_position: The same as a position of the joint, rad.
         goal_speed: Speed of the goal, rad/s; None: the default, 0: the slowest.
-        commanded_at: Monotonic time, ns, of the goal; None without one, or for one that is held.
-        share: The bytes of goal position and speed for each servo.
-        stale: Whether they are to be made anew.
-        busy: Whether steps are being taken that others must wait for.
+        commanded_at: Monotonic time of the goal, ns; None without one, or for a held position.
+        goal_bytes: Goal position and speed for each servo, as registers.
+        stale: Whether `goal_bytes` must be made anew.
+        busy: Whether a procedure is running for the joint.
         writing: Whether the memory of its servos is being written.
-        overtaken: Counts who has relaxed it.
-        resumes: Whether it was on when its servo was lost, and may be so again.
+        relaxations: How often it was relaxed.
+        resumes: Whether it was on when its servo was lost, and may be again.
     """
 
     def __init__(
@@ -53,13 +53,13 @@ class Joint:
         configuration: JointConfiguration,
         port: DynamixelPort,
         watchdog: float = 0.0,
-        changes: Changes | None = None,
+        version: Version | None = None,
     ) -> None:
-        self._changes = changes or Changes()
+        self._version = version or Version()
         self.configuration = configuration
         self.name = configuration.joint_name
         self.servos = tuple(
-            Servo(port, each.id, each.model, each, watchdog, self._changes)
+            Servo(port, each.id, each.model, each, watchdog, self._version)
             for each in configuration.calibrations
         )
         self.on = self.relaxed = self.stopped = self.resting = False
@@ -68,14 +68,10 @@ class Joint:
         self.goal_position = 0.0
         self.goal_speed: float | None = None
         self.commanded_at: int | None = None
-        self.share: tuple[bytes, ...] = ()
-        self.stale = False
-        self.busy = self.writing = False
+        self.goal_bytes: tuple[bytes, ...] = ()
+        self.stale = self.busy = self.writing = self.resumes = False
+        self.relaxations = 0
         self._limit_speed()
-        self.overtaken = 0
-        self.resumes = False
-
-    # What is known
 
     @property
     def faulted(self) -> bool:
@@ -89,25 +85,26 @@ class Joint:
 
     @property
     def complete(self) -> bool:
-        """Whether every servo of it answers, so that it can be commanded."""
+        """Whether every servo of it answers."""
         return not any([servo.lost for servo in self.servos])
 
     @property
     def writable(self) -> bool:
-        """Whether goals may be written: none of its servos may have been without power since.
+        """Whether goals may be written: every servo answers and has not lost its power.
 
-        Two servos get their goals together or not at all: they would tear at each other.
+        Two servos get their goals together or not at all; otherwise they would work against each
+        other.
         """
         return all([servo.link is LinkState.PRESENT for servo in self.servos])
 
     @property
     def confirmed(self) -> bool:
-        """Whether its servos have confirmed that they are relaxed, and are so since."""
+        """Whether its servos have confirmed torque off, and are relaxed since."""
         return all([servo.confirmed for servo in self.servos])
 
     @property
     def torque(self) -> Torque:
-        """Why it holds or does not hold its position; the most pressing reason of several."""
+        """Why it holds or does not hold its position."""
         if self.on:
             return Torque.ON
         if self.stopped:
@@ -121,24 +118,25 @@ class Joint:
     @property
     def limits(self) -> tuple[float, float]:
         """Lowest and highest position, rad, allowed by configuration and servos."""
-        return self._common(*self.servos[0].limits)
+        servos = self.servos
+        return servos[0].limits if len(servos) == 1 else self._common(*servos[0].limits)
 
     def _common(self, lower: float, upper: float) -> tuple[float, float]:
-        """Return those of some limits of the first servo that the second one allows, too."""
+        """Return the part of the limits of the first servo that the second one allows."""
         for servo in self.servos[1:]:
             lower, upper = max(lower, servo.limits[0]), min(upper, servo.limits[1])
         return lower, upper
 
     def range(self, servo: Servo) -> tuple[int, int]:
-        """Return lowest and highest tick of a servo that the limits of the joint allow."""
+        """Return lowest and highest tick of a servo within the limits of the joint."""
         first, last = sorted(map(servo.calibration.ticks, self.limits))
         return first, last
 
     def admit(self, goal: Goal, clamp: bool) -> float:
-        """Return the position to go to, rad, or refuse the goal. Changes nothing.
+        """Return the position of an admissible goal, rad.
 
         Raises:
-            GoalError: The goal is no number, outside the limits, or the joint takes no commands.
+            GoalError: The goal is not finite or outside the limits, or the joint accepts none.
         """
         position, speed = goal.position, goal.speed
         if not -1e9 < position < 1e9:
@@ -149,15 +147,14 @@ class Joint:
         if speed is not None and not 0.0 < speed < 1e9:
             check_speed(self.name, speed)
         if not self.on:
-            torque = self.torque
             if self.writing:
                 raise GoalError(
                     f"{self.name}: command refused, the memory of its servo is being written; "
                     "command it again once that is done"
                 )
-            if torque.waits:
+            if self.torque.refuses:
                 controller = self.configuration.controller
-                raise GoalError(f"{self.name} ({controller}): {torque.value}")
+                raise GoalError(f"{self.name} ({controller}): {self.torque.value}")
         lower, upper = self.limits
         if lower <= position <= upper:
             return position
@@ -196,35 +193,38 @@ class Joint:
             self.goal_position if self.goal_ticks else None,
         )
 
+    # Thread that owns the bus
+
     def set_stopped(self, stopped: bool) -> None:
         """Take it out of the cycle, or back."""
         self.stopped = stopped
-        self._changes.count += 1
-
-    # Owner's thread
+        self._version.number += 1
 
     def aim(self, position: float, speed: float | None, now: int) -> None:
-        """Make this the goal that is written from now on; `now` is monotonic, ns."""
-        lower, upper = self.limits  # limits may have been narrowed since it was accepted
+        """Set the goal; `now` is monotonic, ns."""
+        lower, upper = self.limits  # they may have been narrowed since the goal was admitted
         position = min(max(position, lower), upper)
-        ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
-        self.goal_ticks, self.goal_speed, self.commanded_at = ticks, speed, now
+        self.goal_ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
+        self.goal_speed, self.commanded_at = speed, now
         self.encode()
 
     def encode(self) -> None:
-        """Make the bytes of goal position and speed anew."""
+        """Make the bytes of goal position and speed."""
         self.stale = False
         speed = self.default_speed if self.goal_speed is None else self.goal_speed
-        pairs = zip(self.servos, self.goal_ticks, strict=True)
-        self.share = tuple([servo.encode_goal(ticks, speed) for servo, ticks in pairs])
-        self.goal_position = self.servos[0].calibration.position(self.goal_ticks[0])
+        servos, goals = self.servos, self.goal_ticks
+        first = servos[0]
+        self.goal_bytes = (first.encode_goal(goals[0], speed),)
+        if len(servos) > 1:
+            self.goal_bytes += (servos[1].encode_goal(goals[1], speed),)
+        self.goal_position = first.calibration.position(goals[0])
 
     def _limit_speed(self) -> None:
         for servo in self.servos:
             servo.limit_speed(self.configuration.speed_limit)
 
     def set_default_speed(self, speed: float) -> None:
-        """Set the speed for goals that give none, rad/s, also for one under way.
+        """Set the speed for goals without a speed, rad/s, also for the present one.
 
         Raises:
             GoalError: It is not finite or not above 0.
@@ -233,23 +233,23 @@ class Joint:
         self.default_speed = speed
         self.stale = True
 
-    def forget_goal(self) -> None:
-        """Drop the goal, so that nothing is written any more; torque is not on without one."""
+    def drop_goal(self) -> None:
+        """Drop the goal; without one, torque counts as off."""
         self.on = False
         self.goal_ticks = ()
         self.commanded_at = None
 
     def hold(self) -> None:
-        """Make the position that was read last the goal, at the speed of the previous one."""
+        """Make the measured position the goal, at the speed of the previous goal."""
         self._aim_at([servo.ticks for servo in self.servos], self.goal_speed)
 
     def pinned(self, ticks: Sequence[int]) -> None:
-        """Take note that its torque is on, and that these are the goals of its servos."""
-        self._aim_at(ticks, 0.0)  # limits may have been narrowed meanwhile
+        """Record that its torque is on, with these goals of its servos, in ticks."""
+        self._aim_at(ticks, 0.0)
         self.on, self.resumes = True, False
 
     def _aim_at(self, ticks: Sequence[int], speed: float | None, since: int | None = None) -> None:
-        """Make ticks, moved into the limits of the joint, the goal that is written from now on."""
+        """Set the goal in ticks, moved into the limits of the joint."""
         goal = []
         for servo, each in zip(self.servos, ticks, strict=True):
             lowest, highest = self.range(servo)
@@ -258,15 +258,15 @@ class Joint:
         self.encode()
 
     def lose(self) -> None:
-        """Drop the goal, because nobody answers any more."""
+        """Drop the goal, because no servo answers."""
         self.resumes = self.resumes or self.on
-        self.forget_goal()
+        self.drop_goal()
 
     def relax(self) -> None:
-        """Drop its goal and whatever would switch its torque on; the servos are not told."""
-        self.overtaken += 1
+        """Drop the goal, and stop what would switch torque on; sends nothing."""
+        self.relaxations += 1
         self.resumes = False
-        self.forget_goal()
+        self.drop_goal()
 
     def reconfigure(
         self,
@@ -274,7 +274,7 @@ class Joint:
         highest: int | None = None,
         max_speed: float | None = None,
     ) -> None:
-        """Take over other limits; None leaves one as it is. A goal outside moves inside.
+        """Set other limits; None keeps one. A goal outside is moved inside.
 
         Args:
             lowest: `min` of the first servo, ticks.
@@ -294,7 +294,7 @@ class Joint:
     def reconfigured(
         self, lowest: int | None, highest: int | None, max_speed: float | None = None
     ) -> JointConfiguration:
-        """Return the configuration with other limits; takes and raises what `reconfigure` does."""
+        """Return the configuration with other limits; as `reconfigure`."""
         old = self.configuration
         new = replace(
             old,
@@ -304,24 +304,23 @@ class Joint:
         )
         if new.direction != old.direction:
             raise ConfigurationError(
-                f"{self.name}: min {new.min} and max {new.max} would turn the joint's direction "
-                f"round; min must stay {'above' if old.direction < 0 else 'below'} max while the "
-                "bus runs. Set one that mounts the servo the other way round at the start"
+                f"{self.name}: min {new.min} and max {new.max} would reverse the joint's direction;"
+                f" min must stay {'above' if old.direction < 0 else 'below'} max while the bus runs"
             )
         first, last = sorted(map(new.position, new.within(self.servos[0].own_range)))
         self._require_range(*self._common(first, last))
         return new
 
     def require_range(self) -> None:
-        """Raise ConfigurationError if its two servos allow no position in common."""
+        """Raise ConfigurationError if its two servos allow no common position."""
         self._require_range(*self.limits)
 
     def _require_range(self, lower: float, upper: float) -> None:
         if lower >= upper:
             raise ConfigurationError(
-                f"{self.name}: its two servos allow no position in common, one no less than "
-                f"{lower:.3f} rad, one no more than {upper:.3f} rad; correct min and max, or the "
-                "servos' own angle limits"
+                f"{self.name}: its two servos allow no common position, one at least {lower:.3f} "
+                f"rad, one at most {upper:.3f} rad; correct min and max, or the servos' own angle "
+                "limits"
             )
 
 

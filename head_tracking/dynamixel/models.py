@@ -1,15 +1,14 @@
-"""Servo models, read from the data files in `tables/`: one file for each model.
+"""Servo models, read from the data files in `tables/`, one for each model.
 
-Feetech's are in `head_tracking/feetech/tables/`.
-
-A file holds the model's properties, its control table and the units of its registers. With `like`
-it states only what differs from another model's file. A new model is one file.
+Feetech's are in `head_tracking/feetech/tables/`. A file has the model's properties, its control
+table and the units of its registers. With `like` it has only the differences from another file.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
@@ -33,11 +32,9 @@ from head_tracking.feetech.protocol import BYTE_ORDERS, FeetechErrors
 from head_tracking.feetech.protocol import TABLES as FEETECH_TABLES
 
 TABLES: Final = Path(__file__).parent / "tables"
-"""Where the data files of Dynamixel servos are."""
 
 _FOLDERS: Final = (TABLES, FEETECH_TABLES)
-
-_STS_MARGIN: Final = 10  # ticks; simulated ones overshoot by 4
+_STS_MARGIN: Final = 10  # ticks; simulated servos overshoot by 4
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 _COUNTS: Final = {
     "scale": 1.0,
@@ -45,8 +42,7 @@ _COUNTS: Final = {
     "rpm": _RPM,
     "rpm_per_minute": _RPM / 60.0,
 }
-"""What a unit's count may be given in, and that in the unit's symbol."""
-
+"""Units in which a file may give one count of a register, in the register's unit."""
 _ERROR_BITS: Final[Mapping[str, type[IntFlag]]] = {
     "status": ErrorBits, "hardware": HardwareErrors, "xl320": XL320Errors, "feetech": FeetechErrors
 }  # fmt: skip
@@ -54,11 +50,11 @@ _FEEDBACK: Final = ("position", "speed", "load", "voltage", "temperature")
 
 
 class Mode(NamedTuple):
-    """What a register must hold so that the servo goes to positions, in the driver's units.
+    """The value that a register must have for position control in the driver's units.
 
     Attributes:
-        value: What its bits must be.
-        otherwise: What is wrong with the servo if they are not.
+        value: Its bits.
+        otherwise: What is wrong with a servo that has other bits.
         mask: Which bits.
     """
 
@@ -73,41 +69,41 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """What the driver must know about a model.
-
-    Its speed without load is that of the e-manual page, at the voltage in bold there.
+    """Properties of a servo model.
 
     Attributes:
-        name: The name used in configurations and messages.
+        name: Name in configurations and messages.
         model_number: Contents of its Model Number register.
-        protocol: Dynamixel protocol, 1 or 2; the packets of Feetech servos are those of 1.
+        protocol: Dynamixel protocol, 1 or 2; Feetech servos use the packets of 1.
         control_table: Its registers.
-        feedback: What one read fetches each cycle: position, speed, load, voltage, temperature.
-        feedback_order: Where in that block the five of them stand.
-        goal: What one write sets: goal position and speed, and perhaps more that is 0.
-        goal_order: Where in that block goal position and speed stand.
+        feedback: Registers that are read in each cycle.
+        feedback_order: Index in that block of position, speed, load, voltage, temperature.
+        goal: Registers that one write of a goal sets: position, speed, and others that are 0.
+        goal_packer: Packs that block from position and speed, or from speed and position.
+        speed_first: Whether from speed and position.
+        goal_speed: Name of the register of the goal speed.
         position_limits: Names of the registers with the lowest and highest goal position.
         ticks: Number of positions.
-        endless: Whether the ticks go round a whole turn, so that each stands for many positions.
-        center: The tick in the middle of the range.
+        endless: Whether the ticks go round a whole turn.
+        center: Tick in the middle of the range.
         radians_per_tick: Angle of one tick, rad.
         speed_unit: One count of speed, rad/s.
-        speed_maximum: Highest goal speed in joint mode.
-        speed_minimum: Lowest goal speed that is none of 0, which would be full speed.
-        load_maximum: Register value of full load (of the stall current, where current is measured).
-        no_load_speed: Fastest speed without load at `nominal_voltage`, rad/s.
-        nominal_voltage: Supply that it is made for, V.
-        baud_rates: Bits per second by the value of the Baud Rate register.
+        speed_maximum: Highest goal speed in joint mode, counts.
+        speed_minimum: Lowest goal speed above 0, which would be full speed, counts.
+        load_maximum: Register value of full load (of stall current, where current is measured).
+        no_load_speed: Speed without load at `nominal_voltage`, rad/s.
+        nominal_voltage: Recommended supply, V.
+        baud_rates: Bits per second by value of the Baud Rate register.
         errors: Bits of its error state and of its Shutdown register.
         signs: Value of the sign bit of position, speed and load; 0: two's complement or none.
-        bulk_read: Whether it takes part in a bulk read (MX with protocol 1.0).
-        sync_read: Whether it takes part in a sync read (protocol 2.0, Feetech STS).
-        family: "Dynamixel", or "STS" or "SCS" of Feetech, which cannot be on one line.
-        modes: What registers must hold, by name.
+        bulk_read: Whether it supports bulk read (MX with protocol 1.0).
+        sync_read: Whether it supports sync read (protocol 2.0, Feetech STS).
+        family: "Dynamixel", "STS" or "SCS"; families cannot share a line.
+        modes: Required register values by register name.
         offset: Register that is added to the position; None: there is none.
-        fast_sync_read: First firmware that knows fast sync read; None: none does.
-        watchdog: First firmware that has a Bus Watchdog; None: none has.
-        aliases: Other names of the same model.
+        fast_sync_read: First firmware with fast sync read; None: none.
+        watchdog: First firmware with a Bus Watchdog; None: none.
+        aliases: Other names of the model.
     """
 
     name: str
@@ -117,7 +113,9 @@ class ServoModel:
     feedback: Block
     feedback_order: tuple[int, int, int, int, int]
     goal: Block
-    goal_order: tuple[int, int]
+    goal_packer: struct.Struct
+    speed_first: bool
+    goal_speed: str
     position_limits: tuple[str, str]
     ticks: int
     endless: bool
@@ -143,33 +141,31 @@ class ServoModel:
 
     @property
     def restarts(self) -> bool:
-        """Whether a restart clears its errors; without, writing its Torque Limit does."""
+        """Whether a restart clears its errors; otherwise writing its Torque Limit does."""
         return "Hardware Error Status" in self.control_table
 
     @property
     def goal_range(self) -> tuple[int, int]:
-        """Return the lowest and the highest goal, in ticks.
+        """Lowest and highest goal, ticks.
 
-        An STS servo that overshoots an end of its scale reads the other one, and turns all round.
+        An STS servo that overshoots an end of its scale reads the other end, and turns all round.
         """
         margin = _STS_MARGIN if self.family == "STS" else 0
         return margin, self.ticks - 1 - margin
 
     def acknowledges_writes(self, level: int) -> bool:
-        """Return whether it answers writes with this Status Return Level."""
+        """Return whether it replies to writes with this Status Return Level."""
         return level == self.control_table["Status Return Level"].maximum
 
-    def goal_values(self, ticks: int, speed: int) -> tuple[int, ...]:
-        """Return the values of the goal block for a position and a speed, in counts."""
-        values = [0] * len(self.goal.registers)
-        position_at, speed_at = self.goal_order
-        values[position_at], values[speed_at] = ticks, speed
-        return tuple(values)
+    def encode_goal(self, ticks: int, speed: int) -> bytes:
+        """Return the bytes of the goal block for a position and a speed, in counts."""
+        pack = self.goal_packer.pack
+        return pack(speed, ticks) if self.speed_first else pack(ticks, speed)
 
 
 @cache
 def servo_model(name: str) -> ServoModel:
-    """Return the model of that name or alias, in capitals or not.
+    """Return the model of that name or alias, in upper or lower case.
 
     Raises:
         ConfigurationError: No such model is known.
@@ -184,11 +180,7 @@ def servo_model(name: str) -> ServoModel:
 
 
 def servo_model_by_number(model_number: int) -> ServoModel:
-    """Return the model whose Model Number register holds `model_number`.
-
-    Raises:
-        ConfigurationError: No such model is known.
-    """
+    """Return the model with that Model Number; raise ConfigurationError if there is none."""
     for model in all_models():
         if model.model_number == model_number:
             return model
@@ -197,7 +189,7 @@ def servo_model_by_number(model_number: int) -> ServoModel:
 
 @cache
 def all_models() -> tuple[ServoModel, ...]:
-    """Return all models that there is a data file of, by model number and name."""
+    """Return all models, by model number and name."""
     models = [read_model(path) for folder in _FOLDERS for path in folder.glob("*.toml")]
     return tuple(sorted(models, key=lambda model: (model.model_number, model.name)))
 
@@ -212,11 +204,7 @@ def _known() -> str:
 
 @cache
 def read_model(path: Path) -> ServoModel:
-    """Return the model that a data file describes.
-
-    Raises:
-        ConfigurationError: The file lacks something, or contradicts itself.
-    """
+    """Return the model that a data file describes; raise ConfigurationError if it is wrong."""
     try:
         return _model(_document(path))
     except (DynamixelError, OSError, KeyError, TypeError, ValueError) as cause:
@@ -225,7 +213,7 @@ def read_model(path: Path) -> ServoModel:
 
 @cache
 def _document(path: Path) -> dict[str, Any]:
-    """Return the contents of a data file, completed by those of the one that it is like."""
+    """Return the contents of a data file, completed by the file that it is like."""
     own = tomllib.loads(path.read_text(encoding="utf-8"))
     if "like" not in own:
         return own
@@ -240,7 +228,7 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def _model(document: Mapping[str, Any]) -> ServoModel:
-    facts = dict(document)  # what is left of them are attributes of the model
+    facts = dict(document)  # what is left of it are attributes of the model
     units = {key: _unit(**row) for key, row in facts.pop("units").items()}
     rows = facts.pop("registers").items()
     family = facts.pop("family", "Dynamixel")
@@ -255,7 +243,11 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     feedback, goal = facts.pop("feedback"), facts.pop("goal")
     wanted = [feedback[key] for key in _FEEDBACK]
     read = sorted(wanted, key=lambda name: table[name].address)
-    written = sorted(goal.values(), key=lambda name: table[name].address)
+    written = table.block(*sorted(goal.values(), key=lambda name: table[name].address))
+    speed_first = table[goal["speed"]].address < table[goal["position"]].address
+    first, second = ("speed", "position") if speed_first else ("position", "speed")
+    pair = table.block(goal[first], goal[second])
+    form, ahead = pair.layout.format, pair.address - written.address
     a, b, c, d, e = map(read.index, wanted)
     lowest, highest = facts.pop("position_limits")
     position_sign, speed_sign, load_sign = (_sign_value(table[name]) for name in wanted[:3])
@@ -267,8 +259,10 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         control_table=table,
         feedback=table.block(*read),
         feedback_order=(a, b, c, d, e),
-        goal=table.block(*written),
-        goal_order=(written.index(goal["position"]), written.index(goal["speed"])),
+        goal=written,
+        goal_packer=struct.Struct(f"{form[0]}{ahead}x{form[1:]}"),
+        speed_first=speed_first,
+        goal_speed=goal["speed"],
         position_limits=(lowest, highest),
         center=int(units["position"].zero),
         radians_per_tick=units["position"].scale,
@@ -300,7 +294,7 @@ def _unit(symbol: str, zero: float = 0.0, **count: float) -> Unit:
 
 def _registers(name: str, row: Mapping[str, Any], units: Mapping[str, Unit]) -> Iterator[Register]:
     """Yield the register of a row, or those of a numbered row, such as "Indirect Data 1-28"."""
-    facts = dict(row)  # what is left of them are attributes of the register
+    facts = dict(row)  # what is left of it are attributes of the register
     address, initial = facts.pop("address"), facts.pop("initial", None)
     step = facts.pop("initial_step", 0)
     facts["writable"] = {"R": False, "RW": True}[facts.pop("access")]

@@ -1,11 +1,11 @@
-"""Transactions: what is asked of servos on one serial line, and what they reply.
+"""Transactions with servos on one serial line.
 
-Only one device may send at a time, so that nothing is asked while a reply may be on the wire.
+Only one device may send at a time: the port waits for a reply before it sends again.
 
-Protocol 1.0 has no sequence numbers: a reply that comes late looks like the reply to the next
-request. After a failure the next requests to that servo ask for more bytes than needed, until the
-late reply has come or a second has passed, so that the lengths differ. A received packet
-that equals one that was sent is the echo of an adapter that joins both directions.
+A late reply of protocol 1.0 looks like the reply to the next instruction, because packets have no
+numbers. After a failure, the next reads of that servo read more bytes than needed, so that lengths
+differ, until the late reply has arrived or a second has passed. A received packet that equals one
+that was sent is the echo of an adapter that joins both directions.
 """
 
 from __future__ import annotations
@@ -46,11 +46,10 @@ from head_tracking.dynamixel.protocol import (
     write_packet,
 )
 from head_tracking.dynamixel.reading import (
+    InstructionPacket,
     ReadGroup,
     ReadMethod,
-    Reply,
-    Request,
-    request_for,
+    instruction_packet,
     single_read_group,
 )
 from head_tracking.dynamixel.serial_port import (
@@ -63,40 +62,41 @@ from head_tracking.dynamixel.waiting import LONGEST, LateReplies, ReplyTimeout
 
 _LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
-_WRITE_TIMEOUT: Final = 0.1  # s for which a device may take no data
-_QUIET: Final = 0.0005  # s of silence after which a line on which something went wrong is free
-_GAP: Final = 0.02  # s to wait for a gap between the packets of another program, before a request
-_SUSPECT: Final = 1.0  # s for which a line with surplus packets is listened to before a request
+_WRITE_TIMEOUT: Final = 0.1  # s
+_QUIET: Final = 0.0005  # s of silence after which the line is free
+_GAP: Final = 0.02  # s to wait, before an instruction, for a gap between packets of another program
+_SUSPECT: Final = 1.0  # s to check for a gap after unexpected packets
 _PING_LENGTHS: Final = {1: 0, 2: 3}
 _ID_REGISTER: Final = 3  # of protocol 1.0
 
 
 class DynamixelPort:
-    """A serial port with Dynamixel servos of both protocols. Not thread-safe: one thread owns it.
+    """A serial port with servos of both protocols. Not thread-safe: one thread owns it.
 
-    Every transaction raises ReplyTimeoutError (no reply in time), CorruptReplyError (a reply that
-    cannot be used), both of which are CommunicationErrors, or PortLostError (the device has gone).
+    Every transaction raises ReplyTimeoutError or CorruptReplyError, both of which are
+    CommunicationErrors, or PortLostError (the device has been unplugged).
 
     Args:
         port_name: Device, such as /dev/ttyUSB0.
-        baud_rate: Bits per second; AX servos leave the factory with 1000000, X and MX with 57600.
-        reply_timeout: Time a servo may take to answer, s, added to the time on the wire; None: as
-            long as replies take on this port, and a margin (`ReplyTimeout`).
+        baud_rate: Bits per second; factory default: AX 1000000, X and MX 57600.
+        reply_timeout: Time that a servo may take to reply, besides the time on the wire, s; None:
+            estimate it (`ReplyTimeout`).
         open_device: Opens the device.
-        clock: Monotonic time, s; the same that the device's line counts by.
+        clock: Monotonic time, s; the clock of the device's deadlines.
 
     Attributes:
-        name: Device, for messages.
+        name: Device.
         baud_rate: Bits per second.
         clock: Monotonic time, s.
-        adapter: What is known about the device since it was opened.
-        stable_name: Of the device by its serial number, once it has been open; "": it has none.
-        searches: Replies that were not just what was expected, and had to be searched for.
-        surplus: Number of status packets that were not asked for, by servo id: two servos have that
-            id, packets are repeated, or another program asks.
+        adapter: Facts about the adapter, once the port has been open.
+        stable_name: Name of the adapter by its serial number, once the port has been open; "": it
+            has none.
+        searches: Number of replies that were not the next bytes received.
+        surplus: Number of unexpected status packets by servo id: two servos have that id, packets
+            are repeated, or another program reads.
 
     Raises:
-        ConfigurationError: No servo knows this baud rate, or the timeout is not above 0.
+        ConfigurationError: No servo supports this baud rate, or the timeout is out of range.
     """
 
     def __init__(
@@ -117,12 +117,12 @@ class DynamixelPort:
         self.baud_rate = baud_rate
         self.clock = clock
         self.adapter = Adapter()
+        self.stable_name = ""
         self.surplus: Counter[int] = Counter()
         self.searches = 0
         self._reply_timeout = reply_timeout
         self._open_device = open_device
         self._was_open = False
-        self.stable_name = ""
         self._device: SerialDevice | None = None
         self._line: SerialLine | None = None
         self._timeout = ReplyTimeout(reply_timeout)
@@ -131,45 +131,45 @@ class DynamixelPort:
         self._sent: deque[bytes] = deque(maxlen=4)
         self._buffer = b""
         self._wire_free = 0.0
-        self._suspect_until = 0.0  # surplus status packets have come
-        self._echoed = False  # the last request came back
+        self._suspect_until = 0.0  # unexpected status packets have been received
+        self._echoed = False  # the last instruction was received, too
 
     def back_off(self) -> None:
-        """Wait longer for the next reply: the machine may be too busy to take it in time."""
+        """Wait longer for the next reply: this machine may be busy."""
         self._timeout.back_off()
 
     @property
     def is_open(self) -> bool:
-        """Whether the device is open; a lost one is not."""
+        """Whether the device is open."""
         return self._device is not None
 
     @property
-    def comes_back(self) -> bool:
-        """Whether the device, once gone, may be found again under its name.
+    def may_return(self) -> bool:
+        """Whether the device, once unplugged, may return under its name.
 
-        A pseudo-terminal never is: its number goes to the next program that asks for one. A link
-        to one may be.
+        A pseudo-terminal does not: the kernel gives its number to the next program. A link to one
+        may.
         """
         return not self.name.startswith("/dev/pts/")
 
     def open(self) -> None:
-        """Open the device and lock it, so that no second program disturbs the bus.
+        """Open and lock the device.
 
         An adapter that was open before is opened by its serial number (/dev/serial/by-id): after a
-        USB reset two adapters may have swapped their other names.
+        USB reset two adapters may have exchanged their other names.
 
         Raises:
-            PortMissingError: There is no such device, or another adapter has its name now.
-            PortBusyError: Another program holds it.
+            PortMissingError: There is no such device, or another adapter has its name.
+            PortBusyError: Another program uses it.
             PortPermissionError: The user may not open it.
-            PortError: It is no serial port, cannot do the baud rate, or fails for another reason.
+            PortError: It is no serial port, or does not support the baud rate.
         """
         if self._device is not None:
             return
         try:
             device = self._open_device(self.stable_name or self.name, self.baud_rate)
         except PortMissingError:
-            if self._was_open:  # searched between cycles: a list of all ports takes too long
+            if self._was_open:  # called between cycles, and listing the ports takes long
                 raise
             raise PortMissingError(self.name, serial_ports()) from None
         self._was_open = True
@@ -182,7 +182,7 @@ class DynamixelPort:
         self._device, self._line = device, device.line
 
     def close(self) -> None:
-        """Close the device; does nothing when it is closed or lost."""
+        """Close the device, if it is open."""
         device, self._device = self._device, None
         self._line = None
         if device is not None:
@@ -190,52 +190,53 @@ class DynamixelPort:
 
     # Reading
 
-    def read_group(self, group: ReadGroup) -> list[Reply | CommunicationError]:
-        """Read the same registers of several servos with one packet; see `ReadGroup`.
+    def read_group(self, group: ReadGroup) -> list[Status | CommunicationError]:
+        """Read the same registers of several servos with one packet.
 
-        Behind a silent servo the others may wait for ever, so that they count as silent too.
+        Servos that reply after a silent one may wait for it for ever, and fail too.
 
         Returns:
-            In the order of their ids the reply of each servo, or why there is none.
+            The reply of each servo, or the error, in the order of `group.ids`.
         """
         line = self._line or self._open_line()
-        found: list[Reply | CommunicationError] = []
+        found: list[Status | CommunicationError] = []
         asked = group
-        requests: tuple[Request, ...] = ()
+        instructions: tuple[InstructionPacket, ...] = ()
         try:
             if self._buffer or self._suspect_until or self._late.due:
                 self._clear()
-                asked = self._late.distinct(group)
+                asked = self._late.unambiguous(group)
             else:
                 line.discard_input()
-            stamp = self._send(asked.requests[0].packet)
-            requests = asked.requests
-            for request in requests:
+            received_at = self._send(asked.replies[0].packet)
+            instructions = asked.replies
+            for instruction in instructions:
                 try:
-                    status = self._receive(request)
-                    for each in _split(asked, status) if request.id == BROADCAST_ID else (status,):
-                        data = each.data
-                        if each.error or len(data) != asked.length:
-                            _check(asked.protocol, each, asked.length, request.what)
-                        if asked is not group:
-                            data = data[group.address - asked.address :][: group.length]
-                        if group.plausible is not None and not group.plausible(data):
-                            raise CorruptReplyError(f"servo {each.id}: impossible data {data!r}")
-                        end = self._wire_free  # where bytes take no time, it may come too early
-                        found.append(Reply(data, each.error, stamp if stamp < end else end))
+                    status = self._receive(instruction, received_at)
+                    if instruction.id == BROADCAST_ID:
+                        found += _split(asked, status)
+                        continue
+                    if status.error or len(status.data) != asked.length:
+                        _check(status, instruction)
+                    found.append(status)
                 except CorruptReplyError as cause:
-                    if request.id == BROADCAST_ID:
+                    if instruction.id == BROADCAST_ID:
                         raise
                     found.append(cause)
         except CommunicationError as cause:
-            for request in requests[len(found) + 1 :]:
-                self._late.add(request, self._wire_free)
+            for instruction in instructions[len(found) + 1 :]:
+                self._late.add(instruction, self._wire_free)
             found += [cause] * (len(group.ids) - len(found))
         except _LOST as cause:
             raise self._lost(cause) from cause
+        if asked is not group:
+            first = group.address - asked.address
+            for index, each in enumerate(found):
+                if isinstance(each, Status):
+                    found[index] = each._replace(data=each.data[first : first + group.length])
         return found
 
-    def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Reply:
+    def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Status:
         """Read `length` bytes from `address` on."""
         group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
         (outcome,) = self.read_group(group)
@@ -246,14 +247,14 @@ class DynamixelPort:
     # Other instructions
 
     def ping(self, servo_id: int, protocol: int = 1) -> int:
-        """Ask a servo whether it is there; return its error byte."""
+        """Ping a servo; return its error byte."""
         packet = encode_packet(protocol, servo_id, Instruction.PING)
-        request = request_for(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
-        self._late.expect(request)  # also a late reply says that it is there
+        ping = instruction_packet(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
+        self._late.accept(ping)
         try:
-            return self._command(request)
+            return self._command(ping)
         except ReplyTimeoutError:
-            # The reply to a ping of a servo with a voltage error is the ping's own echo.
+            # A servo with a voltage error replies to a ping with a packet that equals the ping.
             if protocol == 2 or not self._echoed:
                 raise
             self.read(servo_id, _ID_REGISTER, 1)
@@ -270,17 +271,18 @@ class DynamixelPort:
     ) -> int:
         """Write bytes from `address` on; return the servo's error byte.
 
-        With `acknowledged` its status is waited for; servos with a Status Return Level below 2
-        send none.
+        With `acknowledged` wait for the status packet, which servos with a Status Return Level
+        below 2 do not send.
         """
         packet = write_packet(protocol, servo_id, address, data)
         what = f"write of {len(data)} byte(s) at {address}"
-        return self._command(request_for(packet, protocol, servo_id, 0, what), acknowledged)
+        return self._command(instruction_packet(packet, protocol, servo_id, 0, what), acknowledged)
 
     def reboot(self, servo_id: int, protocol: int = 2) -> None:
-        """Restart a servo of protocol 2.0 or of Feetech, which sends no reply; it is deaf then."""
+        """Restart a servo of protocol 2.0, or of Feetech, which sends no reply."""
         packet = encode_packet(protocol, servo_id, Instruction.REBOOT)
-        self._command(request_for(packet, protocol, servo_id, 0, "reboot"), protocol == 2)
+        reboot = instruction_packet(packet, protocol, servo_id, 0, "reboot")
+        self._command(reboot, protocol == 2)
 
     def sync_write(
         self,
@@ -290,14 +292,14 @@ class DynamixelPort:
         *,
         patience: float = 0.0,
     ) -> None:
-        """Write the same registers of several servos in one packet, by id; there is no reply.
+        """Write the same registers of several servos in one packet; there is no reply.
 
         Args:
             address: First register byte.
             data: What to write, by servo id.
             protocol: 1 or 2.
-            patience: How long to wait for a gap between the packets of another program, s; 0: do
-                not wait. For what must reach the servos, such as STOP.
+            patience: How long to wait for a gap between the packets of another program, s. Use it
+                for packets that must arrive, such as STOP.
 
         Raises:
             LineBusyError: There was no gap; nothing was sent.
@@ -316,7 +318,7 @@ class DynamixelPort:
         """Return Model Number and firmware of all protocol 2.0 servos, by id, with one packet."""
         line = self._open_line()
         found: dict[int, tuple[int, int]] = {}
-        # Each servo waits until those with lower ids have had their time; dynamixel_sdk reckons so.
+        # Each servo waits for those with lower ids; the time is that of dynamixel_sdk.
         seconds = 253 * (14 * self._seconds_per_byte + 0.003) + 0.016
         try:
             with suppress(LineBusyError):
@@ -333,25 +335,25 @@ class DynamixelPort:
             raise self._lost(cause) from cause
         return found
 
-    # One request and its reply
+    # One instruction and its reply
 
-    def _command(self, request: Request, acknowledged: bool = True) -> int:
+    def _command(self, instruction: InstructionPacket, acknowledged: bool = True) -> int:
         """Send an instruction to one servo; return the error byte of its reply, 0 if none comes."""
         self._open_line()
         try:
             if acknowledged:
                 self._clear()
-            self._send(request.packet)
+            sent = self._send(instruction.packet)
             if not acknowledged:
                 return 0
-            status = self._receive(request)
+            status = self._receive(instruction, sent)
         except _LOST as cause:
             raise self._lost(cause) from cause
-        _check(request.protocol, status, request.length, request.what)
+        _check(status, instruction)
         return status.error
 
     def _send(self, packet: bytes) -> float:
-        """Write a packet; return when it will have gone over the wire, s."""
+        """Write a packet; return when its last byte will have been sent, s."""
         line = self._line
         assert line is not None
         self._sent.append(packet)
@@ -361,11 +363,11 @@ class DynamixelPort:
         self._wire_free = free
         return free
 
-    def _receive(self, request: Request) -> Status:
-        """Wait for the reply of a servo."""
+    def _receive(self, instruction: InstructionPacket, received_at: float) -> Status:
+        """Wait for the reply of a servo; `received_at`: when it had the instruction, s."""
         line = self._line
         assert line is not None
-        size, prefix = request.size, request.prefix
+        _, protocol, _, _, size, prefix, _ = instruction
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
         packet = buffer = self._buffer or line.read(_CHUNK, deadline)
@@ -376,50 +378,58 @@ class DynamixelPort:
             packet = buffer = buffer + data
         if len(packet) > size:
             packet = packet[:size]
-        if packet.startswith(prefix) and len(packet) == size and not self._late.due:
-            status = decode_status(request.protocol, packet)
-            if status is not None and packet not in self._sent:
+        if (
+            len(packet) == size
+            and packet.startswith(prefix)
+            and packet not in self._sent
+            and not self._late.due
+        ):
+            now = self.clock()
+            # On a simulated line bytes take no time, and the reply may come before `received_at`.
+            status = decode_status(protocol, packet, received_at if received_at < now else now)
+            if status is not None:
                 self._buffer = buffer[size:]
-                now = self._wire_free = self.clock()
+                self._wire_free = now
                 self._timeout.learn(now - due)
                 return status
         self._buffer = buffer
         self.searches += 1
-        return self._search(request, due, deadline)
+        status = self._search(instruction, due, deadline)
+        return status._replace(stamp=min(received_at, self._wire_free))
 
-    def _search(self, request: Request, due: float, deadline: float) -> Status:
-        """Wait for the reply of a servo among echoes, noise, and packets that are not wanted."""
+    def _search(self, instruction: InstructionPacket, due: float, deadline: float) -> Status:
+        """Wait for the reply of a servo among echoes, noise and unexpected packets."""
         line = self._line
         assert line is not None
-        protocol = request.protocol
+        protocol, length = instruction.protocol, instruction.length
         end = max(deadline, due + LONGEST)
         received = len(self._buffer)
         doubtful: Status | None = None
         was_damaged = self._echoed = False
-        ambiguous = self._late.resembles(request)  # the first of two replies may be the late one
+        ambiguous = self._late.is_ambiguous(instruction)  # the first of two may be the late one
         while True:
             status, damaged = self._next(protocol)
             was_damaged = was_damaged or damaged
             if status is not None:
-                if status.id != request.id:
+                if status.id != instruction.id:
                     self._note_surplus(status.id)
-                elif ambiguous and doubtful is None and len(status.data) == request.length:
+                elif ambiguous and doubtful is None and len(status.data) == length:
                     doubtful = status
-                elif len(status.data) == request.length or _refuses(protocol, status):
+                elif len(status.data) == length or _refuses(protocol, status):
                     now = self._wire_free = self.clock()
                     self._timeout.learn(now - due)
                     if ambiguous:
-                        self._late.take(protocol, status)
+                        self._late.remove(protocol, status)
                     return status
                 elif not self._is_late(protocol, status):
-                    self._note_surplus(request.id)
+                    self._note_surplus(instruction.id)
                     doubtful = status
                 continue
             now = self.clock()
-            if damaged and received >= request.size:  # that was it
+            if damaged and received >= instruction.size:  # that was the reply
                 deadline = min(deadline, max(due, now) + _QUIET)
             elif self._buffer and deadline < now + _QUIET:
-                deadline = min(now + _QUIET, end)  # a packet is coming in
+                deadline = min(now + _QUIET, end)  # a packet is arriving
             data = line.read(_CHUNK, deadline) if now < end else b""
             if not data:
                 break
@@ -427,12 +437,12 @@ class DynamixelPort:
             self._buffer += data
         self._wire_free = self.clock()
         if doubtful is not None:
-            return doubtful  # if it does not fit the request, the caller raises
-        self._late.add(request, due)
+            return doubtful  # if it does not fit the instruction, the caller raises
+        self._late.add(instruction, due)
         if self._buffer or was_damaged:
-            raise CorruptReplyError(f"servo {request.id}: damaged reply")
+            raise CorruptReplyError(f"servo {instruction.id}: damaged reply")
         raise ReplyTimeoutError(
-            f"servo {request.id} did not answer a {request.what} within "
+            f"servo {instruction.id} did not answer a {instruction.description} within "
             f"{self._timeout.allowance * 1e3:.0f} ms on {self.name} at {self.baud_rate} baud"
         )
 
@@ -455,18 +465,18 @@ class DynamixelPort:
         return None, damaged or found.damaged
 
     def _is_late(self, protocol: int, status: Status) -> bool:
-        """Return whether a reply is a late one; if so, learn from it how long replies take."""
-        late = self._late.take(protocol, status)
-        if late is not None:
-            self._timeout.learn(min(late, 2.0 * self._timeout.allowance, LONGEST))
-        return late is not None
+        """Return whether a reply is a late one; if so, use its delay for the timeout."""
+        delay = self._late.remove(protocol, status)
+        if delay is not None:
+            self._timeout.learn(min(delay, 2.0 * self._timeout.allowance, LONGEST))
+        return delay is not None
 
     def _note_surplus(self, servo_id: int) -> None:
         self.surplus[servo_id] += 1
         self._suspect_until = self.clock() + _SUSPECT
 
     def _clear(self) -> None:
-        """Forget what was received; after surplus packets, wait until the line is free.
+        """Discard what was received; after unexpected packets, wait until the line is free.
 
         Raises:
             LineBusyError: Another program sends without a pause.
@@ -479,7 +489,7 @@ class DynamixelPort:
                 self._buffer = received
                 while (status := self._next(protocol)[0]) is not None:
                     self._is_late(protocol, status)
-            self._late.forget()
+            self._late.expire()
         if self._suspect_until:
             if self.clock() > self._suspect_until:
                 self._suspect_until = 0.0
@@ -492,12 +502,12 @@ class DynamixelPort:
         """Wait until the line is quiet, or a reply to another program has just ended.
 
         Raises:
-            LineBusyError: There was no gap for so long, s.
+            LineBusyError: There was no gap within `patience` seconds.
         """
         line = self._line
         assert line is not None
         deadline = self.clock() + patience
-        line.discard_input()  # when old bytes ended is not known
+        line.discard_input()  # it is not known when old bytes ended
         self._buffer = b""
         while not self._ends_with_status():
             now = self.clock()
@@ -509,9 +519,9 @@ class DynamixelPort:
             self._buffer = (self._buffer + data)[-_CHUNK:]
 
     def _ends_with_status(self) -> bool:
-        """Return whether what was received ends with a reply, so that no other follows at once.
+        """Return whether the received bytes end with a reply, so that no other follows at once.
 
-        In protocol 1.0 a status packet whose error byte is not 0 looks like an instruction.
+        In protocol 1.0 a status packet with a non-zero error byte looks like an instruction.
         """
         for protocol in (1, 2):
             rest = self._buffer
@@ -533,28 +543,29 @@ class DynamixelPort:
 
 
 def _split(group: ReadGroup, joint: Status) -> list[Status]:
-    """Return the reply of each servo in the joint reply to a fast sync read."""
-    shares = split_joint_status(joint, group.length, len(group.ids))
-    if [share.id for share in shares] != list(group.ids):
+    """Return the reply of each servo in the reply to a fast sync read."""
+    parts = split_joint_status(joint, group.length, len(group.ids))
+    damaged = any([part.error & ~ALERT == StatusCode.CRC for part in parts])
+    if damaged or [part.id for part in parts] != list(group.ids):
         raise CorruptReplyError(f"damaged reply to a fast sync read of {group.ids}")
-    return shares
+    return parts
 
 
 def _refuses(protocol: int, status: Status) -> bool:
-    """Return whether a status without data carries an error: the servo refuses the request."""
+    """Return whether a status without data carries an error: the servo refuses the instruction."""
     if status.data:
         return False
     return bool(status.error if protocol == 1 else status.error & ~ALERT)
 
 
-def _check(protocol: int, status: Status, length: int, what: str) -> None:
-    """Refuse the reply of a servo that received a damaged request, or of another length."""
-    error = status.error
-    if (error & ErrorBits.CHECKSUM) if protocol == 1 else error & ~ALERT == StatusCode.CRC:
-        raise CorruptReplyError(f"servo {status.id} received a damaged {what}")
-    if len(status.data) != length:
-        errors = describe_errors(ErrorBits(error)) if protocol == 1 else describe_status(error)
+def _check(status: Status, instruction: InstructionPacket) -> None:
+    """Raise CorruptReplyError if the servo received damaged bytes, or replied another length."""
+    error, one = status.error, instruction.protocol == 1
+    if (error & ErrorBits.CHECKSUM) if one else error & ~ALERT == StatusCode.CRC:
+        raise CorruptReplyError(f"servo {status.id} received a damaged {instruction.description}")
+    if len(status.data) != instruction.length:
+        errors = describe_errors(ErrorBits(error)) if one else describe_status(error)
         raise CorruptReplyError(
-            f"servo {status.id} answered a {what} with {len(status.data)} byte(s) of data; error "
-            f"bits: {errors}"
+            f"servo {status.id} answered a {instruction.description} with {len(status.data)} "
+            f"byte(s) of data; error bits: {errors}"
         )

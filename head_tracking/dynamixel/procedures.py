@@ -1,7 +1,6 @@
-"""What takes several transactions with the servos of a joint, as steps; see `requests.Steps`.
+"""Procedures: what takes several transactions with the servos of a joint; see `requests.Steps`.
 
-The bus spreads steps over its cycles. A joint is busy while steps are taken for it, except those
-that relax it: they overtake the others.
+A joint is busy while a procedure runs for it, except those that relax it.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final, TypeVar
 
+from head_tracking.dynamixel.configuration import EepromSettings
 from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
@@ -25,13 +25,15 @@ from head_tracking.dynamixel.state import EventKind
 from head_tracking.dynamixel.torque import pin, relaxing, release, unless
 
 _T = TypeVar("_T")
-_CONVINCED: Final = 3  # times that a servo must seem unusable
+_UNUSABLE: Final = 3  # times that a returning servo must be unusable until that is reported
 _BRAKING: Final = 0.6  # s that a joint may take to stop
 _STANDS: Final = 0.1  # rad/s
+_POLL: Final = 0.002  # s
+_LONGEST_WAIT: Final = 10.0  # s for another procedure of the same joint
 
 
 class Procedures:
-    """Carries out what takes several transactions.
+    """The procedures of one bus.
 
     Args:
         bus: What the parts of the bus share.
@@ -46,13 +48,21 @@ class Procedures:
         self._unusable: dict[int, tuple[str, int]] = {}  # why, and how often, by servo id
 
     def begin(self, joint: Joint, steps: Steps[Any]) -> None:
-        """Take the first step now, the others in the next cycles; meanwhile the joint is busy."""
+        """Take the first step now and the others in the next cycles."""
         self._requests.advance(self._requests.start(self.exclusively(joint, steps)))
 
     def exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
-        """Take steps while nobody else takes any for this joint."""
-        while joint.busy:
-            yield 0.002
+        """Take steps while no other procedure runs for this joint.
+
+        Raises:
+            ServoError: Another procedure does not end within 10 s.
+        """
+        for _ in range(round(_LONGEST_WAIT / _POLL)):
+            if not joint.busy:
+                break
+            yield _POLL
+        else:
+            raise ServoError(f"{joint.name} is busy with another request; try again")
         joint.busy = True
         try:
             yield 0.0
@@ -63,7 +73,7 @@ class Procedures:
     def for_each(
         self, joints: Sequence[Joint], steps: Callable[[Joint], Steps[None]]
     ) -> Steps[dict[str, DynamixelError]]:
-        """Take steps for each of some joints; return what went wrong, by joint."""
+        """Take steps for each joint; return the errors by joint."""
         problems: dict[str, DynamixelError] = {}
         for joint in joints:
             try:
@@ -75,19 +85,19 @@ class Procedures:
     # Torque off
 
     def braking(self) -> Steps[None]:
-        """Wait until the joints that hold where they are stand."""
+        """Wait until the joints that hold their position have stopped."""
         moving = [servo for joint, servo in self._bus.each_servo() if joint.on]
         deadline = self._bus.monotonic() + round(_BRAKING * 1e9)
-        for _ in range(round(_BRAKING / 0.002)):  # should the clock stand still
+        for _ in range(round(_BRAKING / _POLL)):  # in case the clock stands still
             moving = [servo for servo in moving if not (servo.lost or _stands(servo))]
             if not moving or self._bus.monotonic() > deadline:
                 return
-            yield 0.002
+            yield _POLL
 
     def relax(
         self, joints: Sequence[Joint], *, stop: bool = False, disarm: bool = False
     ) -> Steps[dict[str, str]]:
-        """Relax joints: the first step switches torque off, the others make sure.
+        """Relax joints: the first step switches torque off, the others read it back.
 
         Args:
             joints: The joints.
@@ -97,7 +107,7 @@ class Procedures:
         Returns:
             By joint, why it has not confirmed; empty where it has.
         """
-        # What was relaxed when it was stopped need not be there any more.
+        # What was relaxed when it was stopped may be unplugged now.
         sure = [joint for joint in joints if joint.stopped and joint.confirmed]
         for joint in joints:
             self._requests.drop_goals(joint.name)
@@ -130,7 +140,7 @@ class Procedures:
             raise TorqueError(False, problems)
 
     def cut(self, joint: Joint) -> None:
-        """Relax a joint at once, and make sure of it in the next cycles."""
+        """Switch torque off now, and read it back in the next cycles."""
         self._requests.advance(self._requests.start(self._cutting(joint), despite_stop=True))
 
     def _cutting(self, joint: Joint) -> Steps[None]:
@@ -143,7 +153,7 @@ class Procedures:
         release(self._bus.port, joint.servos)
 
     def obey_stop(self) -> None:
-        """Carry out a STOP that could not wait until the owner's thread had left the port."""
+        """Carry out a STOP that did not get the port."""
         self.obeyed = self._requests.epoch.value
         self._requests.discard_older()
         steps = self.relaxing(tuple(self._bus.joints.values()))
@@ -152,7 +162,7 @@ class Procedures:
     # Torque on. All raise ServoError or CommunicationError, and then leave the joint relaxed.
 
     def switching_on(self, joint: Joint) -> Steps[None]:
-        """Hold a joint where it stands, if nothing speaks against it."""
+        """Hold a joint at its present position, unless it must stay relaxed."""
         if not joint.on:
             if joint.stopped or joint.faulted or joint.resting or joint.relaxed:
                 raise ServoError(joint.torque.value)
@@ -162,7 +172,7 @@ class Procedures:
         self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
 
     def switching_on_for_goal(self, joint: Joint) -> Steps[None]:
-        """Switch the torque of a joint on, because there is a goal for it; or drop the goal."""
+        """Switch the torque of a joint with a goal on; drop the goal if that fails."""
         try:
             yield from self.switching_on(joint)
         except (CommunicationError, ServoError) as cause:
@@ -170,12 +180,12 @@ class Procedures:
             self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {cause}")
 
     def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
-        """Hold a joint where it is, with the watchdogs of its servos armed anew."""
+        """Hold a joint at its present position, with the watchdogs of its servos armed anew."""
         if not joint.busy:
             self.begin(joint, self._holding(joint, why))
 
     def _holding(self, joint: Joint, why: str) -> Steps[None]:
-        result = "it holds where it is"
+        result = "it holds its present position"
         try:
             yield from self._pinning(joint, powered=True)
         except (CommunicationError, ServoError) as cause:
@@ -183,14 +193,14 @@ class Procedures:
         self._note(EventKind.HELD, joint, f"{why}; {result}")
 
     def _pinning(self, joint: Joint, powered: bool = False) -> Steps[None]:
-        """Make torque on, or expect it to be (`powered`), and the present position the goal."""
+        """Switch torque on, or require it to be on (`powered`), at the present position."""
         ticks: list[int] = []
-        overtaken = joint.overtaken
+        relaxations = joint.relaxations
         try:
             for servo in joint.servos:
                 steps = pin(servo, joint.range(servo), powered)
-                ticks.append((yield from unless(lambda: joint.overtaken != overtaken, steps)))
-        except GeneratorExit:  # given up; the goal alone may have switched torque on
+                ticks.append((yield from unless(lambda: joint.relaxations != relaxations, steps)))
+        except GeneratorExit:  # cancelled; the goal alone may have switched torque on
             with suppress(DynamixelError):
                 self._release(joint)
             raise
@@ -201,7 +211,7 @@ class Procedures:
             raise
         joint.pinned(ticks)
 
-    # Faults, and servos that come and go
+    # Faults, and servos that are lost and return
 
     def recovering(self, joint: Joint) -> Steps[None]:
         """Clear the fault of a joint.
@@ -227,7 +237,7 @@ class Procedures:
         self._note(EventKind.RECOVERED, joint, result)
 
     def starting(self, joint: Joint) -> Steps[None]:
-        """Take a stopped joint back, relaxed and found anew."""
+        """Take a stopped joint back into the cycle, relaxed."""
         if not joint.stopped:
             return
         try:
@@ -247,7 +257,7 @@ class Procedures:
             self.note_shortcomings(joint, servo)
 
     def returning(self, joint: Joint, servo: Servo) -> Steps[None]:
-        """Take a servo that answers again back."""
+        """Take a servo that answers again back into the cycle."""
         try:
             result = yield from self._take_back(joint, servo)
         except (CommunicationError, ServoError, ConfigurationError) as cause:
@@ -257,7 +267,7 @@ class Procedures:
                 text, times = self._unusable.get(servo.id, ("", 0))
                 times = times + 1 if text == str(cause) else 1
                 self._unusable[servo.id] = (str(cause), times)
-                if times == _CONVINCED:
+                if times == _UNUSABLE:
                     self._note(EventKind.UNUSABLE, joint, str(cause))
             return
         self._unusable.pop(servo.id, None)
@@ -265,13 +275,13 @@ class Procedures:
         self.note_shortcomings(joint, servo)
 
     def _take_back(self, joint: Joint, servo: Servo) -> Steps[str]:
-        """Identify a servo that answers again; return what became of the torque.
+        """Identify a servo that answers again; return the state of its torque.
 
-        A servo that kept its torque while it was silent holds where it stands, if the joint was
-        on; else it is relaxed.
+        If the joint was on and the servo has kept its torque, it holds its present position.
+        Otherwise it is relaxed.
         """
         others = joint.on
-        overtaken = joint.overtaken
+        relaxations = joint.relaxations
         keep = others or (joint.resumes and not (joint.relaxed or joint.resting))
         identity = yield from servo.identify(keep_torque=keep)
         try:
@@ -279,7 +289,7 @@ class Procedures:
         except ConfigurationError:
             release(self._bus.port, (servo,))
             raise
-        if joint.overtaken != overtaken:
+        if joint.relaxations != relaxations:
             release(self._bus.port, (servo,))
             return joint.torque.value
         if keep and identity.faulted:
@@ -291,14 +301,14 @@ class Procedures:
                 yield from self._pinning(joint, powered=identity.powered)
             except (CommunicationError, ServoError) as cause:
                 return f"relaxed, because it does not hold: {cause}"
-            return "it kept its torque and holds where it stands"
+            return "it kept its torque and holds its present position"
         elif keep and len(joint.servos) > 1:
             self._release(joint)  # the other one may hold
         joint.resumes = False
         return joint.torque.value
 
     def note_shortcomings(self, joint: Joint, servo: Servo) -> None:
-        """Note what a servo that was found lacks."""
+        """Report a fault or missing features of a servo that was found."""
         identity, first = servo.identity, servo.model.watchdog
         if identity is None or servo.lost:
             return
@@ -307,16 +317,37 @@ class Procedures:
                 EventKind.FAULTED,
                 joint,
                 f"servo {servo.id} has shut itself down before; it takes no commands until "
-                "somebody calls recover",
+                "recover is called",
             )
-        if first is not None and self._bus.settings.watchdog and not servo.watched:
+        if first is not None and self._bus.settings.watchdog and not servo.has_watchdog:
             self._note(
                 EventKind.ALARM,
                 joint,
                 f"servo {servo.id} has firmware {identity.firmware_version}, which has no Bus "
-                f"Watchdog ({first} has): should this program die, it goes on to its goal",
+                f"Watchdog ({first} has): if this program dies, the servo moves on to its goal",
                 about="firmware",
             )
+
+    def writing_eeprom(
+        self, joint: Joint, settings: EepromSettings
+    ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
+        """Write settings into the memory of a joint's servos; see `ServoBus.writing_eeprom`."""
+        wanted = {
+            servo: settings.registers(servo.model, servo.calibration.tick_range)
+            for servo in joint.servos
+        }
+        changed = {}
+        self._requests.drop_goals(joint.name)
+        joint.writing = True
+        try:
+            for servo, registers in wanted.items():
+                changed[servo.id] = yield from servo.write_eeprom(registers)
+            for servo in joint.servos:
+                if not joint.stopped and not servo.lost:
+                    yield from servo.identify()
+        finally:
+            joint.writing = False
+        return changed
 
 
 def _stands(servo: Servo) -> bool:

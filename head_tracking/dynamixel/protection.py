@@ -1,6 +1,6 @@
-"""Looks after the servos: faults, heat, torque that has gone, motions nobody asks for any more.
+"""Protect servos: shutdown, heat, lost torque, missing commands.
 
-Called only for joints that give cause; a cycle without trouble does not come here.
+Called only for joints with something unusual.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from head_tracking.dynamixel.protocol import ErrorBits, describe_errors
 from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import EventKind, ServoState
 
-_REPEAT: Final = 1_000_000_000  # ns between two looks at the error register of a servo
+_REPEAT: Final = 1_000_000_000  # ns between two reads of the error register of a servo
 _ARRIVED: Final = 5.0  # ticks
-_PASSING: Final = ErrorBits.ANGLE_LIMIT | ErrorBits.RANGE | ErrorBits.INSTRUCTION
-"""What a protocol 1.0 servo says about a packet, not about itself."""
+_ABOUT_PACKET: Final = ErrorBits.ANGLE_LIMIT | ErrorBits.RANGE | ErrorBits.INSTRUCTION
+"""Error bits of protocol 1.0 about a packet, not about the servo."""
 
 
 class Protection:
-    """Judges what a cycle has read, and relaxes what must not go on.
+    """Relaxes or holds joints for their protection.
 
     Args:
         bus: What the parts of the bus share.
@@ -33,14 +33,14 @@ class Protection:
     def __init__(self, bus: BusContext, procedures: Procedures) -> None:
         self._note, self._cut, self._settings = bus.note, procedures.cut, bus.settings
         self._command_timeout = round(bus.settings.command_timeout * 1e9)
-        self._looked_at: dict[int, int] = {}
+        self._read_at: dict[int, int] = {}  # ns, by servo id
         self._reported: dict[int, object] = {}  # errors, by servo id
 
     def judge(self, joint: Joint, state: ServoState, now: int) -> None:
-        """Judge what was read of a joint in this cycle; `now` is monotonic, ns.
+        """Judge a joint by its measurements; `now` is monotonic, ns.
 
         Raises:
-            PortLostError: The port has gone.
+            PortLostError: The port was lost.
         """
         for servo in joint.servos:
             if not servo.answers:
@@ -48,19 +48,21 @@ class Protection:
             if servo.error or servo.errors or servo.id in self._reported:
                 self._judge_errors(joint, servo, now)
             if servo.link is LinkState.INTERRUPTED and not joint.busy:
-                self._look_for_torque(joint, servo)
+                self._check_torque(joint, servo)
         self._judge_heat(joint, state.temperature)
+        if self._command_timeout and joint.on:
+            self._judge_command(joint, state, now)
 
     def _judge_errors(self, joint: Joint, servo: Servo, now: int) -> None:
         if servo.model.protocol == 2:
             new = bool(servo.error) != bool(servo.errors)
-            if new or now - self._looked_at.get(servo.id, 0) >= _REPEAT:
-                self._looked_at[servo.id] = now
+            if new or now - self._read_at.get(servo.id, 0) >= _REPEAT:
+                self._read_at[servo.id] = now
                 with suppress(CommunicationError):
                     servo.errors = servo.read_errors()
         errors = servo.errors
         if isinstance(errors, ErrorBits):
-            errors &= ~_PASSING
+            errors &= ~_ABOUT_PACKET
         if servo.identity is not None and errors & servo.identity.shutdown:
             if not servo.faulted:
                 servo.faulted = True
@@ -69,18 +71,18 @@ class Protection:
                     EventKind.FAULTED,
                     joint,
                     f"servo {servo.id} has shut itself down: {describe_errors(errors)}; it takes "
-                    "no commands until somebody calls recover",
+                    "no commands until recover is called",
                 )
         elif errors and self._reported.get(servo.id) != errors:
-            text = f"servo {servo.id} says: {describe_errors(errors)}"
+            text = f"servo {servo.id} reports: {describe_errors(errors)}"
             self._note(EventKind.ALARM, joint, text, about=errors)
         if errors:
             self._reported[servo.id] = errors
         else:
             self._reported.pop(servo.id, None)
 
-    def _look_for_torque(self, joint: Joint, servo: Servo) -> None:
-        """Notice a servo that was without power for a moment, and would start where it left off."""
+    def _check_torque(self, joint: Joint, servo: Servo) -> None:
+        """Find a servo that was without power for a moment; it must not move to the old goal."""
         if joint.on:
             try:
                 powered = servo.get("Torque Enable", 1) == 1
@@ -111,17 +113,17 @@ class Protection:
             joint.resting = False
             self._note(EventKind.COOLED, joint, f"{temperature:.0f} °C; it takes commands again")
 
-    def judge_command(self, joint: Joint, state: ServoState, now: int) -> None:
-        """Hold a joint that is still under way when no command has come for some time."""
+    def _judge_command(self, joint: Joint, state: ServoState, now: int) -> None:
+        """Hold a moving joint when no command has come for some time."""
         since = joint.commanded_at
         if since is None or now - since < self._command_timeout:
             return
         if abs(state.position_error or 0.0) <= _ARRIVED * joint.configuration.resolution:
-            joint.commanded_at = None  # it has been reached, and is held
+            joint.commanded_at = None
             return
         joint.hold()
         self._note(
             EventKind.HELD,
             joint,
-            f"no command for {self._settings.command_timeout:.2f} s; it holds where it is",
+            f"no command for {self._settings.command_timeout:.2f} s; it holds its position",
         )

@@ -1,15 +1,14 @@
-"""Packets of Dynamixel protocols 1.0 and 2.0, as the driver sends and receives them.
+"""Packets of Dynamixel protocols 1.0 and 2.0.
 
     1.0   FF FF ID LEN CODE PARAMETERS CHECKSUM
     2.0   FF FF FD 00 ID LEN_L LEN_H CODE PARAMETERS CRC_L CRC_H
 
-The code is an instruction. In a status packet of protocol 1.0 it is the error byte; in one of 2.0
-it is 55, and the error byte is the first parameter. Each FF FF FD behind the length of a 2.0 packet
-is followed by another FD (byte stuffing), so that it does not look like a header. Protocol 1.0 has
-no escapes: FF FF may occur anywhere.
+CODE is an instruction. In a status packet of protocol 1.0 it is the error byte; in one of 2.0 it is
+55, and the error byte is the first parameter. Protocol 2.0 escapes each FF FF FD behind the length
+with another FD (byte stuffing). Protocol 1.0 has no escapes: FF FF may occur anywhere.
 
-Source: ROBOTIS e-manual, protocol 1.0 and protocol 2.0. dynamixel_sdk builds the same packets,
-except those that need stuffing, which it sends without (3.8.4 and 4.1.0).
+Source: ROBOTIS e-manual, protocol 1.0 and 2.0. dynamixel_sdk 3.8.4 and 4.1.0 build the same
+packets, but without stuffing.
 """
 
 from __future__ import annotations
@@ -21,29 +20,22 @@ from typing import Final, NamedTuple
 from head_tracking.dynamixel.exceptions import CommunicationError
 
 BROADCAST_ID: Final = 0xFE
-"""Every servo listens to this id."""
-
 MAX_ID: Final = {1: 0xFD, 2: 0xFC}
-"""Highest id a servo can have, by protocol; in 2.0, FD would look like a header."""
-
+"""Highest id of a servo, by protocol."""
 HEADER: Final = {1: b"\xff\xff", 2: b"\xff\xff\xfd\x00"}
-"""How a packet begins, by protocol."""
-
 OVERHEAD: Final = {1: 6, 2: 11}
 """Bytes of a status packet besides its data, by protocol."""
-
 LONGEST: Final = {1: 250, 2: 1024}
-"""Bytes of the longest packet that dynamixel_sdk sends and servos take, by protocol."""
-
+"""Bytes of the longest packet that dynamixel_sdk sends, by protocol."""
 STATUS: Final = 0x55
 """Code of status packets of protocol 2.0."""
-
 ALERT: Final = 0x80
 """Bit of a 2.0 error byte: Hardware Error Status is not 0."""
+_STUFFED: Final = b"\xff\xff\xfd"
 
 
 class Instruction(IntEnum):
-    """What the driver asks for; BULK_READ in protocol 1.0 only, the reads of several from 2.0."""
+    """Instructions that the driver sends."""
 
     PING = 0x01
     READ = 0x02
@@ -56,10 +48,9 @@ class Instruction(IntEnum):
 
 
 class ErrorBits(IntFlag):
-    """The error byte of a protocol 1.0 status packet.
+    """The error byte of a protocol 1.0 status packet: the state of the servo.
 
-    It is the servo's state, not a verdict on the call: a read that is answered with OVERLOAD set
-    still carries valid data.
+    The data of a reply with OVERLOAD are valid.
     """
 
     INPUT_VOLTAGE = 1
@@ -72,9 +63,8 @@ class ErrorBits(IntFlag):
 
 
 NO_ERROR: Final = ErrorBits(0)
-
 REFUSALS: Final = ErrorBits.ANGLE_LIMIT | ErrorBits.RANGE | ErrorBits.INSTRUCTION
-"""Bits that are set when the servo did not do what the packet asked."""
+"""Bits that are set when the servo did not execute the instruction."""
 
 
 class StatusCode(IntEnum):
@@ -101,7 +91,7 @@ class HardwareErrors(IntFlag):
 
 
 class XL320Errors(IntFlag):
-    """Hardware Error Status and Shutdown of the XL-320, which has bits of its own."""
+    """Hardware Error Status and Shutdown of the XL-320."""
 
     OVERLOAD = 1
     OVERHEATING = 2
@@ -109,24 +99,22 @@ class XL320Errors(IntFlag):
 
 
 def describe_errors(errors: IntFlag) -> str:
-    """Return the set bits in words, such as "overheating, overload", or "none"."""
+    """Return the names of the set bits, such as "overheating, overload", or "none"."""
     names = [(bit.name or "").lower().replace("_", " ") for bit in type(errors) if bit in errors]
     return ", ".join(names) or "none"
 
 
 def describe_status(error: int) -> str:
-    """Return a 2.0 error byte in words, such as "access", or "none"."""
+    """Return the meaning of a 2.0 error byte, such as "access", or "none"."""
     code = error & ~ALERT
     words = ["alert"] if error & ALERT else []
     if code:
-        try:
-            words.append(StatusCode(code).name.lower().replace("_", " "))
-        except ValueError:
-            words.append(f"code {code}")
+        known = code in StatusCode._value2member_map_
+        words.append(StatusCode(code).name.lower().replace("_", " ") if known else f"code {code}")
     return ", ".join(words) or "none"
 
 
-# Checksums and stuffing
+# Instruction packets
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -140,22 +128,18 @@ def _crc_table() -> tuple[int, ...]:
 
 
 _CRC_TABLE: Final = _crc_table()
-_STUFFED: Final = b"\xff\xff\xfd"
 
 
 def crc16(data: bytes) -> int:
-    """Return the CRC-16 (polynomial 0x8005, not reflected, initially 0) of bytes."""
+    """Return the CRC-16 of bytes (polynomial 0x8005, not reflected, initial value 0)."""
     crc, table = 0, _CRC_TABLE
     for byte in data:
         crc = ((crc << 8) & 0xFFFF) ^ table[(crc >> 8) ^ byte]
     return crc
 
 
-# Requests
-
-
 def encode_packet(protocol: int, servo_id: int, code: int, parameters: bytes = b"") -> bytes:
-    """Return a packet as it goes over the wire.
+    """Return a packet with header, length, and checksum or CRC.
 
     Raises:
         CommunicationError: It would be too long.
@@ -177,13 +161,13 @@ def encode_packet(protocol: int, servo_id: int, code: int, parameters: bytes = b
 
 
 def read_packet(protocol: int, servo_id: int, address: int, length: int) -> bytes:
-    """Return the request for `length` bytes from `address` on."""
+    """Return the instruction to read bytes of one servo."""
     where = address.to_bytes(protocol, "little") + length.to_bytes(protocol, "little")
     return encode_packet(protocol, servo_id, Instruction.READ, where)
 
 
 def write_packet(protocol: int, servo_id: int, address: int, data: bytes) -> bytes:
-    """Return the instruction to write bytes from `address` on."""
+    """Return the instruction to write bytes of one servo."""
     where = address.to_bytes(protocol, "little")
     return encode_packet(protocol, servo_id, Instruction.WRITE, where + data)
 
@@ -191,23 +175,28 @@ def write_packet(protocol: int, servo_id: int, address: int, data: bytes) -> byt
 def sync_read_packet(
     protocol: int, ids: Sequence[int], address: int, length: int, *, fast: bool = False
 ) -> bytes:
-    """Return the request for the same bytes of several servos, of protocol 2.0 or Feetech's STS."""
+    """Return the instruction to read the same bytes of several servos (2.0, Feetech STS)."""
     code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
     where = address.to_bytes(protocol, "little") + length.to_bytes(protocol, "little")
     return encode_packet(protocol, BROADCAST_ID, code, where + bytes(ids))
 
 
 def bulk_read_packet(ids: Sequence[int], address: int, length: int) -> bytes:
-    """Return the request for the same bytes of several MX servos with protocol 1.0."""
+    """Return the instruction to read the same bytes of several MX servos with protocol 1.0."""
     shares = b"".join(bytes((length, servo_id, address)) for servo_id in ids)
     return encode_packet(1, BROADCAST_ID, Instruction.BULK_READ, b"\x00" + shares)
 
 
 def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) -> bytes:
-    """Return the instruction to write the same registers of several servos, by id.
+    """Return the instruction to write the same registers of several servos.
+
+    Args:
+        protocol: 1 or 2.
+        address: First register byte.
+        data: What to write, by servo id.
 
     Raises:
-        CommunicationError: The shares differ in length, or there are too many.
+        CommunicationError: The data differ in length, or there are too many.
     """
     lengths = set(map(len, data.values()))
     if len(lengths) != 1:
@@ -217,64 +206,65 @@ def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) ->
     return encode_packet(protocol, BROADCAST_ID, Instruction.SYNC_WRITE, head + shares)
 
 
-# Replies
+# Status packets
 
 
 class Status(NamedTuple):
-    """What a servo answers.
+    """The reply of a servo.
 
     Attributes:
         id: The servo.
-        error: Its error byte.
-        data: What it carries, not stuffed.
+        error: Error byte. Protocol 1.0: the state of the servo (`ErrorBits`). Protocol 2.0: a
+            `StatusCode` and the alert bit.
+        data: The data, without stuffing.
+        stamp: Time at which the servo had received the instruction, on the port's clock, s.
     """
 
     id: int
     error: int
     data: bytes = b""
+    stamp: float = 0.0
 
 
 def status_prefix(protocol: int, servo_id: int, length: int) -> bytes:
-    """Return how a status packet of a servo with so many bytes of data begins, if not stuffed."""
+    """Return the first bytes of a status packet with so many bytes of data (not stuffed)."""
     if protocol == 1:
         return b"\xff\xff" + bytes((servo_id, length + 2 & 0xFF))
     size = length + 4
     return HEADER[2] + bytes((servo_id, size & 0xFF, size >> 8, STATUS))
 
 
-def is_undamaged(protocol: int, packet: bytes) -> bool:
-    """Return whether the checksum (1.0) or CRC (2.0) of a whole packet fits."""
+def is_valid(protocol: int, packet: bytes) -> bool:
+    """Return whether the checksum (1.0) or CRC (2.0) of a whole packet is right."""
     if protocol == 1:
-        return sum(packet) & 0xFF == 0xFD  # FF twice, and what the checksum makes FF
+        return sum(packet) & 0xFF == 0xFD  # FF twice, and the sum that the checksum makes FF
     return crc16(packet[:-2]) == packet[-2] | packet[-1] << 8
 
 
-def decode_status(protocol: int, packet: bytes) -> Status | None:
+def decode_status(protocol: int, packet: bytes, stamp: float = 0.0) -> Status | None:
     """Return the contents of a whole packet; None if it is damaged or an instruction.
 
-    The echo of an instruction of protocol 1.0 may look like a status packet.
+    The echo of a protocol 1.0 instruction may look like a status packet.
     """
     if protocol == 1:
         if sum(packet) & 0xFF != 0xFD or packet[4] > 0x7F or packet[2] == BROADCAST_ID:
             return None
-        return Status(packet[2], packet[4], packet[5:-1])
-    if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
-        return None
-    if packet[7] != STATUS or len(packet) < OVERHEAD[2]:
+        return Status(packet[2], packet[4], packet[5:-1], stamp)
+    if not is_valid(2, packet) or packet[7] != STATUS or len(packet) < OVERHEAD[2]:
         return None
     data = packet[9:-2]
-    if packet[4] != BROADCAST_ID and _STUFFED in packet[7:-2]:  # a joint status is not stuffed
+    if packet[4] != BROADCAST_ID and _STUFFED in packet[7:-2]:  # a fast sync read is not stuffed
         data = packet[7:-2].replace(_STUFFED + b"\xfd", _STUFFED)[2:]
-    return Status(packet[4], packet[8], data)
+    return Status(packet[4], packet[8], data, stamp)
 
 
 class Found(NamedTuple):
-    """The first undamaged packet in a buffer.
+    """The first valid packet in a buffer.
 
     Attributes:
-        packet: Its bytes; none if there is none (yet).
-        end: Where it ends in the buffer.
-        damaged: Whether there is a whole packet with a wrong checksum before it, or at all.
+        packet: Its bytes; empty if there is none (yet).
+        end: Its end in the buffer.
+        damaged: Whether a whole packet with a wrong checksum precedes it, or is in the buffer.
     """
 
     packet: bytes
@@ -283,10 +273,9 @@ class Found(NamedTuple):
 
 
 def find_packet(protocol: int, buffer: bytes) -> Found:
-    """Return the first undamaged packet in a buffer, whatever stands before it.
+    """Return the first valid packet in a buffer.
 
-    What only seems to begin a packet, because noise looks like a header, does not hide the packets
-    behind it.
+    Noise that looks like a header does not hide the packets behind it.
     """
     header = HEADER[protocol]
     damaged = False
@@ -295,7 +284,7 @@ def find_packet(protocol: int, buffer: bytes) -> Found:
         end = start + _packet_length(protocol, buffer, start + len(header))
         if start < end <= len(buffer):
             packet = buffer[start:end]
-            if is_undamaged(protocol, packet):
+            if is_valid(protocol, packet):
                 return Found(packet, end, damaged)
             damaged = True
         start = buffer.find(header, start + 1)
@@ -303,7 +292,7 @@ def find_packet(protocol: int, buffer: bytes) -> Found:
 
 
 def _packet_length(protocol: int, buffer: bytes, start: int) -> int:
-    """Return the length of the packet whose id is at `start`, in bytes; 0 if that is none (yet)."""
+    """Return the length, in bytes, of the packet whose id is at `start`; 0: no packet (yet)."""
     body = start + 1 + protocol
     if body > len(buffer):
         return 0
@@ -315,18 +304,17 @@ def _packet_length(protocol: int, buffer: bytes, start: int) -> int:
 
 
 def joint_status_size(count: int, length: int) -> int:
-    """Return how many bytes of data the joint answer to a fast sync read has."""
+    """Return the bytes of data of the reply of several servos to a fast sync read."""
     return (length + 4) * count - 3
 
 
 def split_joint_status(status: Status, length: int, count: int) -> list[Status]:
-    """Return the share of each servo in the joint reply to a fast sync read; [] if it is odd.
+    """Return the reply of each servo in the reply to a fast sync read; [] if its size is wrong.
 
-    Each share is ERROR ID DATA and a CRC of the joint packet so far; the last one's is the packet's
-    own and has been checked.
+    Each part is ERROR ID DATA and a CRC of the packet so far; the last CRC is the packet's own.
 
     Args:
-        status: The joint answer; its error byte is the first servo's.
+        status: The whole reply; its error byte is the first servo's.
         length: Bytes of data of each servo.
         count: Number of servos.
     """
@@ -334,5 +322,5 @@ def split_joint_status(status: Status, length: int, count: int) -> list[Status]:
     size = length + 4
     if len(content) != size * count - 2:
         return []
-    shares = [content[start : start + size] for start in range(0, len(content), size)]
-    return [Status(share[1], share[0], share[2 : 2 + length]) for share in shares]
+    parts = [content[start : start + size] for start in range(0, len(content), size)]
+    return [Status(part[1], part[0], part[2 : 2 + length], status.stamp) for part in parts]

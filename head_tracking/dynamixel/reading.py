@@ -1,8 +1,7 @@
-"""Reads: what is asked of one servo or several, and what comes of it."""
+"""Instructions that read registers of one servo or several, and the replies they expect."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -19,21 +18,6 @@ from head_tracking.dynamixel.protocol import (
 )
 
 
-class Reply(NamedTuple):
-    """What a servo replied to a read.
-
-    Attributes:
-        data: Exactly the bytes that were asked for.
-        error: The error byte of the status packet. In protocol 1.0 its bits are the servo's state
-            (`ErrorBits`), in protocol 2.0 only the alert bit is; the data are valid all the same.
-        stamp: When the servo had received the request, on the port's clock, s.
-    """
-
-    data: bytes
-    error: int
-    stamp: float = 0.0
-
-
 class ReadMethod(Enum):
     """How the same registers of several servos are read."""
 
@@ -43,17 +27,17 @@ class ReadMethod(Enum):
     FAST_SYNC = "fast sync read"
 
 
-class Request(NamedTuple):
-    """A packet that is sent, and the reply of one servo that is expected.
+class InstructionPacket(NamedTuple):
+    """A packet to send, and the reply of one servo that is expected.
 
     Attributes:
-        packet: What is sent.
+        packet: The bytes to send.
         protocol: 1 or 2.
         id: The servo; BROADCAST_ID if several reply in one packet.
         length: Bytes of data of the reply.
         size: Bytes of the reply.
         prefix: First bytes of the reply.
-        what: What is asked for, for messages.
+        description: The instruction, for messages.
     """
 
     packet: bytes
@@ -62,16 +46,16 @@ class Request(NamedTuple):
     length: int
     size: int
     prefix: bytes
-    what: str
+    description: str
 
 
-def request_for(packet: bytes, protocol: int, servo_id: int, length: int, what: str) -> Request:
-    """Return a request whose reply has so many bytes of data."""
+def instruction_packet(
+    packet: bytes, protocol: int, servo_id: int, length: int, description: str
+) -> InstructionPacket:
+    """Return an instruction whose reply has `length` bytes of data."""
     prefix = status_prefix(protocol, servo_id, length)
-    return Request(packet, protocol, servo_id, length, OVERHEAD[protocol] + length, prefix, what)
-
-
-Plausible = Callable[[bytes], bool]
+    size = OVERHEAD[protocol] + length
+    return InstructionPacket(packet, protocol, servo_id, length, size, prefix, description)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,13 +64,11 @@ class ReadGroup:
 
     Attributes:
         method: How they are read; EACH for one servo only.
-        protocol: Their protocol, 1 or 2.
+        protocol: 1 or 2.
         address: First register byte.
         length: Number of bytes.
         ids: The servos.
-        plausible: Returns whether a servo can have sent these bytes. The checksum of protocol 1.0
-            is weak: two damaged bits can cancel each other out.
-        requests: The replies to the packet that reads all of them.
+        replies: The packet, once for each expected reply.
     """
 
     method: ReadMethod
@@ -94,8 +76,7 @@ class ReadGroup:
     address: int
     length: int
     ids: tuple[int, ...]
-    plausible: Plausible | None = None
-    requests: tuple[Request, ...] = field(init=False, repr=False, compare=False)
+    replies: tuple[InstructionPacket, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         protocol, address, length, ids = self.protocol, self.address, self.length, self.ids
@@ -110,11 +91,11 @@ class ReadGroup:
             packet = sync_read_packet(2, ids, address, length, fast=True)
             size, senders = joint_status_size(len(ids), length), (BROADCAST_ID,)
         what = f"read of {length} byte(s) at {address}"
-        requests = [request_for(packet, protocol, sender, size, what) for sender in senders]
-        object.__setattr__(self, "requests", tuple(requests))
+        replies = [instruction_packet(packet, protocol, each, size, what) for each in senders]
+        object.__setattr__(self, "replies", tuple(replies))
 
-    def longer(self, extra: int) -> ReadGroup:
-        """Return the group that reads some bytes more, before its own where there are as many."""
+    def extended(self, extra: int) -> ReadGroup:
+        """Return a group that reads `extra` bytes more, before the others where possible."""
         first = self.address - extra if self.address >= extra else self.address
         return ReadGroup(self.method, self.protocol, first, self.length + extra, self.ids)
 

@@ -1,8 +1,7 @@
 """Requests and goals for one bus, in the order in which they were made. STOP overtakes them.
 
-STOP advances the epoch before it does anything else. Each request and each goal has the epoch in
-which it was made; where it is to be carried out, it is discarded if that epoch is over. So nothing
-that somebody asked for before a STOP can switch torque on, or move a joint, after it.
+STOP advances the epoch before anything else. Each request and each goal has the epoch in which it
+was made, and is discarded, where it would be carried out, if that epoch is over.
 """
 
 from __future__ import annotations
@@ -20,13 +19,14 @@ from head_tracking.dynamixel.state import Goal
 
 _T = TypeVar("_T")
 Steps = Generator[float, None, _T]
-"""Yields seconds to wait before the next step; 0 where none is needed."""
+"""Steps of a procedure; each yields the seconds to wait before the next one."""
 
-_STOPPED: Final = "STOP came after this was asked for; call resume, then ask again"
+_STOPPED: Final = "STOP came after this request; call resume, then send it again"
+_CLOSED: Final = "the servo bus has stopped"
 
 
 class Epoch:
-    """Counts STOPs. Everything that STOP shall overtake shares one; for any thread.
+    """Counts STOPs, for everything that is stopped together. For any thread.
 
     Attributes:
         value: Number of STOPs so far.
@@ -45,16 +45,16 @@ class Epoch:
 
 @dataclass(slots=True, eq=False)
 class Request:
-    """Something to be done by the thread that owns the bus.
+    """A request to the thread that owns the bus.
 
     Attributes:
-        function: Does it; or returns the steps that do it.
-        epoch: When it was made.
+        function: Carries it out, or returns the steps that do.
+        epoch: In which it was made.
         despite_stop: Whether it is carried out although STOP came after it: it relaxes, or changes
             a value that moves nothing.
         future: Gets its result or its exception; cancelling it ends the request.
-        steps: What is left to do, once it has begun.
-        due: Next step not before this monotonic time, ns.
+        steps: The remaining steps, once it has begun.
+        due: Monotonic time before which no step is taken, ns.
     """
 
     function: Callable[[], Any]
@@ -65,7 +65,7 @@ class Request:
     due: int = 0
 
     def answer(self, error: BaseException | None, result: Any = None) -> None:
-        """Answer with an error or a result, unless it has been answered or cancelled."""
+        """Set an error or a result, unless the future is done."""
         with suppress(InvalidStateError):
             if error is None:
                 self.future.set_result(result)
@@ -81,13 +81,13 @@ class RequestQueue:
 
     Args:
         epoch: Shared with everything that one STOP stops.
-        monotonic: Time that never jumps, ns.
+        monotonic: Monotonic time, ns.
 
     Attributes:
         epoch: The same.
         arrived: Notified when a request has arrived or the queue has been closed.
         under_way: Requests that have begun, in turn.
-        goals: Goals that have not been taken, by joint.
+        goals: Goals that have not been accepted, by joint.
         closed: Whether requests are refused.
     """
 
@@ -107,14 +107,14 @@ class RequestQueue:
     def add(
         self, function: Callable[[], Any], epoch: int | None = None, despite_stop: bool = False
     ) -> Future[Any]:
-        """Add a request; see `Request`. `epoch` None: it is made now."""
+        """Add a request; see `Request`. `epoch` None: the present one."""
         request = Request(function, self.epoch.value if epoch is None else epoch, despite_stop)
         with self.arrived:
             if not self.closed:
                 self._waiting.append(request)
                 self.arrived.notify()
                 return request.future
-        request.answer(BusStoppedError("the servo bus has stopped"))
+        request.answer(BusStoppedError(_CLOSED))
         return request.future
 
     def put_goals(self, goals: Mapping[str, Goal], epoch: int) -> None:
@@ -124,8 +124,7 @@ class RequestQueue:
             StoppedError: That epoch is over.
         """
         with self._lock:
-            if epoch < self.epoch.value:
-                raise StoppedError(_STOPPED)
+            self.check(epoch)
             if epoch != self._goals_epoch:
                 self.goals.clear()
                 self._goals_epoch = epoch
@@ -146,23 +145,23 @@ class RequestQueue:
             waiting, self._waiting = self._waiting, deque()
             self.arrived.notify_all()
         for request in waiting:
-            request.answer(BusStoppedError("the servo bus has stopped"))
-
-    # Owner's thread
+            request.answer(BusStoppedError(_CLOSED))
 
     def check(self, epoch: int) -> None:
         """Raise StoppedError if an epoch is over."""
         if epoch < self.epoch.value:
             raise StoppedError(_STOPPED)
 
+    # Thread that owns the bus
+
     def take_goals(self) -> dict[str, Goal]:
-        """Return and remove the goals of this epoch; remove older ones."""
+        """Return the goals of this epoch, and remove all."""
         with self._lock:
             goals, self.goals = self.goals, {}
             return goals if self._goals_epoch == self.epoch.value else {}
 
     def keep_goal(self, joint: str, goal: Goal) -> None:
-        """Put a goal back that was taken in this cycle, unless there is a newer one."""
+        """Put back a goal that was taken in this cycle, unless there is a newer one."""
         with self._lock:
             if self._goals_epoch == self.epoch.value:
                 self.goals.setdefault(joint, goal)
@@ -184,7 +183,7 @@ class RequestQueue:
             return
         try:
             result = request.function()
-        except Exception as error:  # the next cycle finds out that the port has gone
+        except Exception as error:  # the next cycle notices a lost port
             request.answer(error)
             return
         if isinstance(result, Generator):
@@ -196,13 +195,13 @@ class RequestQueue:
             request.answer(None, result)
 
     def start(self, steps: Steps[Any], *, despite_stop: bool = False) -> Request:
-        """Add steps that the owner takes from now on, without a first step; see `Request`."""
+        """Add steps without taking the first one; see `Request`."""
         request = Request(lambda: None, self.epoch.value, despite_stop, steps=steps)
         self.under_way.append(request)
         return request
 
     def next_due(self, now: int) -> Request | None:
-        """Return the next request with a step to take, if there is one; `now` in ns."""
+        """Return the next request with a step that is due; `now` in ns."""
         for _ in range(len(self.under_way)):
             request = self.under_way[0]
             self.under_way.rotate(-1)
@@ -211,11 +210,7 @@ class RequestQueue:
         return None
 
     def advance(self, request: Request) -> None:
-        """Take one step of a request.
-
-        Raises:
-            PortLostError: The port has gone; so it was answered.
-        """
+        """Take one step of a request; raise PortLostError if the port was lost."""
         assert request.steps is not None
         if request.future.cancelled():
             self.end(request, None)
@@ -244,12 +239,12 @@ class RequestQueue:
         request.answer(error, result)
 
     def end_all(self, error: BaseException) -> None:
-        """End all requests that are under way."""
+        """End all requests under way."""
         for request in list(self.under_way):
             self.end(request, error)
 
     def discard_older(self) -> None:
-        """End the requests under way that were made before the last STOP, and drop such goals."""
+        """End requests, and drop goals, that were made before the last STOP."""
         for request in list(self.under_way):
             if self._is_over(request):
                 self.end(request, StoppedError(_STOPPED))

@@ -1,8 +1,7 @@
-"""The serial device, opened with pyserial: bytes in and out, and why it cannot be opened.
+"""The serial device, opened with pyserial.
 
-dynamixel_sdk's own port does not do: its reading spins while it waits, on a clock that can jump,
-with 34 ms of patience; it takes echoes and late replies for replies, and an error without data is
-an IndexError (3.8.4 to 4.1.0, whose Python port handler is that of 4.0.5).
+dynamixel_sdk's port handler is not used (3.8.4 to 4.1.0): it polls without a pause, on a clock that
+can jump, for at least 34 ms; it accepts echoes and late replies as replies.
 """
 
 from __future__ import annotations
@@ -30,22 +29,22 @@ from head_tracking.dynamixel.exceptions import (
     PortPermissionError,
 )
 
-_SELECTABLE: Final = 1024  # select knows no higher descriptor
+_SELECTABLE: Final = 1024  # select() accepts lower descriptors only
 BAUD_RATES: Final = (
     9_600, 19_200, 38_400, 57_600, 115_200, 200_000, 230_400, 250_000, 400_000, 460_800, 500_000,
     576_000, 921_600, 1_000_000, 1_152_000, 2_000_000, 2_250_000, 2_500_000, 3_000_000, 3_500_000,
     4_000_000, 4_500_000,
 )  # fmt: skip
-"""Bits per second that Dynamixel servos know, and those that serial adapters usually do."""
+"""Bits per second that servos or serial adapters support."""
 
 
 class SerialLine:
     """An open, non-blocking serial device. Times are those of `time.monotonic`, in s.
 
-    Args:
-        descriptor: The device, opened and closed by the caller.
+    All methods raise OSError or termios.error when the device has been unplugged.
 
-    All methods raise OSError or termios.error when the device has gone.
+    Args:
+        descriptor: File descriptor of the device; the caller closes it.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -56,14 +55,14 @@ class SerialLine:
         self._readable.register(descriptor, select.POLLIN)
 
     def discard_input(self) -> None:
-        """Forget everything received so far."""
+        """Discard the bytes received so far."""
         termios.tcflush(self._descriptor, termios.TCIFLUSH)
 
     def write(self, data: bytes, timeout: float) -> None:
         """Write all bytes.
 
         Raises:
-            TimeoutError: The device took no more data for `timeout` seconds.
+            TimeoutError: The device accepted no data for `timeout` seconds.
         """
         try:
             written = os.write(self._descriptor, data)
@@ -75,13 +74,13 @@ class SerialLine:
             except BlockingIOError:
                 if not self._writable.poll(timeout * 1e3):
                     raise TimeoutError(
-                        errno.ETIMEDOUT, f"it took no data for {timeout:.2f} s"
+                        errno.ETIMEDOUT, f"it accepted no data for {timeout:.2f} s"
                     ) from None
 
     def read(self, limit: int, deadline: float) -> bytes:
-        """Return at most `limit` bytes, waiting for the first one until the deadline.
+        """Return up to `limit` bytes; wait for the first one until the deadline, s.
 
-        Bytes that have arrived count even if this thread runs only after the deadline.
+        Bytes that have arrived are returned even if this thread runs only after the deadline.
         """
         wait = (deadline - time.monotonic()) * 1e3
         if not self._readable.poll(int(wait) if wait > 0.0 else 0) and (
@@ -97,10 +96,7 @@ class SerialLine:
         return data
 
     def _wait(self, deadline: float) -> bool:
-        """Return whether there is something to read within the last fraction of a millisecond.
-
-        poll, which is faster, counts whole milliseconds.
-        """
+        """Wait for the last fraction of a millisecond: poll(), which is faster, counts whole ms."""
         rest = max(0.0, deadline - time.monotonic())
         if self._descriptor >= _SELECTABLE:
             return bool(self._readable.poll(math.ceil(rest * 1e3)))
@@ -115,14 +111,11 @@ class SerialDevice:
         baud_rate: Bits per second.
 
     Attributes:
-        line: Bytes in and out.
-        adapter: What is known about it.
+        line: Its bytes in and out.
+        adapter: Facts about it.
 
     Raises:
-        PortMissingError: There is no such device.
-        PortBusyError: Another program holds it.
-        PortPermissionError: The user may not open it.
-        PortError: It is no serial port, cannot do the baud rate, or fails for another reason.
+        PortError: The device cannot be opened; see `port_error`.
     """
 
     def __init__(self, port_name: str, baud_rate: int) -> None:
@@ -140,21 +133,16 @@ class SerialDevice:
             raise port_error(port_name, cause) from cause
 
     def close(self) -> None:
-        """Close the device, also one that has gone."""
+        """Close the device, also one that has been unplugged."""
         with suppress(OSError, termios.error):
             self._serial.close()
 
 
 def check_baud_rate(baud_rate: int) -> None:
-    """Refuse baud rates that no servo knows.
-
-    Raises:
-        ConfigurationError: It is none of BAUD_RATES.
-    """
+    """Raise ConfigurationError for a rate that is none of BAUD_RATES."""
     if baud_rate not in BAUD_RATES:
         raise ConfigurationError(
-            f"no servo knows {baud_rate} baud; allowed are "
-            f"{', '.join(str(rate) for rate in BAUD_RATES)}"
+            f"no servo supports {baud_rate} baud; allowed are {', '.join(map(str, BAUD_RATES))}"
         )
 
 
@@ -164,27 +152,23 @@ def serial_ports() -> tuple[str, ...]:
 
 
 def port_error(port_name: str, cause: Exception) -> PortError:
-    """Return the error to raise.
+    """Return the error for a device that could not be opened.
 
     Args:
-        port_name: The device that was to be opened.
-        cause: The operating system's error; its first argument is the error number. Or pyserial's
-            ValueError, of a device that does not know the baud rate.
+        port_name: The device.
+        cause: An OSError, or pyserial's ValueError for an unsupported baud rate.
     """
     if isinstance(cause, ValueError):
-        return PortError(port_name, f"it cannot do this baud rate: {cause}")
+        return PortError(port_name, f"it does not support this baud rate: {cause}")
     number = cause.args[0] if cause.args else None
     if number == errno.ENOENT:
         return PortMissingError(port_name)
     if number in (errno.EBUSY, errno.EAGAIN):
         return PortBusyError(port_name)
     if number in (errno.EACCES, errno.EPERM) and not Path(port_name).is_file():
-        return PortPermissionError(port_name, _group_of(port_name))
+        try:
+            group = grp.getgrgid(os.stat(port_name).st_gid).gr_name
+        except (OSError, KeyError):
+            group = "dialout"
+        return PortPermissionError(port_name, group)
     return PortError(port_name, f"{cause}; it must be a serial device")
-
-
-def _group_of(port_name: str) -> str:
-    try:
-        return grp.getgrgid(os.stat(port_name).st_gid).gr_name
-    except (OSError, KeyError):
-        return "dialout"

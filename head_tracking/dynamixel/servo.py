@@ -1,7 +1,7 @@
-"""One servo: what it is, its registers, how it is calibrated, its torque, what it last said.
+"""One servo: its registers, its identity, its calibration, and what it measured last.
 
-What takes several transactions is written as steps, a generator: it yields wherever the bus may do
-something else first, and says how many seconds it needs to wait. The bus spreads steps over its
+Procedures of several transactions are generators of steps: each `yield` gives the seconds to wait
+before the next step, and the bus may do something else there. The bus spreads steps over its
 cycles; `run` takes them at once.
 """
 
@@ -33,23 +33,22 @@ from head_tracking.dynamixel.protocol import (
     NO_ERROR,
     REFUSALS,
     ErrorBits,
+    Status,
     describe_errors,
     describe_status,
 )
-from head_tracking.dynamixel.reading import Reply
 from head_tracking.dynamixel.requests import Steps
 
 _T = TypeVar("_T")
 
 EEPROM_PAUSE: Final = 0.025
-"""Seconds to leave a servo alone after a write to its EEPROM: it answers at once and is deaf for
-some 6 ms per byte afterwards (fact sheet, section 9)."""
+"""Pause after a write to EEPROM, s: a servo replies, and then is deaf for about 6 ms per byte."""
 
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
 _REVERSE: Final = 1  # bit of Drive Mode
 _WATCHDOG_UNIT: Final = 0.02  # s
 _LONGEST_READ: Final = 64  # bytes
-_LONGEST_SPAN: Final = 25  # bytes; about as long on the wire as a usual cycle
+_LONGEST_SPAN: Final = 25  # bytes; takes about as long as a usual cycle
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -66,28 +65,24 @@ def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
 class LinkState(Enum):
     """Whether a servo answers."""
 
-    UNKNOWN = "has not been found yet"
-    PRESENT = "answered when it was asked last"
-    SILENT = "did not answer when it was asked last"
-    INTERRUPTED = "answers again, but its torque has not been read since"
-    LOST = "is left out of the cycle, and asked now and then"
-    RETURNED = "has been found again, and not been read since"
+    UNKNOWN = "not found yet"
+    PRESENT = "answered the last time"
+    SILENT = "did not answer the last time"
+    INTERRUPTED = "answers again; its torque has not been read since"
+    LOST = "left out of the cycle, and asked now and then"
+    RETURNED = "found again, and not read since"
 
 
-class Changes:
-    """Counts the changes of who is read together with whom; all servos of a bus share one.
-
-    Attributes:
-        count: Number of changes so far.
-    """
+class Version:
+    """A number that changes with the set of servos that are read; one for each bus."""
 
     def __init__(self) -> None:
-        self.count = 0
+        self.number = 0
 
 
 @dataclass(slots=True)
 class Counters:
-    """What became of the transactions with one servo."""
+    """Results of the transactions with one servo."""
 
     replies: int = 0
     retries: int = 0
@@ -97,17 +92,17 @@ class Counters:
 
 @dataclass(frozen=True, slots=True)
 class ServoIdentity:
-    """A servo that answered and fits its joint.
+    """Facts read from a servo that fits its joint.
 
     Attributes:
-        joint_name: The joint it drives.
+        joint_name: The joint.
         id: Servo id.
         model: Name of the model.
         firmware_version: Contents of its register.
         own_range: Lowest and highest tick by the servo's own angle limits.
-        shutdown: Errors upon which the servo switches itself off.
-        temperature_limit: Above it the servo counts as overheated, degrees Celsius.
-        lowest_voltage: Below it the servo counts as short of supply, V.
+        shutdown: Errors that make the servo switch itself off.
+        temperature_limit: It shuts down above this temperature, degrees Celsius.
+        lowest_voltage: Lower limit of its supply, V.
         powered: Whether its torque was on when it was found.
         faulted: Whether it had shut itself down when it was found.
     """
@@ -125,7 +120,7 @@ class ServoIdentity:
 
 
 class Servo:
-    """A servo on the port. Used by the thread that owns the port; any thread may look.
+    """A servo on a port. Only the thread that owns the port changes it; any thread may read it.
 
     Args:
         port: The port.
@@ -133,38 +128,36 @@ class Servo:
         model: Its model.
         calibration: Of its joint; None: the whole range of the servo, zero in the middle.
         watchdog: Time without any packet after which it shall stop by itself, s; 0: never.
-        changes: Of its bus; None: its own.
+        version: Of its bus; None: its own.
 
     Attributes:
         id: Its id.
         model: Its model.
-        calibration: Where its joint has its zero and which way round it turns.
-        acknowledges_writes: Whether it answers writes (Status Return Level 2).
-        counters: What became of the transactions.
-        identity: What it said about itself; None until it was found.
+        calibration: Zero, range and direction of its joint.
+        acknowledges_writes: Whether it replies to writes (Status Return Level 2).
+        counters: Results of the transactions.
+        identity: Facts read from it; None until it was found.
         link: Whether it answers.
-        changes: Counts its changes, and those of the other servos of its bus.
         others: Ids of the servos of other joints.
         failed_cycles: Failed cycles in a row.
-        ask_at: Not before this monotonic time, ns, is it asked again.
-        damaged_cycles: Cycles in a row whose replies were damaged, and no reply since.
-        confirmed: Whether it has confirmed that it is relaxed, and is so since.
-        pins: Counts who has begun to switch its torque on.
-        faulted: Whether it has shut itself down. Only the servo itself takes that back.
-        errors: Its error state when it last told.
-        stamp: When it last answered, ns; 0: never.
+        damaged_cycles: The last ones of them in which a damaged reply was received.
+        ask_at: Time before which it is not asked again, monotonic ns.
+        confirmed: Whether it has confirmed torque off, and torque has not been switched on since.
+        pins: How often switching its torque on has begun.
+        faulted: Whether it has shut itself down.
+        errors: Its errors, as read last.
         range: Lowest and highest tick that configuration and servo allow.
         limits: The same as positions of the joint, rad.
         fastest: Highest goal speed, in counts.
-        layout: What servos that are read together have in common.
-        goal_key: Protocol, address and length of the block that goals are written to.
-        ticks: Present position as the servo counts it.
-        position: Present position of the joint, rad.
+        goal_key: Protocol, address and length of the block of the goal.
+        stamp: Time of the last measurement, ns; 0: none.
+        ticks: Measured position in ticks.
+        position: Measured position of the joint, rad.
         velocity: rad/s.
         load: -1 to 1 of full torque, positive towards higher positions.
         voltage: V.
         temperature: Degrees Celsius.
-        error: The error byte of the last reply.
+        error: Error byte of the last measurement.
     """
 
     def __init__(
@@ -174,7 +167,7 @@ class Servo:
         model: ServoModel,
         calibration: ServoCalibration | None = None,
         watchdog: float = 0.0,
-        changes: Changes | None = None,
+        version: Version | None = None,
     ) -> None:
         self.id = servo_id
         self.model = model
@@ -182,47 +175,31 @@ class Servo:
         self.counters = Counters()
         self.identity: ServoIdentity | None = None
         self.link = LinkState.UNKNOWN
-        self.changes = changes or Changes()
         self.others: Collection[int] = ()
-        self.failed_cycles = 0
-        self.ask_at = 0
-        self.damaged_cycles = 0
+        self.failed_cycles = self.damaged_cycles = self.ask_at = self.pins = 0
         self.faulted = self.confirmed = False
-        self.pins = 0
         self.errors: IntFlag = NO_ERROR
-        self.stamp = 0
-        self.ticks = 0
+        self.stamp = self.ticks = self.error = 0
         self.position = self.velocity = self.load = self.voltage = self.temperature = 0.0
-        self.error = 0
         self.goal_key = (model.protocol, model.goal.address, model.goal.length)
-        feedback = model.feedback
-        self.layout = (
-            *(model.protocol, feedback.address, feedback.length),
-            *(model.ticks, model.endless, *model.signs, model.family),
-        )
-        self._port = port
-        self._protocol = model.protocol
-        self._speed_unit = model.speed_unit
-        self._unpack = model.feedback.layout.unpack
         self.fastest = model.speed_maximum
-        self._order = model.feedback_order
-        self._signs = model.signs
-        self._wanted_watchdog = watchdog
-        self.calibrate(
-            calibration
-            or ServoCalibration(
-                f"servo {servo_id}", servo_id, model.center, 0, model.ticks - 1, model
-            )
+        self._port, self._protocol = port, model.protocol
+        self._version = version or Version()
+        self._unpack, self._order = model.feedback.layout.unpack, model.feedback_order
+        self._watchdog = watchdog
+        whole = ServoCalibration(
+            f"servo {servo_id}", servo_id, model.center, 0, model.ticks - 1, model
         )
+        self.calibrate(calibration or whole)
 
     # Transactions. All raise CommunicationError, and PortLostError when the port has gone.
 
     def ping(self, tries: int = 1) -> int:
-        """Ask the servo whether it is there; return its error byte."""
+        """Ping the servo; return its error byte."""
         return self._try(tries, lambda: self._port.ping(self.id, self._protocol))
 
     def is_same(self) -> bool:
-        """Return whether the servo that answers now has the model and the firmware known before."""
+        """Return whether the servo that answers has the model and the firmware known before."""
         known = self.identity
         return self.get("Model Number", 1) == self.model.model_number and (
             known is None or self.get("Firmware Version", 1) == known.firmware_version
@@ -239,35 +216,37 @@ class Servo:
         """Read one register."""
         return self.read(self.model.control_table.block(name), tries)[0]
 
+    def read_named(self, spans: Iterator[Block], tries: int = _TRIES) -> Steps[dict[str, int]]:
+        """Read blocks, one in each step; return the values by register name."""
+        values: dict[str, int] = {}
+        for block in spans:
+            names = [register.name for register in block.registers]
+            values.update(zip(names, self.read(block, tries), strict=True))
+            yield 0.0
+        return values
+
     def registers(self) -> list[tuple[Register, int]]:
         """Read all registers."""
-        return [
-            (register, value)
-            for block in self.model.control_table.spans(_LONGEST_READ, gaps=False)
-            for register, value in zip(block.registers, self.read(block), strict=True)
-        ]
+        table = self.model.control_table
+        values = run(self.read_named(table.spans(_LONGEST_READ, gaps=False)))
+        return [(register, values[register.name]) for register in table]
 
-    def read_feedback(self, tries: int = 1) -> None:
-        """Read position, speed, load, voltage and temperature, and record them."""
-        self.take(self.ask_feedback(tries), self.stamp)
-
-    def ask_feedback(self, tries: int) -> Reply:
-        """Return the reply with position, speed, load, voltage and temperature."""
+    def read_feedback(self, tries: int = 1, clock_offset: int | None = None) -> None:
+        """Read and record position, speed, load, voltage and temperature; see `accept`."""
         block = self.model.feedback
 
-        def attempt() -> Reply:
+        def attempt() -> None:
             reply = self._port.read(self.id, block.address, block.length, self._protocol)
-            if not self.plausible(reply.data):
+            if not self.accept(reply, clock_offset):
                 raise CorruptReplyError(f"servo {self.id}: impossible feedback {reply.data!r}")
-            return reply
 
-        return self._try(tries, attempt)
+        self._try(tries, attempt)
 
     def write(self, block: Block, *values: int) -> None:
         """Write registers.
 
         Raises:
-            RegisterRefusedError: The servo answers that it will not.
+            RegisterRefusedError: The servo refuses the values.
         """
         data, address = block.encode(*values), block.address
         if not self.acknowledges_writes:
@@ -278,7 +257,7 @@ class Servo:
         )
         if self._protocol == 2:
             refusal = error & ~ALERT
-        else:  # Feetech's error byte tells of the servo, not of what was asked
+        else:  # Feetech's error byte is the state of the servo only
             refusal = error & REFUSALS if self.model.errors is ErrorBits else 0
         if refusal:
             pairs = zip(block.registers, values, strict=True)
@@ -288,11 +267,11 @@ class Servo:
             raise RegisterRefusedError(f"servo {self.id} refused {names}: {why}")
 
     def set(self, name: str, value: int) -> None:
-        """Write one register and make sure of it; raises as `verify` does."""
+        """Write one register and read it back; raises as `verify` does."""
         run(self.verify(self.model.control_table.block(name), value))
 
     def set_torque(self, on: bool) -> None:
-        """Switch torque and make sure of it; raises as `verify` does."""
+        """Switch torque and read it back; raises as `verify` does."""
         self.set("Torque Enable", int(on))
 
     def _try(self, tries: int, transaction: Callable[[], _T]) -> _T:
@@ -325,10 +304,10 @@ class Servo:
     # Steps. All raise what their transactions raise.
 
     def verify(self, block: Block, *values: int) -> Steps[None]:
-        """Write registers and read them back until the servo holds the values.
+        """Write registers and read them back, up to three times.
 
         Raises:
-            RegisterRefusedError: The servo refuses, or answers but keeps other values.
+            RegisterRefusedError: The servo refuses the values, or keeps others.
         """
         kept: tuple[int, ...] = ()
         for _ in range(_TRIES):
@@ -345,7 +324,7 @@ class Servo:
         )
 
     def switch_torque(self, on: bool) -> Steps[None]:
-        """Switch torque and make sure of it; raises as `verify` does."""
+        """Switch torque and read it back; raises as `verify` does."""
         return self.verify(self.model.control_table.block("Torque Enable"), int(on))
 
     def identify(self, keep_torque: bool = False) -> Steps[ServoIdentity]:
@@ -355,8 +334,8 @@ class Servo:
             keep_torque: Leave its torque as it is.
 
         Raises:
-            ServoSetupError: It is another model than configured, does not answer reads, or does
-                not work in positions.
+            ServoSetupError: It is another model, does not answer reads, or is set up in a way that
+                its joint cannot use.
             RegisterRefusedError: It does not switch torque off.
             ConfigurationError: Its own angle limits leave the joint no range.
         """
@@ -365,7 +344,7 @@ class Servo:
         own = [] if model.offset is None else [model.offset.name]
         for span in _spans(model.control_table, (*model.position_limits, *model.modes, *own)):
             try:
-                values = self.read(span, 2 * _TRIES)  # a busy machine may miss answers
+                values = self.read(span, 2 * _TRIES)  # a busy machine may miss replies
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
                 raise ServoSetupError(
@@ -399,10 +378,8 @@ class Servo:
         )
         problem: ServoError | ConfigurationError | None = None
         try:
-            _check_mode(self, memory, lower, upper)
-            _check_offset(self, memory)
-            _check_direction(self, memory)
-            _check_secondary_id(self, memory)
+            for check in (_check_mode, _check_offset, _check_direction, _check_secondary_id):
+                check(self, memory)
             self.calibrate(self.calibration, identity.own_range)
         except (ServoError, ConfigurationError) as cause:
             problem = cause
@@ -421,10 +398,9 @@ class Servo:
         return identity
 
     def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
-        """Write settings that differ, with the pauses that servos need, and read them back.
+        """Write settings that differ, and read them back.
 
-        The memory wears out: what is there already is not written again. That of a Feetech servo
-        keeps only what is written while its lock is off.
+        A Feetech servo keeps only what is written while its lock is off.
 
         Args:
             wanted: Register values by name.
@@ -437,9 +413,7 @@ class Servo:
         """
         table = self.model.control_table
         if self.get("Torque Enable"):
-            raise ServoError(
-                f"servo {self.id} has its torque on; relax it before changing its memory"
-            )
+            raise ServoError(f"servo {self.id} has its torque on; relax it first")
         yield 0.0
         if "Lock" in table and self.get("Lock"):
             raise ServoError(
@@ -469,23 +443,20 @@ class Servo:
         return changed
 
     def lock_eeprom(self, locked: bool) -> Steps[None]:
-        """Write the lock of a Feetech servo, which forgets at power-off what is written under it.
-
-        Other servos have none. Raises as `verify` does.
-        """
+        """Write the EEPROM lock of a Feetech servo; other servos have none."""
         table = self.model.control_table
         if "EEPROM Lock" in table:
             yield from self.verify(table.block("EEPROM Lock"), int(locked))
 
     def arm(self) -> Steps[None]:
-        """Switch its watchdog on, if it has one."""
-        if self.watched:
-            units = round(self._wanted_watchdog / _WATCHDOG_UNIT)
+        """Switch its Bus Watchdog on, if it has one."""
+        if self.has_watchdog:
+            units = round(self._watchdog / _WATCHDOG_UNIT)
             yield from self.set_watchdog(max(1, min(127, units)))
 
     def disarm(self) -> Steps[None]:
-        """Switch its watchdog off, if it has one; one that has tripped takes goals again."""
-        if self.watched:
+        """Switch its Bus Watchdog off, if it has one; one that has tripped accepts goals again."""
+        if self.has_watchdog:
             yield from self.set_watchdog(0)
 
     def set_watchdog(self, value: int) -> Steps[None]:
@@ -493,67 +464,63 @@ class Servo:
         return self.verify(self.model.control_table.block("Bus Watchdog"), value)
 
     def read_errors(self) -> IntFlag:
-        """Return the error state that goes with the last error byte.
-
-        Protocol 2.0 tells only that there is one: its register is read.
-        """
+        """Return the errors behind the last error byte; protocol 2.0 needs a read for that."""
         if self._protocol == 1:
             return self.model.errors(self.error & sum(self.model.errors))
         if not self.error & ALERT:
             return self.model.errors(0)
         return self.model.errors(self.get("Hardware Error Status") & sum(self.model.errors))
 
-    # What is known
+    # Measurements, calibration and goals
 
     @property
-    def watched(self) -> bool:
-        """Whether it stops by itself when it hears nothing: its firmware has a Bus Watchdog."""
+    def has_watchdog(self) -> bool:
+        """Whether it stops by itself without packets: its firmware has a Bus Watchdog."""
         first, known = self.model.watchdog, self.identity
-        if first is None or self._wanted_watchdog <= 0.0:
+        if first is None or self._watchdog <= 0.0:
             return False
         return known is None or known.firmware_version >= first
 
-    def plausible(self, data: bytes) -> bool:
-        """Return whether a servo can have said that of itself."""
-        values = self._unpack(data)
-        a, b, c = self._order[:3]
-        _, speed_sign, load_sign = self._signs
-        return not speed_sign or (
-            values[b] < 2 * speed_sign
-            and values[c] < 2 * load_sign
-            and (values[a] < self.model.ticks or self.model.endless)
-        )
+    def accept(self, reply: Status, clock_offset: int | None = None) -> bool:
+        """Record a reading of the feedback block; return False for impossible values.
 
-    def take(self, reply: Reply, stamp: int) -> None:
-        """Take note of a reading of the feedback block.
+        The checksum of protocol 1.0 is weak: two damaged bits can cancel each other out.
 
         Args:
-            reply: It.
-            stamp: When it was read, ns.
+            reply: The reading.
+            clock_offset: Clock of the stamps minus the port's clock, ns; None: keep the stamp.
         """
         values = self._unpack(reply.data)
         a, b, c, d, e = self._order
         ticks, speed, load = values[a], values[b], values[c]
-        position_sign, speed_sign, load_sign = self._signs
+        model, calibration = self.model, self.calibration
+        position_sign, speed_sign, load_sign = model.signs
         if speed_sign:
             if speed >= speed_sign:
+                if speed >= 2 * speed_sign:
+                    return False
                 speed = speed_sign - speed
             if load >= load_sign:
+                if load >= 2 * load_sign:
+                    return False
                 load = load_sign - load
+            if ticks >= model.ticks and not model.endless:
+                return False
             if position_sign and ticks >= position_sign:
                 ticks = position_sign - ticks
         self.ticks = ticks
-        calibration, model = self.calibration, self.model
         if model.endless:
             lowest = calibration.lowest_turn
             ticks = (ticks - lowest) % model.ticks + lowest
         self.position = calibration.position(ticks)
-        self.velocity = speed * calibration.direction * self._speed_unit
-        self.load = load * calibration.direction / model.load_maximum
+        self.velocity = speed * self._velocity_scale
+        self.load = load * self._load_scale
         self.voltage = values[d] * 0.1
         self.temperature = float(values[e])
         self.error = reply.error
-        self.stamp = stamp
+        if clock_offset is not None:
+            self.stamp = clock_offset + int(reply.stamp * 1e9)
+        return True
 
     def calibrate(
         self, calibration: ServoCalibration, own_range: tuple[int, int] | None = None
@@ -562,7 +529,7 @@ class Servo:
 
         Args:
             calibration: Of its joint.
-            own_range: Lowest and highest tick by the servo's own angle limits; None: as it was.
+            own_range: Lowest and highest tick by the servo's own angle limits; None: as before.
 
         Raises:
             ConfigurationError: They have nothing in common; nothing has changed.
@@ -571,6 +538,8 @@ class Servo:
         self.calibration = calibration
         lower, upper = sorted(map(calibration.position, self.range))
         self.limits = (lower, upper)
+        self._velocity_scale = calibration.direction * self.model.speed_unit
+        self._load_scale = calibration.direction / self.model.load_maximum
 
     @property
     def own_range(self) -> tuple[int, int]:
@@ -579,22 +548,22 @@ class Servo:
         return (0, self.model.ticks - 1) if known is None else known.own_range
 
     def encode_goal(self, ticks: int, speed: float) -> bytes:
-        """Return what to write for a goal.
+        """Return the bytes of a goal.
 
         Args:
             ticks: Goal position, inside the range.
-            speed: rad/s, above 0 and at most as fast as `fastest` allows; 0 for the slowest.
+            speed: rad/s, reduced to `fastest`; 0 for the slowest.
         """
-        count = round(speed / self._speed_unit)
+        count = round(speed / self.model.speed_unit)
         if count > self.fastest:
             count = self.fastest
         elif count < self.model.speed_minimum:  # 0 would be full speed
             count = self.model.speed_minimum
-        return self.model.goal.layout.pack(*self.model.goal_values(ticks, count))
+        return self.model.encode_goal(ticks, count)
 
     def limit_speed(self, limit: float) -> None:
-        """Never encode a goal speed above a limit, rad/s."""
-        fastest = int(limit / self._speed_unit)
+        """Set the highest goal speed, rad/s."""
+        fastest = int(limit / self.model.speed_unit)
         self.fastest = max(self.model.speed_minimum, min(self.model.speed_maximum, fastest))
 
     # Whether it answers
@@ -606,48 +575,44 @@ class Servo:
 
     @property
     def answers(self) -> bool:
-        """Whether it answered, or was found again, when it was asked last."""
+        """Whether it answered, or was found again, the last time."""
         return self.link not in (LinkState.UNKNOWN, LinkState.SILENT, LinkState.LOST)
 
     def lose(self, ask_at: int) -> None:
-        """Leave it out of the cycle and ask it again at a time, ns."""
+        """Leave it out of the cycle, and do not ask it before a monotonic time, ns."""
         self.ask_at = ask_at
         self._enter(LinkState.LOST)
 
     def note_failure(self, cause: CommunicationError, ask_at: int) -> None:
-        """Note a cycle without a usable reply; ask it again alone, not before a time, ns."""
+        """Record a cycle without a usable reply; `ask_at`: as in `lose`."""
         self.ask_at = ask_at
         self.failed_cycles += 1
         self.damaged_cycles = 0 if isinstance(cause, ReplyTimeoutError) else self.damaged_cycles + 1
         self._enter(LinkState.SILENT)
 
-    def note_answer(self) -> None:
-        """Note a usable reply after something unusual."""
-        self.damaged_cycles = 0
+    def note_reply(self) -> None:
+        """Record a usable reply after another link state than PRESENT."""
         interrupted = self.link in (LinkState.SILENT, LinkState.INTERRUPTED)
-        self.failed_cycles = self.ask_at = 0
+        self.failed_cycles = self.damaged_cycles = self.ask_at = 0
         self._enter(LinkState.INTERRUPTED if interrupted else LinkState.PRESENT)
 
     def interrupt(self) -> None:
-        """Note that it may have been without power: its torque is read before the next goal."""
+        """Record that it may have lost its power: its torque is read before the next goal."""
         if self.link is LinkState.PRESENT:
             self._enter(LinkState.INTERRUPTED)
 
     def note_torque(self) -> None:
-        """Note that its torque is known again after it was silent."""
+        """Record that its torque has been read after an interruption."""
         if self.link is LinkState.INTERRUPTED:
             self._enter(LinkState.PRESENT)
 
     def _enter(self, link: LinkState) -> None:
         self.link = link
-        self.changes.count += 1
+        self._version.number += 1
 
 
 def answering(servos: Iterator[Servo], tries: int = 3) -> tuple[int, ...]:
-    """Ping servos one by one and return the ids that answer.
-
-    A damaged answer counts: somebody is there.
-    """
+    """Ping servos one by one and return the ids that answer, also with a damaged reply."""
     found: list[int] = []
     for servo in servos:
         try:
@@ -661,65 +626,61 @@ def answering(servos: Iterator[Servo], tries: int = 3) -> tuple[int, ...]:
 
 
 def model_name(number: int) -> str:
-    """Return the name of the model with that Model Number, and the number."""
+    """Return name and number of the model with that Model Number."""
     try:
         return f"{servo_model_by_number(number).name} ({number})"
     except ConfigurationError:
         return f"an unknown model with number {number}"
 
 
-# What a servo is asked about itself
+# Identification
 
 
 @cache
 def _spans(table: ControlTable, own: tuple[str, ...]) -> tuple[Block, ...]:
-    """Return the reads that tell what a servo is; `own` are registers that only its model has."""
+    """Return the reads that identify a servo; `own`: registers that only its model has."""
     wanted = (
         "Model Number", "Firmware Version", "Status Return Level", "Torque Enable",
         "Temperature Limit", "Min Voltage Limit", "Shutdown", "Max Torque", "Torque Limit",
         "Hardware Error Status", "EEPROM Lock", "Alarm LED", "Secondary ID", *own,
     )  # fmt: skip
     found = tuple(table.spans(_LONGEST_SPAN, wanted))
-    # Of different lengths, so that no reply is taken for the next one.
+    # Neighbours differ in length, so that a late reply is not accepted as the next one.
     assert all(one.length != other.length for one, other in pairwise(found)), table.name
     return found
 
 
 def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:
-    """Return whether a servo has shut itself down, from its own registers."""
     if memory.get("Hardware Error Status", 0) & shutdown:
         return True
     return "Torque Limit" in memory and memory["Torque Limit"] == 0 < memory["Max Torque"]
 
 
-def _check_mode(servo: Servo, memory: Mapping[str, int], lower: int, upper: int) -> None:
-    """Refuse a servo that does not go to positions, or counts speeds in another way."""
-    who = f"servo {servo.id} ({servo.calibration.joint_name})"
-    for name, mode in servo.model.modes.items():
+def _check_mode(servo: Servo, memory: Mapping[str, int]) -> None:
+    """Refuse a servo in another mode than position control, or with other units of speed."""
+    who, model = f"servo {servo.id} ({servo.calibration.joint_name})", servo.model
+    for name, mode in model.modes.items():
         value = memory[name]
         if not mode.fits(value):
-            address = servo.model.control_table[name].address
+            address = model.control_table[name].address
             right = value & ~mode.mask | mode.value
             raise ServoSetupError(
                 f"{who} {mode.otherwise}: {name} (register {address}) is {value}; set it to "
                 f"{right}, for example with `servo set {servo.id} '{name}' {right}`"
             )
-    if servo.model.protocol == 1 and lower == upper:
+    lower, upper = (memory[name] for name in model.position_limits)
+    if model.protocol == 1 and lower == upper:
         name = "wheel mode" if lower == 0 else "multi-turn mode"
         low, high = servo.calibration.tick_range
-        limits = " and ".join(servo.model.position_limits)
         raise ServoSetupError(
-            f"{who} is in {name} (both angle limits are {lower}) and has no positions within one "
-            f"turn; set its {limits}, for example to {low} and {high} with `servo set {servo.id} "
-            "REGISTER VALUE`"
+            f"{who} is in {name} (both angle limits are {lower}); set its "
+            f"{' and '.join(model.position_limits)}, for example to {low} and {high} with "
+            f"`servo set {servo.id} REGISTER VALUE`"
         )
 
 
 def _check_offset(servo: Servo, memory: Mapping[str, int]) -> None:
-    """Refuse a servo whose memory adds another offset to its position than when it was calibrated.
-
-    Where the servo's ticks have moved, `init`, `min` and `max` are those of another joint.
-    """
+    """Refuse a servo that adds another offset to its position than when it was calibrated."""
     register, wanted = servo.model.offset, servo.calibration.offset
     if register is None or wanted is None:
         return
@@ -733,21 +694,20 @@ def _check_offset(servo: Servo, memory: Mapping[str, int]) -> None:
 
 
 def _check_secondary_id(servo: Servo, memory: Mapping[str, int]) -> None:
-    """Refuse a servo that obeys packets for a servo of another joint, too."""
+    """Refuse a servo that also obeys packets for a servo of another joint."""
     other = memory.get("Secondary ID")
     if other in servo.others:
         raise ServoSetupError(
-            f"servo {servo.id} ({servo.calibration.joint_name}) obeys packets for servo {other}, "
-            "too, which turns another joint: take its Secondary ID away, for example with "
+            f"servo {servo.id} ({servo.calibration.joint_name}) also obeys packets for servo "
+            f"{other}, which turns another joint: remove its Secondary ID, for example with "
             f"`servo set {servo.id} 'Secondary ID' 255`"
         )
 
 
 def _check_direction(servo: Servo, memory: Mapping[str, int]) -> None:
-    """Refuse a servo that counts its ticks in the other direction than when it was calibrated.
+    """Refuse a servo that counts ticks in another direction than when it was calibrated.
 
-    Drive Mode is kept in EEPROM: another vendor's driver may have reversed it. The joint would turn
-    away from each target.
+    Drive Mode is kept in EEPROM: another driver may have reversed it.
     """
     calibration = servo.calibration
     if calibration.reverse is None:

@@ -1,4 +1,4 @@
-"""Values that the bus takes and hands out: goals, states, events, counters."""
+"""Values that the bus accepts and returns: goals, states, events, counters."""
 
 from __future__ import annotations
 
@@ -24,19 +24,14 @@ class Torque(Enum):
     ON = "torque on"
 
     @property
-    def waits(self) -> bool:
+    def refuses(self) -> bool:
         """Whether commands are refused."""
         return self not in (Torque.ON, Torque.OFF_UNTIL_COMMANDED)
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Where a joint shall go.
-
-    Attributes:
-        position: Goal, rad.
-        speed: Speed to go there, rad/s; None stands for the joint's own speed.
-    """
+    """A goal position in rad, and the speed in rad/s; None: the joint's own speed."""
 
     position: float
     speed: float | None = None
@@ -44,13 +39,12 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """What became of an accepted command.
+    """The result of an accepted command.
 
     Attributes:
-        positions: Goal positions taken over, rad, by joint; within the limits.
-        clamped: By how much a position was moved to reach the limit (taken over minus asked), rad,
-            for the joints where it was.
-        left_out: Why joints take no goals now, by joint; theirs were dropped.
+        positions: Accepted goal position by joint, rad.
+        clamped: Accepted minus commanded position, rad, of joints that were moved to a limit.
+        left_out: Joints that accept no goals now, and why; their goals were dropped.
     """
 
     positions: Mapping[str, float]
@@ -59,11 +53,7 @@ class CommandResult:
 
 
 def check_speed(joint_name: str, speed: float) -> None:
-    """Refuse a speed that is not finite or not above 0.
-
-    Raises:
-        GoalError: It is not.
-    """
+    """Raise GoalError for a speed that is not finite or not above 0."""
     if not (math.isfinite(speed) and speed > 0.0):
         raise GoalError(
             f"{joint_name}: speed {speed} rad/s refused; it must be finite and above 0. To stop a "
@@ -72,7 +62,7 @@ def check_speed(joint_name: str, speed: float) -> None:
 
 
 class Health(Enum):
-    """What is known about a servo."""
+    """State of a servo, for diagnostics."""
 
     UNKNOWN = "not found yet"
     PRESENT = "present"
@@ -83,23 +73,23 @@ class Health(Enum):
 
 
 class ServoState(NamedTuple):
-    """One joint, as read in one transaction with its servo.
+    """Measured state of one joint.
 
-    Where two servos drive a joint, position, velocity and stamp are the first one's that answered,
-    the load is the mean, voltage the lowest, temperature the highest, and errors are of both.
+    If two servos drive the joint: position, velocity and stamp of the first one that answered, mean
+    load, lowest voltage, highest temperature, errors of both.
 
     Attributes:
         joint_name: The joint.
         id: Servo id.
-        stamp: Time of reading, ns, on the clock given to the bus (middle of the transaction).
+        stamp: Time of the measurement, ns, on the clock of the bus.
         position: Joint position, rad.
         velocity: Joint velocity, rad/s.
-        load: Output of the servo, -1 to 1 of full torque, positive towards higher positions.
+        load: -1 to 1 of full torque, positive towards higher positions.
         voltage: Supply, V.
         temperature: Degrees Celsius.
-        error: Error state: `ErrorBits` in protocol 1.0, else the model's hardware errors.
-        torque: Whether the driver has torque switched on.
-        goal: Goal position that is being written, rad; None while relaxed.
+        error: `ErrorBits` in protocol 1.0, otherwise the model's hardware errors.
+        torque: Whether torque is on.
+        goal: Goal position, rad; None while relaxed.
     """
 
     joint_name: str
@@ -116,7 +106,7 @@ class ServoState(NamedTuple):
 
     @property
     def effort(self) -> float:
-        """NaN: servos measure a share of their full load, and no torque."""
+        """NaN: servos do not measure torque in N m."""
         return math.nan
 
     @property
@@ -126,7 +116,7 @@ class ServoState(NamedTuple):
 
 
 class EventKind(Enum):
-    """What can happen to a servo between two readings."""
+    """Kinds of events."""
 
     LOST = "lost"
     RETURNED = "returned"
@@ -150,7 +140,7 @@ class EventKind(Enum):
 
 
 class Symptom(Enum):
-    """What can be wrong with a servo, besides what it says itself in its error bits."""
+    """Faults that the diagnosis finds, besides the servo's own error bits."""
 
     TORQUE_LOST = "torque lost"
     BLOCKED = "blocked"
@@ -172,25 +162,25 @@ class Symptom(Enum):
 
     @property
     def stuck(self) -> bool:
-        """Whether the joint cannot go where it is told."""
+        """Whether the joint cannot reach its goals."""
         return self in (Symptom.TORQUE_LOST, Symptom.BLOCKED, Symptom.IDLE, Symptom.MODE)
 
     @property
     def serious(self) -> bool:
-        """Whether the servo does not do what it is told, or cannot be believed."""
+        """Whether the servo does not follow its goals, or its measurements are wrong."""
         return self not in (Symptom.SUPPLY, Symptom.SAG, Symptom.WARM, Symptom.LINE)
 
 
 @dataclass(frozen=True, slots=True)
 class BusEvent:
-    """Something that happened once and that a user may want to know.
+    """An event on the bus.
 
     Attributes:
-        kind: What it is.
-        joint_name: The joint it happened to; empty for what happened to the port.
-        text: One sentence for a log.
-        stuck: Whether the joint cannot go where it is told any more.
-        repeated: Whether it has happened twice before in a short time; a log leaves it out.
+        kind: What happened.
+        joint_name: The joint; empty for the port.
+        text: One sentence for the log.
+        stuck: Whether the joint cannot reach its goals any more.
+        repeated: Whether it has happened twice in a short time; the log leaves it out.
     """
 
     kind: EventKind
@@ -206,10 +196,10 @@ class BusReading(NamedTuple):
     Attributes:
         cycle: Number of the cycle, from 1.
         stamp: Start of the cycle, ns.
-        states: What was read in this cycle, by joint name. A joint that did not answer is absent.
-        failed: Joints that were asked in this cycle and did not answer.
-        lost: Joints that are not asked any more because they have not answered for some time.
-        events: What happened since the previous reading, in order.
+        states: Measurements of this cycle by joint name; joints that did not answer are absent.
+        failed: Joints that did not answer in this cycle.
+        lost: Joints that have not answered for some time.
+        events: Events since the previous reading, in order.
     """
 
     cycle: int
@@ -222,27 +212,27 @@ class BusReading(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ServoStatistics:
-    """Counters of one servo since the bus was made.
+    """Counters and state of one servo.
 
     Attributes:
-        joint_name: The joint it drives.
+        joint_name: The joint.
         id: Servo id.
-        replies: Transactions that were answered well.
-        retries: Transactions that were repeated.
-        timeouts: Attempts without an answer.
-        corrupt: Attempts with a damaged answer.
-        lost: Whether the servo counts as lost.
+        replies: Successful transactions.
+        retries: Repeated transactions.
+        timeouts: Attempts without a reply.
+        corrupt: Attempts with a damaged reply.
+        lost: Whether the servo is lost.
         model: Name of the configured model.
-        firmware_version: What the servo said; None before it was found.
-        health: What is known about it.
-        errors: Its error state when it last told.
-        last_stamp: When it last answered, ns, on the clock given to the bus; None if never.
-        temperature: Degrees Celsius when it last answered; None if that does not count any more.
-        voltage: Supply, V, likewise.
-        load: Output of the servo, -1 to 1 of its full torque, likewise.
+        firmware_version: None before the servo was found.
+        health: Its state.
+        errors: Its errors, as read last.
+        last_stamp: Time of the last measurement, ns; None: none.
+        temperature: Degrees Celsius; None if the servo is lost.
+        voltage: Supply, V; None if the servo is lost.
+        load: -1 to 1 of full torque; None if the servo is lost.
         torque: Why it holds or does not hold its position.
-        symptoms: What is wrong with it besides its own errors, a sentence each.
-        outcome: What became of its last goal: under way, arrived, missed by so much, or why not.
+        symptoms: Faults that the diagnosis has found, a sentence each.
+        outcome: Result of its last goal: under way, arrived, missed by a distance, or why not.
     """
 
     joint_name: str
@@ -267,16 +257,16 @@ class ServoStatistics:
 
 @dataclass(frozen=True, slots=True)
 class BusStatistics:
-    """Counters of a bus since it was made.
+    """Counters of a bus.
 
     Attributes:
-        cycles: Cycles run.
+        cycles: Number of cycles.
         refused_commands: Commands that raised GoalError.
         clamped_commands: Commands with at least one position moved to a limit.
-        servos: One entry per servo, in the order of the configuration.
+        servos: One entry for each servo, in the order of the configuration.
         connected: Whether the port is open.
-        port_losses: How often the port has gone.
-        adapter: What is known about the adapter.
+        port_losses: How often the port was lost.
+        adapter: Facts about the adapter.
     """
 
     cycles: int

@@ -1,4 +1,4 @@
-"""The one thread that owns a servo bus."""
+"""The thread that owns a servo bus."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from head_tracking.dynamixel.bus import ServoBus
-from head_tracking.dynamixel.exceptions import (
-    BusStoppedError,
-    ConfigurationError,
-)
+from head_tracking.dynamixel.exceptions import BusStoppedError, ConfigurationError
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.state import BusReading
 
@@ -24,13 +21,13 @@ _CLOSING = 10.0  # s that braking, and asking every servo several times, may tak
 
 @dataclass(frozen=True, slots=True)
 class BusTiming:
-    """How the cycle keeps up.
+    """Timing of the cycle.
 
     Attributes:
-        update_rate: Cycles per second wanted.
-        reached_rate: Cycles per second of the last second or so; 0 before the first.
+        update_rate: Configured cycles per second.
+        reached_rate: Cycles per second in the last second; 0 before it has passed.
         longest_cycle: Longest cycle so far, s.
-        missed: Cycles left out because one before took too long.
+        missed: Cycles left out because an earlier one took too long.
     """
 
     update_rate: float
@@ -40,19 +37,19 @@ class BusTiming:
 
 
 class BusThread:
-    """Runs a connected bus at a fixed rate and hands out its readings.
+    """Runs the cycles of a connected bus at a fixed rate.
 
-    However the thread ends, it stops and relaxes the servos and closes the port: on `stop`, when
-    the port is lost, and when a callback raises.
+    At its end, also when the port is lost or a callback raises, it brakes and relaxes the servos
+    and closes the port.
 
     Args:
-        bus: The bus; `connect` it first, then leave it to this thread.
+        bus: The bus, already connected.
         update_rate: Cycles per second.
-        on_reading: Gets every reading, in this thread. It must return soon, and must not wait for
-            a future of `call`.
-        on_error: Gets the exception that ended the thread, after the servos were relaxed.
-        update: Gets every reading before the goals are written, in this thread; it commands the
-            bus. While it runs nobody waits for the bus.
+        on_reading: Called with every reading, in this thread. It must return soon, and must not
+            wait for a future of `call`.
+        on_error: Called with the exception that ended the thread, after the servos were relaxed.
+        update: Called with every reading before the goals are written, in this thread, to command
+            the bus. Other threads can use the bus meanwhile.
 
     Attributes:
         bus: The bus.
@@ -99,7 +96,7 @@ class BusThread:
 
     @property
     def timing(self) -> BusTiming:
-        """How the cycle keeps up."""
+        """Timing of the cycle."""
         return BusTiming(self._update_rate, self._reached, self._longest * 1e-9, self._missed)
 
     def start(self) -> None:
@@ -113,16 +110,16 @@ class BusThread:
             self._wake.notify()
 
     def stop(self, timeout: float = 2.0) -> None:
-        """End the cycles, brake and relax the servos, close the port; safe to call twice.
+        """End the cycles, brake and relax the servos, close the port; may be called twice.
 
-        Should the thread hang in a callback, the servos are relaxed from here.
+        If the thread hangs in a callback, the servos are relaxed from the calling thread.
 
         Args:
             timeout: How long to wait for the thread, s; while it brakes and relaxes, longer.
 
         Raises:
-            BusStoppedError: The thread does not end in that time: a callback hangs (the servos have
-                been relaxed), or the port does (they have not).
+            BusStoppedError: The thread did not end: a callback hangs (the servos were relaxed), or
+                the port hangs (they were not).
         """
         self.ask_to_stop()
         if self._thread.ident is None:
@@ -151,28 +148,28 @@ class BusThread:
         *,
         despite_stop: bool = False,
     ) -> Future[_T]:
-        """Run a function in the owner's thread between two cycles.
+        """Run a function in this thread between two cycles.
 
-        Steps that it returns are taken there, the first at once, the others between the work of
-        the next cycles; see `ServoBus.submit`. Cancelling the future ends them.
+        Steps that it returns are taken in the next cycles, the first at once. Cancelling the future
+        ends them.
 
         Args:
-            function: Gets the bus; for example `lambda bus: bus.switching_torque(None, False)`.
-            epoch: When the request was made, see `Epoch`; None: now.
-            despite_stop: Whether it is carried out although STOP came after it; for requests that
-                relax, or change what moves nothing.
+            function: Called with the bus; e.g. `lambda bus: bus.switching_torque(None, False)`.
+            epoch: In which the request was made; None: the present one.
+            despite_stop: Whether to carry it out although STOP came after it; for requests that
+                relax, or that move nothing.
 
         Returns:
-            Its result or exception; StoppedError if STOP came after it was made; BusStoppedError
-            if the thread does not run (any more).
+            Its result or exception: StoppedError if STOP came after it was made, BusStoppedError if
+            the thread does not run.
         """
         return self._requests.add(lambda: function(self.bus), epoch, despite_stop)
 
     def at_once(self, function: Callable[[ServoBus], _T], timeout: float) -> _T:
-        """Run a function in this thread, whatever the owner's does, as soon as the port is free.
+        """Run a function in the calling thread as soon as the port is free.
 
         Args:
-            function: Gets the bus; it must take no steps that wait.
+            function: Called with the bus; it must not wait for steps.
             timeout: How long to wait for the port, s.
 
         Raises:
@@ -190,7 +187,7 @@ class BusThread:
     def _run(self) -> None:
         try:
             self._run_cycles()
-        except BaseException as error:  # kept and reported; the servos come first
+        except BaseException as error:  # reported after the servos were relaxed
             self.error = error
         finally:
             self._finish()
@@ -198,7 +195,7 @@ class BusThread:
             self._on_error(self.error)
 
     def _finish(self) -> None:
-        """Close the bus, once, whoever comes first."""
+        """Close the bus once."""
         with self._owner:
             if self._ended:
                 return
@@ -215,7 +212,7 @@ class BusThread:
         while self._wait(due):
             begin = time.monotonic_ns()
             with self._owner:
-                if self._ended:  # somebody has closed the bus while a callback hung
+                if self._ended:  # another thread has closed the bus
                     return
                 reading = self.bus.cycle.read()
             self._update(reading)
@@ -232,15 +229,15 @@ class BusThread:
                 self._reached = window_cycles * _SECOND / (end - window_start)
                 window_start, window_cycles = end, 0
             self._on_reading(reading)
-            # On a fixed grid, so that cycles do not drift; those that are past are left out.
+            # On a fixed grid, so that cycles do not drift.
             late = max(0, time.monotonic_ns() - due - 1) // period
             self._missed += late
             due += (late + 1) * period
 
     def _wait(self, due: int) -> bool:
-        """Serve requests and take steps until a time, ns; return False when the thread shall end.
+        """Begin requests and take steps until a time, ns; return False at the end of the thread.
 
-        A stream of requests does not hold the cycle up: one of them is served once it is due.
+        A stream of requests does not delay the cycle.
         """
         while not self._stopping:
             with self._owner:

@@ -1,6 +1,6 @@
-"""The one way to switch the torque of servos on, where they stand, and the one way to relax them.
+"""Switch the torque of servos on, at their present position, and off.
 
-They serve requests, STOP, faults, the end of a run, and programs that have no running bus.
+Used by requests, STOP, faults, the end of a run, and programs without a running bus.
 """
 
 from __future__ import annotations
@@ -25,41 +25,40 @@ from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo, run
 
 _T = TypeVar("_T")
-_PATIENCE: Final = 0.5  # s to wait for a gap between the packets of a second program
+_PATIENCE: Final = 0.5  # s to wait for a gap between the packets of another program
 
 
 def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = False) -> Steps[int]:
-    """Switch torque on where the servo stands, without a jump; return the goal, in ticks.
+    """Switch torque on at the present position; return the goal, in ticks.
 
-    The goal is written, and read back, before torque is switched on, because a servo starts
-    for its old goal at that moment. It is written together with the lowest speed, because an
-    AX servo switches torque on by itself when a goal arrives, as Feetech servos seem to, and a
-    relaxed servo may have been moved since its position was read. A shaft outside the range creeps
-    to its end.
+    The goal is written and read back before torque is switched on, because a servo starts towards
+    its old goal at that moment. It is written with the lowest speed, because a goal alone switches
+    the torque of an AX servo on, and the shaft may have been turned since its position was read. A
+    shaft outside of the range moves to its end at that speed.
 
     Args:
         servo: The servo.
         allowed: Lowest and highest tick for the goal; None: its range.
-        powered: Whether its torque must be on already: one that is relaxed stays so.
+        powered: Whether its torque must be on already; a relaxed servo stays relaxed.
 
     Raises:
-        ServoError: It was to have torque on, and has not.
-        PositionError: It stands where the way to its range could lead the other way round.
-        RegisterRefusedError: The servo does not take the goal or the torque.
+        ServoError: Its torque was to be on, and is off.
+        PositionError: The way to its range could lead in the wrong direction.
+        RegisterRefusedError: The servo refuses the goal or the torque.
     """
     if powered and not servo.get("Torque Enable"):
         raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
     servo.confirmed = False
     servo.pins += 1
-    yield from servo.disarm()  # one that has tripped refuses goals until it is cleared
+    yield from servo.disarm()  # a tripped watchdog refuses goals
     before = servo.get("Present Position")
     if not powered:
         require_straight_path(servo, before)
     yield 0.0
     lowest, highest = allowed or servo.range
-    goal = max(lowest, min(highest, before))
-    values = servo.model.goal_values(goal, servo.model.speed_minimum)
-    yield from servo.verify(servo.model.goal, *values)
+    goal, block = max(lowest, min(highest, before)), servo.model.goal
+    data = servo.model.encode_goal(goal, servo.model.speed_minimum)
+    yield from servo.verify(block, *block.decode(data))
     yield from servo.switch_torque(True)
     if servo.model.endless and not powered:
         now = servo.get("Present Position")
@@ -75,14 +74,13 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
 
 
 def require_straight_path(servo: Servo, ticks: int) -> None:
-    """Refuse a position, in ticks, from which a relaxed servo could turn the wrong way.
+    """Refuse a position, in ticks, from which a relaxed servo could turn in the wrong direction.
 
-    With torque on, a servo turns towards higher ticks for a higher goal. Its shaft goes all
-    round, and its scale has a seam: from beyond it, the way to a goal leads round the other
-    way, through what is forbidden. So a shaft that is more than half a turn from the middle of
-    its range is taken for one that was turned over the seam by hand. While it is relaxed, an X
-    servo counts the turns; torque on forgets them. In the dead angle of an AX servo its
-    position reads as an end of the scale.
+    With torque on, a servo turns towards higher ticks for a higher goal. Beyond the end of its
+    scale that way leads all round. So a shaft that is more than half a turn from the middle of its
+    range counts as one that was turned over the end by hand. While relaxed, an X servo counts
+    turns, and forgets them when torque comes on. In its dead angle an AX servo reads an end of its
+    scale.
 
     Raises:
         PositionError: It is such a position.
@@ -97,29 +95,29 @@ def require_straight_path(servo: Servo, ticks: int) -> None:
     elif not (far or ticks <= 0 < lowest or ticks >= last > highest):
         return
     raise PositionError(
-        f"servo {servo.id} stands at tick {ticks}, outside its range {lowest} to {highest}: "
-        "its way back could lead over the seam of its scale or its dead angle, the other way "
-        "round. Torque stays off; turn it back into its range by hand, then try again"
+        f"servo {servo.id} is at tick {ticks}, outside its range {lowest} to {highest}: its way "
+        "back could lead over the end of its scale or through its dead angle, in the other "
+        "direction. Torque stays off; turn it back into its range by hand, then try again"
     )
 
 
 def relaxing(
     port: DynamixelPort, servos: Sequence[Servo], *, disarm: bool = False
 ) -> Steps[dict[int, str]]:
-    """Switch torque off: the first step does it for all, the others make sure of each.
+    """Switch torque off: the first step sends it to all, the others read each servo back.
 
     Args:
-        port: Where the servos are.
+        port: The port of the servos.
         servos: Which.
-        disarm: Whether to switch off the Bus Watchdog of those that have one, too.
+        disarm: Whether to switch off their Bus Watchdog, too.
 
     Returns:
-        By id, why a servo did not confirm that it is relaxed; empty where it did.
+        By id, why a servo did not confirm; empty where it did.
     """
     pins = {servo.id: servo.pins for servo in servos}
     for servo in servos:
         servo.confirmed = False
-    with suppress(PortLostError, NotConnectedError):  # what follows finds that out, too
+    with suppress(PortLostError, NotConnectedError):  # reported by what follows
         release(port, servos)
     yield 0.0
     problems: dict[int, str] = {}
@@ -137,7 +135,7 @@ def relaxing(
 
 
 def _confirming(servo: Servo, pins: int, disarm: bool) -> Steps[None]:
-    """Make sure that a servo is relaxed, unless somebody switches its torque on meanwhile."""
+    """Make sure that a servo is relaxed, until somebody switches its torque on."""
 
     def steps() -> Steps[None]:
         if servo.get("Torque Enable"):
@@ -150,29 +148,25 @@ def _confirming(servo: Servo, pins: int, disarm: bool) -> Steps[None]:
     return unless(lambda: servo.pins != pins, steps())
 
 
-def unless(overtaken: Callable[[], bool], steps: Steps[_T]) -> Steps[_T]:
-    """Take steps until somebody else has switched the torque of that servo, or of its joint.
-
-    Raises:
-        ServoError: Somebody has.
-    """
-    while not overtaken():
+def unless(superseded: Callable[[], bool], steps: Steps[_T]) -> Steps[_T]:
+    """Take steps; raise ServoError as soon as another request has switched the torque."""
+    while not superseded():
         try:
             yield next(steps)
         except StopIteration as end:
             return end.value  # type: ignore[no-any-return]
-    raise ServoError("somebody has switched its torque meanwhile")
+    raise ServoError("another request has switched its torque meanwhile")
 
 
 def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
-    """Write torque off to servos, in one packet for each protocol, and wait for nothing."""
+    """Write torque off, in one packet for each protocol, without waiting for a confirmation."""
     packets: dict[tuple[int, int], dict[int, bytes]] = {}
     for servo in servos:
         register = servo.model.control_table["Torque Enable"]
         packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
-    for (protocol, address), shares in packets.items():
-        with suppress(LineBusyError):  # whoever makes sure of it reports it
-            port.sync_write(address, shares, protocol, patience=_PATIENCE)
+    for (protocol, address), data in packets.items():
+        with suppress(LineBusyError):  # reported when the servos are read back
+            port.sync_write(address, data, protocol, patience=_PATIENCE)
 
 
 def relax_servos(
@@ -189,14 +183,14 @@ def relax_servos(
         port_name: Device, such as /dev/ttyUSB0.
         models: Name of each servo's model, by id.
         baud_rate: Bits per second.
-        hold: Hold those that have torque on where they stand instead.
+        hold: Hold servos with torque on at their present position instead.
         make_port: Makes the port, from its name and baud rate.
 
     Returns:
         By id, what went wrong; empty where a servo has confirmed.
 
     Raises:
-        ConfigurationError: A model is unknown, or the baud rate is not possible.
+        ConfigurationError: A model or the baud rate is unknown.
         PortError: The port cannot be opened.
     """
     port = make_port(port_name, baud_rate)
@@ -215,9 +209,8 @@ def relax_servos(
 
 
 def _hold(servo: Servo) -> None:
-    """Hold a servo that has torque on where it stands; a relaxed one stays relaxed."""
     if servo.get("Torque Enable"):
-        if servo.model.watchdog is not None:  # one that has tripped refuses goals
+        if servo.model.watchdog is not None:  # a tripped one refuses goals
             with suppress(RegisterRefusedError):  # older firmware has none
                 run(servo.set_watchdog(0))
         run(pin(servo, powered=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 AT_GOAL = 0.03
-"""A joint that is nearer to its goal [rad] is there: dead bands, play and sag allowed for."""
+"""Largest error of a joint that is at its goal [rad], with dead band, play and sag."""
 
 
 def at_goal(positions: Sequence[float], goals: Sequence[float]) -> bool:
@@ -14,7 +14,7 @@ def at_goal(positions: Sequence[float], goals: Sequence[float]) -> bool:
 
 
 class Arrival:
-    """Detect that a head misses its target by little, for some time. Times in s, on any clock.
+    """Detect that the error of a head stays small. Times are in seconds, on any clock.
 
     Args:
         tolerance: the largest miss that counts as arrived [rad].

@@ -154,13 +154,13 @@ class PanTiltHead:
 
     @property
     def axes(self) -> Rotation:
-        """The rotation that takes vectors from `base_frame` into C."""
+        """The rotation from `base_frame` to C."""
         return self._geometry.T_C_base.rotation
 
     def gaze(self, target: Sequence[float], pan: float, tilt: float) -> Gaze:
-        """The joint positions that look at `target`, or come nearest to it.
+        """Return the joint positions that look at `target`, or come nearest to it.
 
-        Never raises: what can't be reached is answered with the reason and the miss.
+        Does not raise: a point that cannot be reached has a status, a reason and a miss.
 
         Args:
             target: the point, shape (3,) [m], in `base_frame`.
@@ -202,7 +202,7 @@ class PanTiltHead:
         return Gaze(*nearest, GazeStatus.OUT_OF_REACH, miss, self._out_of_reach(wanted, miss))
 
     def sight(self, target: Sequence[float], pan: float, tilt: float) -> Sight | None:
-        """The point as the head sees it, limits aside; None if no turn brings it before the camera.
+        """Return the ray to a point, limits aside; None if no turn brings it before the camera.
 
         How far away a point on the camera's axis is makes no difference to pan and tilt.
 
@@ -225,7 +225,7 @@ class PanTiltHead:
         )
 
     def look(self, sight: Sight, pan: float, tilt: float) -> Gaze:
-        """The gaze at a point that is seen like this; see `gaze`."""
+        """Return the gaze at a point, given by its ray; see `gaze`."""
         positions = (
             turn_near(sight.pan, pan, self.pan_limits),
             turn_near(sight.tilt, tilt, self.tilt_limits),
@@ -235,7 +235,7 @@ class PanTiltHead:
         return self.gaze(self.point(sight), pan, tilt)
 
     def point(self, sight: Sight) -> Vector3:
-        """The point, shape (3,) [m], in `base_frame`, that is seen like this."""
+        """Return the point of a ray, shape (3,) [m], in `base_frame`."""
         return self._geometry.ahead(*sight)
 
     def seen(self, target: Sequence[float], pan: float, tilt: float) -> Vector3:
@@ -270,7 +270,7 @@ class PanTiltHead:
         return self._geometry.T_base_C.apply((float(x), float(y), float(z)))
 
     def miss(self, target: Sequence[float], pan: float, tilt: float) -> float:
-        """The angle [rad], 0 to pi, by which the axis misses a point.
+        """Return the angle [rad], 0 to pi, between the axis and the direction to a point.
 
         Args:
             target: the point, shape (3,) [m], in `base_frame`.
@@ -303,7 +303,7 @@ class PanTiltHead:
         return self.pan_limits.contains(positions[0]) and self.tilt_limits.contains(positions[1])
 
     def _inside(self, point: Vector3, wanted: tuple[float, float]) -> tuple[float, float]:
-        """The allowed positions nearest to those wanted: pan first, then the best tilt there."""
+        """Return the allowed positions nearest to `wanted`: pan first, then the best tilt there."""
         pan, tilt = self.pan_limits.clamp(wanted[0]), wanted[1]
         if pan != wanted[0]:
             beside = self._tilt(point, pan, tilt)
@@ -418,7 +418,7 @@ class HeadGeometry:
         pointing_frame: str,
         pointing_axis: Sequence[float] | None,
     ) -> HeadGeometry:
-        """The geometry of the head that these two joints and this frame make.
+        """Return the geometry of the head of these two joints and this frame.
 
         Raises:
             RobotModelError: they do not carry each other, something else moves between them, or
@@ -460,7 +460,7 @@ class HeadGeometry:
         return abs(self.slant[1]) < _NEARLY_SQUARE and abs(self.axis[2]) < _NEARLY_SQUARE
 
     def pan(self, point: Vector3, *, backwards: bool) -> float | None:
-        """The direction [rad] to which pan must turn for the axis to go through a point of C.
+        """Return the pan [rad] with which the axis can go through a point of C.
 
         The pointing axis keeps its height w over the plane that is square to the tilt axis, give
         or take its own slope: that fixes the y which the point must have in C as pan carries it.
@@ -498,7 +498,7 @@ class HeadGeometry:
         return None
 
     def tilt(self, point: Vector3, pan: float) -> float | None:
-        """The tilt [rad] that brings the axis to a point of C, seen along the tilt axis.
+        """Return the tilt [rad] that brings the axis to a point of C, seen along the tilt axis.
 
         None if no tilt will do.
         """
@@ -510,7 +510,7 @@ class HeadGeometry:
         return math.atan2(v, u) - math.atan2(cv + reach * av, cu + reach * au)
 
     def miss(self, point: Vector3, pan: float, tilt: float) -> float:
-        """The angle between the pointing axis and the direction to a point of C [rad]."""
+        """Return the angle between the pointing axis and the direction to a point of C [rad]."""
         x, y, z = self.seen(point, pan, tilt)
         ax, ay, az = self.axis
         across = math.hypot(ay * z - az * y, az * x - ax * z, ax * y - ay * x)
@@ -521,7 +521,7 @@ class HeadGeometry:
         return max(math.hypot(*self.seen(point, pan, tilt)) + self.lead, _CLOSE)
 
     def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
-        """The point on the pointing axis at a distance from the pan axis, in the base frame [m]."""
+        """Return the point of the axis at a distance from the pan axis, in the base frame [m]."""
         (cu, cv, cw), (au, av, aw) = self.camera, self.axis
         distance = max(distance - self.lead, _CLOSE)
         x, v, w = _turned((cu + distance * au, cv + distance * av, cw + distance * aw), -tilt)
@@ -622,7 +622,7 @@ def _across(axis: Vector3) -> tuple[Vector3, Vector3]:
 def _least_squares(
     residual: tuple[float, float], by_pan: tuple[float, float], by_tilt: tuple[float, float]
 ) -> tuple[float, float]:
-    """The changes of pan and tilt that take the residual away as far as possible."""
+    """Return the changes of pan and tilt that minimise the residual."""
     (p, q), (a, c), (b, d) = residual, by_pan, by_tilt
     determinant = a * d - b * c
     if abs(determinant) > 1e-9 * (a * a + b * b + c * c + d * d):
@@ -635,13 +635,13 @@ def _least_squares(
 
 
 def _alone(residual: tuple[float, float], change: tuple[float, float]) -> float:
-    """The change of one joint that takes the residual away as far as possible."""
+    """Return the change of one joint that minimises the residual."""
     size = change[0] ** 2 + change[1] ** 2
     return -(residual[0] * change[0] + residual[1] * change[1]) / size if size > 0.0 else 0.0
 
 
 def turn_near(angle: float, present: float, limits: JointLimits) -> float:
-    """The same direction, give or take full turns: allowed if possible, then near `present`.
+    """Return the same direction plus full turns: allowed if possible, then near `present`.
 
     Args:
         angle: a direction [rad].
@@ -658,7 +658,7 @@ def turn_near(angle: float, present: float, limits: JointLimits) -> float:
 def _fixed_joints(
     model: RobotModel, pan: Joint, tilt: Joint, pointing_frame: str
 ) -> tuple[list[Joint], list[Joint]]:
-    """The joints from pan down to tilt, and from tilt down to the pointing frame."""
+    """Return the joints from pan to tilt, and from tilt to the pointing frame."""
     if pointing_frame not in model.links:
         raise RobotModelError(
             f"the model {model.name!r} has no link {pointing_frame!r} to point; "

@@ -1,157 +1,104 @@
-"""The controller of one head: measured joints, targets, tasks, and who owns the joints."""
+"""The control of one head in the control loop: measured joints, targets, motions and ownership."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Protocol
 
 from head_tracking.control.loop import ControlLoop
-from head_tracking.control.owners import STOPPED, OwnershipError
+from head_tracking.control.owners import OwnershipError
+from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingParameters, PointingResult
+from head_tracking.head.head_frames import HeadFrames
 from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.head.motions import (
+    Locate,
+    Motion,
+    MotionEnd,
+    PointMotion,
+    TargetMotion,
+)
+from head_tracking.head.obstacle import Obstacle, Reason
 from head_tracking.head.servo_memory import ServoMemory
-from head_tracking.head.tasks import HeadReading, HeadTask, PointTask, TaskEnd
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
     ClockWatch,
     FollowingWatch,
-    HeadBase,
     JointPoint,
+    JointReading,
+    JointReadings,
     PredictiveLaw,
     Refusal,
     SpeedLimits,
     Target,
-    TargetPlacer,
     TrajectoryCode,
     Turn,
     stalled,
 )
-from head_tracking.transforms import (
-    LATEST,
-    RobotModel,
-    RobotModelError,
-    TransformException,
-    Vector3,
-)
+from head_tracking.transforms import RobotModel, RobotModelError, Vector3
 
 _LOG_PERIOD = 1.0  # s
 _MOST_WAITING = 1000  # targets, until the next cycle
-_MOST_LOGGED = 100  # subjects at a time; anybody may send targets in frames of any name
-_CAUTIOUS_TIME = 2.0  # s with a target after a stop, until the speed rises
-_FAST = 3.0  # rad/s: a head as fast as that is not cautious any more
-_FASTEST = 12.0  # rad/s of a task; usually the model's limit is lower
-_START_TIME = 0.3  # s; so long after its command a joint may stand still
+_CAUTIOUS_TIME = 2.0  # s with a target after a STOP, until the speed limit rises
+_FAST = 3.0  # rad/s; a speed limit above this ends the caution
+_FASTEST = 12.0  # rad/s of a motion; usually the model's limit is lower
+_START_TIME = 0.3  # s that a joint may take to start after its command
 
 
 class Log(Protocol):
-    """Where a head logs: Python's logger, or a node's."""
+    """A logger: Python's, or that of a ROS node."""
 
     def info(self, message: str, /) -> object:
-        """Log what happens."""
+        """Log an event."""
 
     def warning(self, message: str, /) -> object:
-        """Log what may need a mend."""
+        """Log a problem that may pass."""
 
     def error(self, message: str, /) -> object:
-        """Log what has failed."""
-
-
-class TargetMode(ABC):
-    """What a head does with the targets that are sent to it, while it has no task.
-
-    Its methods are called with the lock of `HeadControl` held.
-
-    Attributes:
-        title: what it does, such as "tracking".
-    """
-
-    title: str
-
-    @abstractmethod
-    def use(self, control: HeadControl, head: PanTiltHead, base: HeadBase | None) -> None:
-        """Use a head, whose model is known now or has changed.
-
-        Args:
-            control: of the head.
-            head: of the model.
-            base: where the head's base is; None: it is the frame that stands still.
-        """
-
-    @abstractmethod
-    def reset(self, reason: str, now: float) -> HeadCommand | None:
-        """Forget everything of before, for the clock has jumped; return what stops the head."""
-
-    @abstractmethod
-    def enable(self, off: str, now: float) -> HeadCommand | None:
-        """Begin anew, or end, and return the command that stops the head.
-
-        Args:
-            off: why it is disabled; empty: it is enabled.
-            now: the time [s].
-        """
-
-    @abstractmethod
-    def measured(self, reading: HeadReading) -> None:
-        """Accept the joints, also between two steps."""
-
-    @abstractmethod
-    def step(self, control: HeadControl, reading: HeadReading) -> HeadCommand | None:
-        """Return what to do now."""
-
-    @abstractmethod
-    def recenter(self, control: HeadControl, reading: HeadReading) -> HeadCommand | None:
-        """Begin to turn the head to its centre."""
-
-    def save(self, memory: ServoMemory) -> None:  # noqa: B027 - some modes learn nothing
-        """Keep what was learned of the servos for the next run."""
-
-    @abstractmethod
-    def state(self, control: HeadControl) -> tuple[str, str]:
-        """Return the state, in a word, and in a sentence."""
+        """Log a failure."""
 
 
 class HeadControl:
-    """Turns a head in a loop, as its tasks or else its targets have it; for any thread.
+    """Controls a head in a loop by one `Motion` at a time; for any thread.
 
-    It is enabled as long as it owns both joints. After a STOP it is cautious until it has arrived
-    once: slow, and faster only if it has a target that runs away.
+    It is enabled while it owns both joints. After a STOP it is cautious until the head has arrived
+    once: slow, and faster only while a target moves away.
 
     Args:
-        loop: of the process; its buffer has the robot's frames.
-        name: the owner that it is.
+        loop: the control loop; its buffer has the robot's frames.
+        name: its name as an owner of joints.
         parameters: of the head.
         pointing_frame: the frame to point.
-        mode: what it does with targets.
+        targets: what the head does with its targets.
         clock: of the stamps.
         is_simulated: returns whether that clock may run at any speed.
-        period: between two steps, at least [s].
-        log: where it logs.
-        observer: called after each cycle, when everything has been written, with the `error` of its
-            step; None: there was none.
+        period: minimum time between two updates [s].
+        log: the logger.
+        observer: called after the goals of each cycle were written, with the present `error`;
+            None: there is none, or it is not new.
 
     Attributes:
         name: as given.
         joints: pan and tilt.
-        mode: as given.
-        head: the head that is turned; None: the robot's model is not known.
-        task: what is carried out; None: nothing.
-        trouble: why the head is left alone; empty: nothing keeps it from moving.
-        outcome: of the latest task or target, for a person.
-        law: leads the joints along paths, once the robot's model is known.
-        memory: of what earlier runs have learned of the servos.
-        error: by how much the head misses its target [rad]; None: it has none.
-        target: the latest that could be placed, as it was sent.
-        is_cautious: whether it is slow after a STOP.
-        transform_timeout: how long a target waits for its transforms [s].
-        lock: held while anything is decided.
-        failure: what has ended it; None as long as it works.
+        period: time between two updates [s].
+        frames: the head's model, and the transforms of its targets.
+        targets: as given.
+        motion: what controls the head now; `targets`, unless it is something else.
+        readings: measured positions of the joints.
+        trouble: why the head cannot be controlled now; None: it can.
+        outcome: the result of the latest motion, as text.
+        law: the control law for the joints of all motions but tracking; set with a model.
+        memory: the servo values that earlier runs have learned.
+        error: angle between the pointing axis and the target [rad]; None: there is no target.
+        held: commanded pan and tilt [rad] at which the head stands; None: not known.
+        is_cautious: whether the head is slow after a STOP.
+        lock: held during every decision.
+        failure: the exception that has ended it; None as long as it works.
     """
 
     def __init__(
@@ -160,7 +107,7 @@ class HeadControl:
         name: str,
         parameters: HeadParameters,
         pointing_frame: str,
-        mode: TargetMode,
+        targets: TargetMotion,
         clock: ClockWatch,
         *,
         is_simulated: Callable[[], bool] = lambda: False,
@@ -169,251 +116,278 @@ class HeadControl:
         observer: Callable[[float | None], object] = lambda _: None,
     ) -> None:
         assert loop.buffer is not None
-        self.name, self.mode = name, mode
+        self.name = name
         self.joints = parameters.head_pan_joint, parameters.head_tilt_joint
-        self.transform_timeout = parameters.transform_timeout
-        self.head: PanTiltHead | None = None
-        self.task: HeadTask | None = None
-        self.trouble = "waiting for robot_description"
+        self.period = max(period, loop.period)
+        self.frames = HeadFrames(loop.buffer, parameters, pointing_frame)
+        self.targets: TargetMotion = targets
+        self.motion: Motion = targets
+        self.readings = JointReadings()
+        self.trouble: Obstacle | None = Obstacle(Reason.NO_MODEL)
         self.outcome = "no target has come yet"
-        self.error: float | None = None
-        self.target: Target | None = None
-        self.is_cautious = False
         self.law: PredictiveLaw
         self.memory = ServoMemory({})
+        self.error: float | None = None
+        self.held: tuple[float, float] | None = None
+        self.is_cautious = False
         self.lock = threading.RLock()
         self.failure: Exception | None = None
-        self.period = max(period, loop.period)
-        self._loop, self._buffer = loop, loop.buffer
-        self._parameters, self._pointing_frame = parameters, pointing_frame
+        self._loop, self._buffer, self._owners = loop, loop.buffer, loop.owners
+        self._timeout = parameters.joint_state_timeout
         self._clock, self._is_simulated = clock, is_simulated
         self._log, self._observer = log, observer
-        self._logged: dict[str, float] = {}
+        self._throttle = Throttle(_LOG_PERIOD)
         self._model: RobotModel | None = None
         self._refused_model: RobotModel | None = None
-        self._base: HeadBase | None = None
-        self._placer: TargetPlacer | None = None
-        self._carried: dict[str, bool] = {}
         self._inbox: deque[tuple[Target, float]] = deque(maxlen=_MOST_WAITING)
-        self._placed: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_WAITING)
         self._listening_since = round(self.now * 1e9)
-        self._stepped, self._fresh = (0.0, 0.0), False
-        self._wrong_since, self._is_wrong = math.inf, False
+        self._updated, self._is_fresh = (0.0, 0.0), False
+        self._troubled_since, self._is_troubled = math.inf, False
         self._cautious_for = 0.0  # s, with a target
-        self._rejected = ""
-        self._before: HeadTask | None = None  # what the task replaces
-        self._held: tuple[float, float] | None = None
+        self._rejection = ""  # of the latest motion that was not begun
         self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
-        self._disabled = "it has not begun"
-        self._epoch = loop.owners.epoch.value
-        self._seen = False, self._epoch
+        self._disabled = Obstacle(Reason.DISABLED, targets.title)
+        self._epoch = self._owners.epoch.value
+        self._noticed = False, self._epoch
 
     def begin(self) -> None:
-        """Turn the head from the next cycle on, unless something else owns the joints."""
-        owners = self._loop.owners
+        """Control the head from the next cycle on, unless the joints have another owner."""
+        owners = self._owners
         try:
             owners.claim(self.name, self.joints)
-        except (OwnershipError, StoppedError) as error:
-            self._disabled = str(error)
-            if owners.stopped:
-                owners.claim_at_resume(self.name, self.joints)
-            self._log.warning(f"{error}; until then {self.mode.title} is disabled")
+        except OwnershipError as error:
+            self._disabled = Obstacle(Reason.OWNED, error.owner)
+            self._log.warning(f"{error}; until then {self.targets.title} is disabled")
+        except StoppedError as error:
+            owners.claim_at_resume(self.name, self.joints)
+            self._log.warning(f"{error}; until then {self.targets.title} is disabled")
         self.watch()
         self._loop.add(self)
-
-    # Who may turn the head
-
-    @property
-    def off(self) -> str:
-        """Why the head is not turned; empty: it is enabled, for it owns the joints."""
-        owners = self._loop.owners
-        if owners.owns(self.name, self.joints):
-            return ""
-        return STOPPED if owners.stopped else self._disabled
-
-    @property
-    def is_stopped(self) -> bool:
-        """Whether there was a STOP and no `resume`."""
-        return self._loop.owners.stopped
-
-    @property
-    def obstacle(self) -> str:
-        """Why nothing that is sent now would turn the head; empty: it would."""
-        other = self._loop.owners.elsewhere(self.joints)
-        if not self.off and other not in ("", self.name):
-            return f"the joints belong to {other}"
-        return self.off or self.trouble
-
-    def enable(self) -> None:
-        """Take the joints over, whoever owns them.
-
-        Raises:
-            StoppedError: the head is stopped.
-        """
-        epoch = self._loop.owners.permit()
-        if self.off:
-            self._loop.take_over(self.name, self.joints, epoch)
-        self.watch()
-
-    def disable(self, reason: str) -> None:
-        """Stop the head and give the joints up, also after a STOP has ended."""
-        with self.lock:
-            self._halt(reason)
-            self._disabled = reason
-            self._loop.owners.release(self.name)
-        self.watch()
-
-    def save(self) -> None:
-        """Keep what was learned of the servos for the next run; called at the end."""
-        with self.lock:
-            self.mode.save(self.memory)
-
-    def fail(self, reason: str, command: HeadCommand | None) -> None:
-        """Stop the head by a command and give the joints up, for something is wrong with it."""
-        self._log.error(f"the head is stopped: {reason}")
-        self.send(command)
-        self.disable(reason)
-
-    def watch(self) -> None:
-        """Notice what has changed; called by `update` and, lest nothing is measured, by others."""
-        with self.lock:
-            self._notice_owners()
-            self._look()
-            if self._is_wrong:
-                self.end_task(self.trouble)
-
-    def _notice_owners(self) -> None:
-        owners = self._loop.owners
-        owned, epoch = seen = owners.owns(self.name, self.joints), owners.epoch.value
-        if seen == self._seen:
-            return
-        others = set(owners.of(self.joints).values()) - {"", self.name}
-        if self._seen[0] and not owned and others:
-            self._disabled = f"{' and '.join(sorted(others))} has taken the head over"
-            owners.release(self.name)  # the other joint, too
-        if epoch != self._seen[1]:
-            self.is_cautious, self._cautious_for = True, 0.0
-        self._seen = seen
-        self.error = None
-        self.end_task(self.off or STOPPED, TaskEnd.DISABLED)
-        self.forget_targets()
-        self.mode.enable(self.off, self.now)
-
-    # The cycle
-
-    def update(self) -> None:
-        """Decide where the joints go now, and send it; see `ControlLoop`."""
-        with self.lock:
-            self._notice_owners()
-            reading = self._look()
-            while self._placer is not None and self._inbox:
-                self._placer.offer(*self._inbox.popleft())
-            if reading is None:
-                self.error = None
-                return
-            self.mode.measured(reading)
-            if self._is_due(reading):
-                self._fresh = True
-                task, self.law.at_most = self.task, self.fastest
-                self.send(self.mode.step(self, reading) if task is None else self._step(reading))
-
-    def publish(self) -> None:
-        """Let others know, after the write."""
-        with self.lock:
-            if self._is_wrong:
-                self.end_task(self.trouble)
-            if self.task is not None:
-                self.task.report(self.now)
-        error, self._fresh = self.error if self._fresh else None, False
-        self._observer(error)
-
-    def _look(self) -> HeadReading | None:
-        """Return the reading. What is wrong in two looks, half a cycle apart, ends a task.
-
-        At the first of them, this program itself may have been held up.
-        """
-        reading, now = self.reading(), time.monotonic()
-        self._wrong_since = min(self._wrong_since, now) if self.trouble else math.inf
-        self._is_wrong = now - self._wrong_since > 0.5 * self.period
-        return reading
-
-    def _is_due(self, reading: HeadReading) -> bool:
-        before, measured = self._stepped
-        passed, newer = reading.now - before, reading.stamp - measured
-        if 0.0 <= passed < 0.5 * self.period:
-            return False  # joint states that were held up come all at once; or time stands still
-        if 0.0 <= newer < 0.75 * self.period and 0.0 <= passed < 1.5 * self.period:
-            return False  # joints are measured more often
-        self._stepped = reading.now, reading.stamp
-        return True
-
-    def send(self, command: HeadCommand | None) -> None:
-        """Write the goals of a command, unless the head was stopped or given up meanwhile."""
-        if command is None or self.off or self._epoch != self._loop.owners.epoch.value:
-            return
-        pan, tilt = self.joints
-        goals = {
-            pan: Goal(command.pan, command.pan_speed),
-            tilt: Goal(command.tilt, command.tilt_speed),
-        }
-        self._loop.write(self.name, goals, self._epoch)
 
     @property
     def now(self) -> float:
         """The time [s]."""
         return self._clock.now(simulated=self._is_simulated())
 
-    def reading(self) -> HeadReading | None:
-        """Return the head as measured; None without a robot or a fresh measurement.
+    # Ownership
 
-        The clock and the robot's model are checked first. What is missing is logged, and is the
-        `trouble` from then on.
-        """
-        self._epoch = self._loop.owners.epoch.value
-        self._check_clock()
-        self._check_model()
-        if self._placer is None:
-            self.warn("model", self.trouble)
+    @property
+    def off(self) -> Obstacle | None:
+        """Why the head is disabled; None: it is enabled, because this owns the joints."""
+        if self._owners.owns(self.name, self.joints):
             return None
-        now, found, stamps = self._clock.checked, [], []
-        for joint in self.joints:
-            stamp, position = self._buffer.latest_joint_position(joint) or (-1, None)
-            age = now - (self._listening_since if stamp < 0 else stamp) * 1e-9
-            if abs(age) > self._parameters.joint_state_timeout:
-                self.trouble = self._clock.standing or (
-                    f"no position of {joint} in joint_states: the head is left alone"
-                    if age > 0.0
-                    else f"the positions of {joint} in joint_states lie in the future (the clocks "
-                    "of their sender and of this machine differ): the head is left alone"
-                )
-                self.warn(joint, f"{self.trouble} (by {abs(age):.1f} s)")
-                return None
-            if position is None:
-                self.trouble = self._clock.standing or f"waiting for {joint} in joint_states"
-                return None
-            found.append(position)
-            stamps.append(stamp)
-        self.trouble = self._clock.standing
-        return HeadReading(now, min(stamps) * 1e-9, (found[0], found[1]))
+        return Obstacle(Reason.STOPPED) if self._owners.stopped else self._disabled
 
-    def _check_clock(self) -> None:
-        happened = self._clock.check(simulated=self._is_simulated())
-        now = round(self._clock.checked * 1e9)
-        self._listening_since = self._listening_since or now
-        if happened:
-            self._log.warning(f"{happened}: everything starts anew, and the head holds")
-            self._listening_since = now
-            if not self._clock.standing:
-                self._buffer.clear()
-            self.forget_targets()
-            self.end_task(happened)
-            self.send(self.mode.reset(happened, self.now))
-            self._observer(None)
+    @property
+    def is_stopped(self) -> bool:
+        """Whether there was a STOP and no `resume`."""
+        return self._owners.stopped
 
-    def _check_model(self) -> None:
-        model = self._buffer.model
-        if model is None or model is self._model or model is self._refused_model:
+    @property
+    def obstacle(self) -> Obstacle | None:
+        """Why a motion that begins now would not move the head; None: it would."""
+        off, other = self.off, self._owners.elsewhere(self.joints)
+        if off is None and other not in ("", self.name):
+            return Obstacle(Reason.OWNED, other)
+        return off or self.trouble
+
+    def enable(self) -> None:
+        """Take over the joints, whoever owns them.
+
+        Raises:
+            StoppedError: the head is stopped.
+        """
+        epoch = self._owners.permit()
+        if self.off is not None:
+            self._loop.take_over(self.name, self.joints, epoch)
+        self.watch()
+
+    def disable(self, reason: Reason, detail: str = "") -> None:
+        """Stop the head and release the joints, also after a STOP has ended."""
+        with self.lock:
+            self._stop()
+            self._disabled = Obstacle(reason, detail)
+            self._owners.release(self.name)
+        self.watch()
+
+    def save(self) -> None:
+        """Save what was learned of the servos for the next run."""
+        with self.lock:
+            self.targets.save()
+
+    def watch(self) -> None:
+        """Check owners, clock, model and joint states, also while no joint states are received."""
+        with self.lock:
+            self._check_owners()
+            self._measure()
+            if self._is_troubled:
+                self._end_motion(MotionEnd.ABORTED, str(self.trouble))
+
+    def _check_owners(self) -> None:
+        owners = self._owners
+        noticed = owned, epoch = owners.owns(self.name, self.joints), owners.epoch.value
+        if noticed == self._noticed:
             return
+        (was_owner, old_epoch), self._noticed = self._noticed, noticed
+        others = set(owners.of(self.joints).values()) - {"", self.name}
+        if was_owner and not owned and others:
+            self._disabled = Obstacle(Reason.LOST, " and ".join(sorted(others)))
+            owners.release(self.name)  # the other joint, too
+        if epoch != old_epoch:
+            self.is_cautious, self._cautious_for = True, 0.0
+        self._end_motion(MotionEnd.DISABLED, str(self.off or Obstacle(Reason.STOPPED)))
+        self._restart_targets()
+
+    # The cycle
+
+    def update(self) -> None:
+        """Decide where the joints go now, and write it; see `ControlLoop`."""
+        with self.lock:
+            self._check_owners()
+            joints = self._measure()
+            while self._inbox:
+                self.frames.offer(*self._inbox.popleft())
+            if joints is None:
+                self.error = None
+            elif self._is_due(joints.stamp, self._clock.checked):
+                self._advance(joints, self._clock.checked)
+                self._is_fresh = True
+
+    def publish(self) -> None:
+        """Notify the observers, after the goals were written."""
+        with self.lock:
+            if self._is_troubled:
+                self._end_motion(MotionEnd.ABORTED, str(self.trouble))
+            self.motion.report(self.now)
+        error, self._is_fresh = self.error if self._is_fresh else None, False
+        self._observer(error)
+
+    def send(self, command: HeadCommand | None) -> None:
+        """Write the goals of a command, unless the head was stopped or lost since the reading."""
+        owners, (pan, tilt) = self._owners, self.joints
+        if (
+            command is None
+            or self._epoch != owners.epoch.value
+            or not owners.owns(self.name, self.joints)
+        ):
+            return
+        goals = {
+            pan: Goal(command.pan, command.pan_speed),
+            tilt: Goal(command.tilt, command.tilt_speed),
+        }
+        self._loop.write(self.name, goals, self._epoch)
+
+    def _is_due(self, stamp: float, now: float) -> bool:
+        before, measured = self._updated
+        passed, newer = now - before, stamp - measured
+        if 0.0 <= passed < 0.5 * self.period:
+            return False  # delayed joint states come all at once; or simulated time stands still
+        if 0.0 <= newer < 0.75 * self.period and 0.0 <= passed < 1.5 * self.period:
+            return False  # joints are measured more often than that
+        self._updated = now, stamp
+        return True
+
+    def _advance(self, joints: JointReading, now: float) -> None:
+        motion, targets, self.law.at_most = self.motion, self.targets, self.fastest
+        if motion is not targets:
+            self.frames.forget()
+        command = motion.update(joints, now)
+        desired = None if motion.result is not None else motion.desired(now)
+        if desired is not None:
+            self.held = desired[0].position, desired[1].position
+        if motion is targets:
+            if motion.miss is not None and self.is_cautious:
+                self._cautious_for += self.period
+                if motion.miss < AT_GOAL or self.fastest > _FAST:
+                    self.is_cautious = False
+        elif desired is not None:
+            if isinstance(motion, PointMotion):
+                self.frames.target = motion.target
+            stuck = self._stuck(desired, joints)
+            if stuck:
+                end = MotionEnd.ABORTED
+                if motion.miss is not None:
+                    end, stuck = MotionEnd.MISSED, f"{PointingResult(False, motion.miss)} ({stuck})"
+                motion.end(end, stuck, TrajectoryCode.PATH_TOLERANCE_VIOLATED)
+                command, self.held = self.law.stop(joints), None
+        self.error = motion.miss
+        if motion.result is not None:
+            self._close(motion)
+        self.send(command)
+        if targets.fault and self.off is None:
+            self._log.error(f"the head is stopped: {targets.fault}")
+            self.disable(Reason.FAULT, targets.fault)
+
+    def _stuck(self, desired: tuple[JointPoint, JointPoint], joints: JointReading) -> str:
+        """Return why a joint does not move as commanded, by the servo bus or by its position."""
+        for watch, delay in zip(self._watches, self.law.delays, strict=True):
+            watch.patience = _START_TIME + delay
+        goals = [point.position for point in desired]
+        speeds = [abs(point.velocity or 0.0) for point in desired]
+        standing = stalled(self._watches, goals, speeds, joints.positions, joints.stamp)
+        return "; ".join(filter(None, map(self._loop.stuck.get, self.joints))) or standing
+
+    # The measurement
+
+    def _measure(self) -> JointReading | None:
+        """Return the latest measurement; None without a model or a recent measurement.
+
+        The clock and the model are checked first. What is missing is logged, and is the `trouble`.
+        """
+        self._epoch = self._owners.epoch.value
+        jump = self._clock.check(simulated=self._is_simulated())
+        if jump:
+            self._restart_after(jump)
+        self._listening_since = self._listening_since or round(self._clock.checked * 1e9)
+        model = self._buffer.model
+        if model is not self._model and model is not self._refused_model and model is not None:
+            self._use_or_refuse(model)
+        self.trouble = self._find_trouble()
+        now = time.monotonic()
+        self._troubled_since = math.inf if self.trouble is None else min(self._troubled_since, now)
+        # At the first check, this program itself may have been delayed.
+        self._is_troubled = now - self._troubled_since > 0.5 * self.period
+        return self.readings.latest if self.trouble is None else None
+
+    def _find_trouble(self) -> Obstacle | None:
+        if self.frames.head is None:
+            assert self.trouble is not None
+            self.warn("model", str(self.trouble))
+            return self.trouble
+        clock, positions, oldest = self._clock, [], 0
+        for joint in self.joints:
+            stamp, position = self._buffer.latest_joint_position(joint) or (0, None)
+            age = clock.checked - (stamp if position is not None else self._listening_since) * 1e-9
+            if position is None or abs(age) > self._timeout:
+                reason = Reason.FUTURE if age < -self._timeout else Reason.NOT_MEASURED
+                trouble = (
+                    Obstacle(Reason.CLOCK, clock.standing)
+                    if clock.standing
+                    else Obstacle(reason, joint)
+                )
+                if abs(age) > self._timeout:
+                    self.warn(joint, f"{trouble}; the difference is {abs(age):.1f} s")
+                return trouble
+            positions.append(position)
+            oldest = stamp if not oldest else min(stamp, oldest)
+        if clock.standing:
+            return Obstacle(Reason.CLOCK, clock.standing)
+        self.readings.append(oldest * 1e-9, (positions[0], positions[1]))
+        return None
+
+    def _restart_after(self, jump: str) -> None:
+        """Discard everything measured before a jump of the clock."""
+        self._log.warning(f"{jump}: all measurements are discarded, and the head holds")
+        self._listening_since = round(self._clock.checked * 1e9)
+        if not self._clock.standing:
+            self._buffer.clear()
+        self._forget_targets()
+        self._end_motion(MotionEnd.ABORTED, jump)
+        self.send(self.targets.reset(jump, self.now))
+        self.readings.clear()
+        self._observer(None)
+
+    def _use_or_refuse(self, model: RobotModel) -> None:
         try:
             self.use(model)
         except RobotModelError as error:
@@ -422,364 +396,230 @@ class HeadControl:
                 self._buffer.set_model(self._model)
                 self._log.error(f"another robot_description is not used: {error}")
             else:
-                self.trouble = f"robot_description cannot be used: {error}"
+                self.trouble = Obstacle(Reason.INVALID_MODEL, str(error))
 
     def use(self, model: RobotModel) -> None:
-        """Turn the head of another model from now on.
+        """Control the head of another model from now on.
 
         Raises:
             RobotModelError: the model has no such head.
         """
-        p = self._parameters
-        head = p.head(model, self._pointing_frame)
-        fixed_frame = p.fixed_frame or head.base_frame
-        if fixed_frame in model.links and any(
-            joint.name in self.joints for joint in model.joints_above(fixed_frame)
-        ):
-            raise RobotModelError(
-                f"fixed_frame is {fixed_frame!r}, which moves with the head; choose a frame that "
-                f"stands still, such as {head.base_frame} or odom"
-            )
-        self.end_task("another robot_description has come")
-        self.head, self._model = head, model
-        self._carried.clear()
-        self._placer = TargetPlacer(self._buffer, fixed_frame, p.transform_timeout)
-        moves = fixed_frame != head.base_frame
-        self._base = HeadBase(self._buffer, fixed_frame, head.base_frame) if moves else None
+        head = self.frames.use(model)
+        self._end_motion(MotionEnd.ABORTED, "another robot_description has come")
+        self._model = model
         fastest = min(_FASTEST, max(head.pan_limits.velocity, head.tilt_limits.velocity))
         self.law = PredictiveLaw(head, self.period, SpeedLimits(max_joint_speed=fastest))
         backend = self._loop.backend
         self.memory = ServoMemory({j: backend.servo(j) for j in self.joints} if backend else {})
         self.law.expect(self.memory.load())
-        self.mode.use(self, head, self._base)
+        self.targets.use(self)
+        self._restart_targets()
         self._log.info(f"ready to point {head.pointing_frame} at target_point")
-
-    # After a STOP
 
     @property
     def fastest(self) -> float:
-        """The highest speed now [rad/s]: low after a STOP, rising while no target is met."""
+        """The speed limit now [rad/s]: low after a STOP, rising while the target is missed."""
         if not self.is_cautious:
             return math.inf
         return CAUTIOUS_SPEED * math.pow(2.0, max(0.0, self._cautious_for - _CAUTIOUS_TIME))
 
-    def approached(self, error: float) -> None:
-        """End the caution where the head misses a target by little [rad], or has become fast."""
-        self._cautious_for += self.period
-        if error < AT_GOAL or self.fastest > _FAST:
-            self.is_cautious = False
-
     # Targets
 
     def accept(self, target: Target) -> None:
-        """Keep a target for the next cycle."""
-        if self._placer is not None:
-            self._inbox.append((self._dated(target), self.now))
+        """Accept a target for the next cycle; it is ignored if another motion is in progress."""
+        self._inbox.append((target, self.now))
 
-    def forget_targets(self) -> None:
-        """Drop targets that wait for their transforms."""
-        self._inbox.clear()
-        if self._placer is not None:
-            self._placer.forget()
-
-    def recenter(self) -> str:
-        """Turn the head to its centre and return an empty string, or why not."""
+    def recenter(self) -> Obstacle | None:
+        """Turn the head to its centre, or return why not."""
         with self.lock:
-            reading = self.reading()
-            if reading is None or self.off:
+            joints = self._measure()
+            if joints is None or self.off is not None:
                 return self.off or self.trouble
-            self.forget_targets()
-            self.end_task("the head is recentred")
+            self._forget_targets()
+            self._end_motion(MotionEnd.PREEMPTED, "the head is recentred")
             self.outcome = "recentring"
-            self.send(self.mode.recenter(self, reading))
-        return ""
+            self.send(self.targets.recenter(joints))
+        return None
 
-    def take_targets(self, reading: HeadReading) -> list[tuple[Target, Vector3]]:
-        """Return new targets and their places in the fixed frame; see `TargetPlacer.place`."""
-        assert self._placer is not None
-        placed = self._placer.place(reading.now, self._named(reading.positions))
-        for target, point in placed:
-            self._keep(target, point, reading.now)
-        return placed
-
-    def take_latest_target(
-        self, positions: tuple[float, float], now: float
-    ) -> tuple[Target, Vector3] | None:
-        """Return the latest target only, and its place in the head's base frame as it is now."""
-        assert self._placer is not None
-        placed = self._placer.place_newest(now, self._named(positions))
-        if placed is None:
-            return None
-        self._keep(*placed, now)
-        try:
-            return placed[0], self.from_base(placed[1], now)
-        except TransformException as error:
-            self.refuse(Refusal(placed[0], str(error)))
-            return None
-
-    def take_refusal(self) -> str:
-        """Return why a target has led to nothing since the last call; empty: none has."""
-        assert self._placer is not None
-        refusal = self._placer.take_refusal()
-        return self.refuse(refusal) if refusal else ""
-
-    def refuse(self, refusal: Refusal) -> str:
-        """Log that a target leads to nothing, and return the reason."""
+    def refuse(self, refusal: Refusal) -> None:
+        """Log why a target is not used."""
         target, reason = refusal
         self.warn(f"target in {target.frame_id}", f"target {target} refused: {reason}")
-        return reason
 
-    def take_placed(self) -> list[tuple[float, Vector3]]:
-        """Return the targets since the last call: stamps [s], points in the head's base [m]."""
-        placed = []
-        while self._placed:
-            stamp, point = self._placed.popleft()
-            base = self._base
-            placed.append((stamp, point if base is None else base.at(stamp).inverse() @ point))
-        return placed
+    def _forget_targets(self) -> None:
+        self._inbox.clear()
+        self.frames.forget()
 
-    def is_carried(self, frame_id: str) -> bool:
-        """Return whether a frame moves when the head does."""
-        if frame_id not in self._carried:
-            assert self.head is not None
-            frames = self.head.base_frame, frame_id
-            look_up = self._buffer.lookup_transform
-            here, there = self._named((0.0, 0.0)), self._named((0.1, 0.1))
-            try:
-                one = look_up(*frames, LATEST, joint_positions=here)
-                other = look_up(*frames, one.stamp, joint_positions=there)
-            except TransformException:
-                return False
-            self._carried[frame_id] = one.transform != other.transform
-        return self._carried[frame_id]
+    def _restart_targets(self) -> None:
+        self.error = None
+        self._forget_targets()
+        off = self.off
+        self.targets.restart("" if off is None else str(off), self.now)
 
-    def place_at_stamp(self, target: Target, positions: tuple[float, float]) -> Vector3:
-        """Return a target in the fixed frame, as it was at its stamp.
+    # Motions
 
-        Args:
-            target: as sent.
-            positions: pan and tilt [rad] for a target without a stamp that the head carries.
-
-        Raises:
-            TransformException: that is not known, or not yet.
-        """
-        assert self._placer is not None
-        return self._placer.place_one(self._dated(target), self._named(positions))
-
-    def from_base(self, point: Vector3, now: float) -> Vector3:
-        """Return a point of the fixed frame, from the head's base as that is now.
-
-        Raises:
-            TransformException: it is not known where the base is.
-        """
-        if self._base is None:
-            return point
-        unknown = self._base.update()
-        if unknown:
-            raise TransformException(unknown)
-        return self._base.pose(now).inverse() @ point
-
-    def place_latest(self, target: Target) -> tuple[Vector3, float | None]:
-        """Return a target from the head's base by the latest transforms, and when that was [s].
-
-        None: it never moves there.
-
-        Raises:
-            TransformException: that is not known.
-        """
-        assert self.head is not None
-        found = self._buffer.lookup_transform(self.head.base_frame, target.frame_id, LATEST)
-        return found.transform @ target.point, found.stamp * 1e-9 if found.stamp else None
-
-    def pointing(self, frame: str, axis: tuple[float, float, float]) -> PanTiltHead:
-        """Return the head, as it points another frame.
-
-        Args:
-            frame: any that it carries; empty: its own.
-            axis: the direction in it to point; all 0: the usual one of that frame.
-
-        Raises:
-            RobotModelError: that cannot be pointed.
-        """
-        assert self._model is not None
-        assert self.head is not None
-        frame = frame or self._pointing_frame
-        if not any(axis) and frame == self._pointing_frame:
-            return self.head
-        return self._parameters.head(self._model, frame, axis)
-
-    def _keep(self, target: Target, point: Vector3, now: float) -> None:
-        self.target = target
-        self._placed.append((target.stamp * 1e-9 if target.stamp else now, point))
-
-    def _named(self, positions: tuple[float, float]) -> dict[str, float]:
-        return dict(zip(self.joints, positions, strict=True))
-
-    def _dated(self, target: Target) -> Target:
-        latency = round(self._parameters.target_latency * 1e9)
-        return replace(target, stamp=max(1, target.stamp - latency)) if target.stamp else target
-
-    # Tasks
-
-    def turn(
-        self,
-        p: PointingParameters,
-        head: PanTiltHead | None = None,
-        max_velocity: float = math.inf,
-        min_duration: float = 0.0,
-    ) -> Turn:
-        """Return a turn to a point, not faster than is allowed now.
-
-        Args:
-            p: how to turn.
-            head: what is pointed; None: the usual frame.
-            max_velocity: of either joint [rad/s], if lower than that of `p`.
-            min_duration: the turn takes so long at least [s].
-        """
-        head = head or self.head
-        assert head is not None
-        velocity = min(p.max_velocity, max_velocity, self.fastest)
-        return Turn(head, velocity, min_duration, p.success_angle_threshold, p.settle_time)
-
-    def carry_out(self, task: HeadTask) -> None:
-        """Begin a task; what is under way is preempted."""
+    def start(self, motion: Motion) -> None:
+        """Begin a motion; the present one is preempted."""
         with self.lock:
-            self._before = self.task
-            if not (task.is_streamed and self.task is not None and self.task.is_streamed):
-                self.end_task(f"preempted by a newer goal: {task.title}", TaskEnd.PREEMPTED)
-                self._log.info(task.title)
+            before = self.motion
+            if motion.is_streamed and before.is_streamed and before is not self.targets:
+                self.motion = motion
+            else:
+                self._end_motion(MotionEnd.PREEMPTED, f"preempted by a newer goal: {motion.title}")
+                self._log.info(motion.title)
                 for joint, watch in zip(self.joints, self._watches, strict=True):
-                    self._loop.stuck.pop(joint, None)  # what was found out until now
+                    self._loop.stuck.pop(joint, None)  # problems of earlier motions
                     watch.restart()
-            self.mode.enable(task.title, self.now)
-            self.forget_targets()
-            self.task, self._rejected = task, ""
+                self.motion = motion
+                self.targets.restart(motion.title, self.now)
+            self._forget_targets()
+            self._rejection = ""
 
-    def reject(self, reason: str) -> None:
-        """Record why a task was not begun."""
-        self.outcome = self._rejected = f"rejected: {reason}"
+    def point(
+        self,
+        target: Target,
+        p: PointingParameters,
+        notify: Callable[[PointMotion], object],
+        head: PanTiltHead | None = None,
+        min_duration: float = 0.0,
+        *,
+        at_stamp: bool = False,
+    ) -> PointMotion:
+        """Begin to turn the head to a point; a frame that moves is followed until it arrives.
 
-    @property
-    def task_state(self) -> str:
-        """The state of the task, for a person, and why another one was not begun since."""
-        title = "" if self.task is None else self.task.title
-        return "; ".join(filter(None, (title, self._rejected)))
-
-    def cancel(self, task: HeadTask) -> None:
-        """End a task, if it is under way, and hold the head."""
-        with self.lock:
-            if self.task is task:
-                self.hold("the head holds", TaskEnd.CANCELED)
-
-    def hold(self, reason: str, end: TaskEnd = TaskEnd.PREEMPTED) -> None:
-        """Stop the head where it is, end its task, and forget its target.
+        The point stays where it was if the head carries its frame: it would move with the head.
 
         Args:
-            reason: why.
-            end: of the task.
+            target: the point.
+            p: how to turn.
+            notify: see `Motion`.
+            head: the head, pointing another frame; None: the usual one.
+            min_duration: minimum duration [s].
+            at_stamp: the point stays where it was at its stamp.
         """
         with self.lock:
-            self._halt(reason)
-            self.end_task(reason, end)
-            self.mode.enable(self.off, self.now)
-            self.forget_targets()
-            self.error = None
+            joints, frames, fixed = self._measure(), self.frames, list[Vector3]()
+            measured = joints or JointReading(0.0, (0.0, 0.0))
+            positions = self.held_positions(measured)
 
-    def _halt(self, reason: str) -> None:
-        reading = self.reading()
-        if reading is not None:
-            self.send(self._stop(reading) or self.mode.enable(reason, reading.now))
+            def locate(now: float) -> tuple[Vector3, float | None]:
+                if not (at_stamp or frames.moves_with_head(target.frame_id)):
+                    return frames.latest_in_base(target)
+                if not fixed:
+                    fixed.append(frames.in_fixed_frame(target, positions))
+                return frames.in_base(fixed[0], now), None
 
-    def conclude(self, outcome: str, *, arrived: bool) -> None:
-        """Record how a turn to a target has ended."""
-        self.outcome = outcome
-        if arrived:
-            self.is_cautious = False
-            self._log.info(outcome)
-        else:
-            self._log.warning(outcome)
+            motion = self.point_motion(target, locate, p, measured, notify, head, min_duration)
+            if joints is None:
+                motion.end(MotionEnd.ABORTED, str(self.trouble))
+            else:
+                self.start(motion)
+        return motion
 
-    def end_task(self, reason: str, end: TaskEnd = TaskEnd.ABORTED) -> None:
-        """End the task, if there is one, because of something else."""
-        if self.task is not None:
-            self.task.end(end, reason)
-            self._close(self.task)
+    def point_motion(
+        self,
+        target: Target,
+        locate: Locate,
+        p: PointingParameters,
+        joints: JointReading,
+        notify: Callable[[PointMotion], object] | None = None,
+        head: PanTiltHead | None = None,
+        min_duration: float = 0.0,
+    ) -> PointMotion:
+        """Return a motion to a point, not faster than is allowed now; see `point`."""
+        head = head or self.frames.head
+        assert head is not None
+        velocity = min(p.max_velocity, self.fastest)
+        limits = p.success_angle_threshold, p.settle_time
+        turn = Turn(head, self.present(joints), velocity, min_duration, *limits)
+        return PointMotion(
+            target, locate, turn, self.law,
+            clamp=p.clamp_to_limits, patience=self.frames.patience, notify=notify,
+        )  # fmt: skip
 
-    def start_from(
-        self, reading: HeadReading, before: HeadTask | None
-    ) -> tuple[JointPoint, JointPoint]:
-        """Return the desired states of the joints now, from which something new begins.
+    def held_positions(self, joints: JointReading) -> tuple[float, float]:
+        """Return the commanded positions of joints that stand at them, else the measured ones.
 
-        Args:
-            reading: of the joints.
-            before: what it replaces.
+        A servo stands beside its goal by up to its dead band. A motion that began at the measured
+        position would add that to each step.
         """
-        desired = None if before is None else before.desired(reading.now)
-        if desired is not None:
-            return desired
         pan, tilt = (
-            JointPoint(held if abs(held - here) < AT_GOAL else here)
-            for here, held in zip(reading.positions, self._held or reading.positions, strict=True)
+            held if abs(held - here) < AT_GOAL else here
+            for here, held in zip(joints.positions, self.held or joints.positions, strict=True)
         )
         return pan, tilt
 
-    def _step(self, reading: HeadReading) -> HeadCommand | None:
-        task, law = self.task, self.law
-        assert task is not None
-        self.forget_targets()
-        if task.reading is None:
-            pan, tilt = self.start_from(reading, self._before)
-            task.start, self._before = (pan.position, tilt.position), None
-        task.reading = reading
-        command = task.step(reading, law)
-        if isinstance(task, PointTask) and task.miss is not None:
-            self.target = task.target
-        desired = task.desired(reading.now)
+    def present(self, joints: JointReading) -> tuple[JointPoint, JointPoint]:
+        """Return the desired states of the joints now, from which a new motion begins."""
+        desired = self.motion.desired(self._clock.checked)
         if desired is not None:
-            self._held = desired[0].position, desired[1].position
-            stuck = "" if task.result else self._stuck(desired, reading, law)
-            if stuck:
-                end = TaskEnd.ABORTED
-                if task.miss is not None:
-                    end, stuck = TaskEnd.MISSED, f"{PointingResult(False, task.miss)} ({stuck})"
-                task.end(end, stuck, TrajectoryCode.PATH_TOLERANCE_VIOLATED)
-                command = self._stop(reading)
-        self.error = task.miss
-        if task.result:
-            self._close(task)
-        return command
+            return desired
+        pan, tilt = self.held_positions(joints)
+        return JointPoint(pan), JointPoint(tilt)
 
-    def _stuck(
-        self, desired: tuple[JointPoint, JointPoint], reading: HeadReading, law: PredictiveLaw
-    ) -> str:
-        """Return why a joint does not move as commanded, by the bus or by its position."""
-        for watch, delay in zip(self._watches, law.delays, strict=True):
-            watch.patience = _START_TIME + delay
-        goals = [point.position for point in desired]
-        speeds = [abs(point.velocity or 0.0) for point in desired]
-        standing = stalled(self._watches, goals, speeds, reading.positions, reading.stamp)
-        return "; ".join(filter(None, map(self._loop.stuck.get, self.joints))) or standing
+    def reject(self, reason: str) -> None:
+        """Record why a motion was not begun."""
+        self.outcome = self._rejection = f"rejected: {reason}"
 
-    def _stop(self, reading: HeadReading) -> HeadCommand | None:
-        """Return the command that stops the task; None: there is none."""
-        self._held = None
-        if self.task is None:
-            return None
-        return self.law.stop(reading.joints)
+    def cancel(self, motion: Motion) -> None:
+        """End a motion, if it is in progress, and hold the head."""
+        with self.lock:
+            if self.motion is motion:
+                self.hold("the head holds", MotionEnd.CANCELED)
 
-    def _close(self, task: HeadTask) -> None:
-        assert task.result is not None
-        self.task, self.error = None, None
-        arrived = task.result.end is TaskEnd.SUCCEEDED
-        self.conclude(f"{task.title}: {task.result}", arrived=arrived)
-        self.outcome = str(task.result)
-        self.mode.enable(self.off, self.now)
+    def hold(self, reason: str, end: MotionEnd = MotionEnd.PREEMPTED) -> None:
+        """Stop the head where it is, end its motion, and forget its target."""
+        with self.lock:
+            self._stop()
+            self._end_motion(end, reason)
+            self._restart_targets()
 
-    def warn(self, about: str, text: str) -> None:
-        """Log a warning, but not the same again and again."""
-        now = time.monotonic()
-        if now - self._logged.get(about, -math.inf) >= _LOG_PERIOD:
-            if len(self._logged) >= _MOST_LOGGED:
-                self._logged.clear()
-            self._logged[about] = now
+    def _stop(self) -> None:
+        joints = self._measure()
+        if joints is None:
+            return
+        self.held = None
+        if self.motion is self.targets:
+            self.send(self.targets.restart("stopping", self._clock.checked))
+        else:
+            self.send(self.law.stop(joints))
+
+    def conclude(self, motion: Motion) -> None:
+        """Record and log the result of a motion."""
+        result = motion.result
+        assert result is not None
+        self.outcome = str(result)
+        if result.end is MotionEnd.SUCCEEDED:
+            self.is_cautious = False
+            self._log.info(f"{motion.title}: {result}")
+        else:
+            self._log.warning(f"{motion.title}: {result}")
+
+    def _end_motion(self, end: MotionEnd, reason: str) -> None:
+        """End the motion because of something else."""
+        motion = self.motion
+        if motion is not self.targets:
+            motion.end(end, reason)
+            self._close(motion)
+
+    def _close(self, motion: Motion) -> None:
+        self.motion, self.error = self.targets, None
+        self.conclude(motion)
+        self._restart_targets()
+
+    # State
+
+    def state(self) -> tuple[str, str]:
+        """Return the state of the head, as a code and as text."""
+        if self.off is not None:
+            return "disabled", f"disabled: {self.off}"
+        if self.trouble is not None:
+            return "idle", f"idle: {self.trouble}"
+        if self.motion is not self.targets:
+            return "turning", "; ".join(filter(None, (self.motion.title, self._rejection)))
+        return self.targets.state()
+
+    def warn(self, subject: str, text: str) -> None:
+        """Log a warning, at most one a second for each subject."""
+        if self._throttle.is_due(subject):
             self._log.warning(text)

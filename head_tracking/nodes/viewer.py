@@ -1,4 +1,4 @@
-"""viewer: the robot in a browser, shown and steered."""
+"""viewer: the page that shows and steers the robot in a browser."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.share import PACKAGE, share_directory
-from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tf import Buffer
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +28,13 @@ class ViewerParameters:
 
 
 class ViewerNode(ClosingNode):
-    """Serves the page; nothing of the robot waits for it.
+    """Serves the page; nothing of the robot depends on it.
 
     Args:
-        buffer: fed by another node of this process; None: this node listens itself.
+        buffer: fed by another node of this process; None: by this node.
 
     Raises:
-        HeadTrackingError: NiceGUI is missing, or the address can't be listened on; says what to do.
+        HeadTrackingError: NiceGUI is missing, or the address can't be listened on.
     """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
@@ -52,16 +52,15 @@ class ViewerNode(ClosingNode):
         page = NodeParameters(self, PageParameters).value
         view = NodeParameters(self, ViewParameters).value
         recorder = NodeParameters(self, RecorderParameters).value
-        buffer = buffer or listening_buffer(self)
-        self.robot = Robot(self, buffer, head, p.camera_link, recorder)
-        try:
-            self.page = Page(self.robot, page, view, find_package, self._complain)
-        except BaseException:
-            self.robot.close()
-            raise
+        self.robot = Robot(self, buffer, head, p.camera_link, recorder, self._report)
         self.closing.callback(self.robot.close)
+        try:
+            self.page = Page(self.robot, page, view, find_package, self._report)
+        except BaseException:
+            self.closing.close()
+            raise
         self.closing.callback(self.page.close)
-        self._say_where(page.host, local=is_loopback(page.host))
+        self._log_address(page.host, local=is_loopback(page.host))
 
     def create_subscription(
         self, kind: Any, topic: str, callback: Callable[..., object], *others: Any, **options: Any
@@ -77,40 +76,36 @@ class ViewerNode(ClosingNode):
         return super().create_timer(period, self._surviving(callback), *others, **options)
 
     def _surviving(self, callback: Callable[..., object]) -> Callable[..., object]:
-        """Return the callback with its errors logged: STOP must stay, whatever comes in."""
+        """Return a callback that logs its errors: no message may end the page and its STOP."""
 
         @wraps(callback)
         def surviving(*arguments: Any) -> None:
             try:
                 callback(*arguments)
             except Exception as error:
-                self._complain(f"{type(error).__name__}: {error}")
+                self._report(f"{type(error).__name__}: {error}")
 
         return surviving
 
-    def _complain(self, text: str) -> None:
-        self.get_logger().error(f"the page has a problem: {text}", throttle_duration_sec=5.0)
+    def _report(self, text: str) -> None:
+        self.get_logger().error(f"page: {text}", throttle_duration_sec=5.0)
 
-    def _say_where(self, host: str, *, local: bool) -> None:
+    def _log_address(self, host: str, *, local: bool) -> None:
         token = f"/?token={self.page.token}" if self.page.token else ""
-        self.get_logger().info(f"the robot is at http://{_reachable(host)}:{self.page.port}{token}")
+        name = "localhost" if host in ("0.0.0.0", "127.0.0.1") else host
+        self.get_logger().info(f"the robot is at http://{name}:{self.page.port}{token}")
         if not local:
             self.get_logger().warning(
                 f"the page listens on {host}: everybody who reaches this machine there and knows "
-                "the token can steer the robot; what goes there is not encrypted"
+                "the token can steer the robot; the connection is not encrypted"
             )
 
 
 def find_package(name: str) -> Path | None:
-    """Where a ROS package keeps its shared files; None if it is not installed."""
+    """Return the shared files of a ROS package; None if it is not installed."""
     if name == PACKAGE:
         return share_directory()
     try:
         return Path(get_package_share_directory(name))
-    except (LookupError, OSError, ValueError):
-        # not in the index; no index at all; or no possible name
+    except (LookupError, OSError, ValueError):  # not installed; no index; an invalid name
         return None
-
-
-def _reachable(host: str) -> str:
-    return "localhost" if host in ("0.0.0.0", "127.0.0.1") else host

@@ -1,4 +1,4 @@
-"""The page of one robot in a browser: a server, its live data, and JavaScript parts of its own."""
+"""The page of one robot in a browser: a server, its live data, and its JavaScript."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ MISSING: Final = (
 
 
 def installed() -> bool:
-    """Return whether the libraries that only the page needs are there."""
+    """Return whether the libraries that only the page needs are installed."""
     return all(find_spec(name) is not None for name in ("nicegui", "mcap_ros2"))

@@ -1,4 +1,4 @@
-"""Who may use the page: token, Host and Origin are checked on every way in."""
+"""Access control: token, Host and Origin are checked for every request and websocket."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class Access:
 
     The Origin, which browsers send and pages cannot change, must be the page's own address
     (RFC 6455, section 10.2); programs send none. A page that listens on a loopback address
-    accepts no other Host: a site could let its own name point to 127.0.0.1.
+    accepts no other Host: the name of another site could resolve to 127.0.0.1.
 
     Args:
-        app: answers what is allowed.
+        app: answers allowed requests.
         host: the address that the server listens on. Beyond loopback a token is required.
         token: the token; empty: a random one.
 
     Attributes:
-        token: what a browser on another machine must present; empty: nothing.
+        token: that a browser on another machine must present; empty: none.
     """
 
     def __init__(self, app: App, host: str, token: str = "") -> None:
@@ -47,7 +47,7 @@ class Access:
         self.token = "" if self._is_local else token or secrets.token_urlsafe(12)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or let the app answer it."""
+        """Refuse a request, or let the app answer it."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -80,7 +80,7 @@ class Access:
 
         Args:
             headers: by name in lower case.
-            query: what follows the question mark of the address.
+            query: the address after the question mark.
         """
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if self._is_local and not is_loopback(_name(host)):
@@ -114,7 +114,7 @@ def cookie_name(headers: Mapping[str, str]) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only this machine reaches an address."""
+    """Return whether an address can be reached from this machine only."""
     if host == "localhost":
         return True
     try:

@@ -1,4 +1,4 @@
-"""Calibrates the camera from the page: the head looks around a marker, in a thread of its own."""
+"""Calibration of the camera from the page: the head looks around a marker."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from head_tracking.vision.images import Pixels
 from head_tracking.vision.markers import MarkerParameters
 
 _POLL: Final = 0.02  # s
-_START: Final = 0.5  # s after which a head that turns has begun
+_START: Final = 0.5  # s within which the head begins to turn
 _AT_REST: Final = 0.4  # s without motion
 _STILL: Final = 0.004  # rad: less is no motion
 _INFO: Final = 2.0  # s for a picture and its camera_info
-_PATIENCE: Final = 10.0  # s for an arrival, or a picture
+_PATIENCE: Final = 10.0  # s until the head rests, or until a picture
 
 
 class CalibrationEndedError(HeadTrackingError):
-    """The calibration was ended; the message says by what."""
+    """The calibration was ended, for the reason in the message."""
 
 
 class Progress(NamedTuple):
-    """How the calibration goes.
+    """The progress of a calibration.
 
     Attributes:
-        runs: whether the head looks around now.
-        text: what goes on, or how it has ended.
-        rows: what was measured: name, change and deviation, for a person.
+        runs: whether it is in progress.
+        text: the present step, or the result.
+        rows: what was measured: name, change and deviation as texts.
     """
 
     runs: bool = False
@@ -47,14 +47,14 @@ class Progress(NamedTuple):
 
 
 class CameraCalibration:
-    """Calibrates the camera once it is asked to; a STOP or another mode ends that.
+    """Calibrates the camera on request; a STOP or another mode ends that.
 
     Args:
-        robot: that looks around.
-        picture: returns the latest picture of a topic; empty: of the camera.
+        robot: has the camera.
+        picture: returns the latest picture of a topic; empty: of the default topic.
 
     Attributes:
-        progress: how it goes.
+        progress: of the calibration.
     """
 
     def __init__(self, robot: Robot, picture: Callable[[str], Picture | None]) -> None:
@@ -63,35 +63,38 @@ class CameraCalibration:
         self.progress = Progress()
 
     def begin(self, marker_size: float, topic: str) -> Outcome:
-        """Let the head look around.
+        """Start a calibration.
 
         Args:
             marker_size: edge of the marker's black square [m].
-            topic: of the pictures; empty: the camera's.
+            topic: of the pictures; empty: the default topic.
+
+        Raises:
+            ValueError: the size is out of range.
         """
         if not 0.005 <= marker_size <= 2.0:
             raise ValueError(f"The marker's edge is {marker_size} m; allowed are 0.005 to 2 m.")
         if self._robot.stop.refusal:
             return Outcome(False, self._robot.stop.refusal)
         if self._robot.head() is None:
-            return Outcome(False, "the model has no head")
+            return Outcome(False, "The model has no head.")
         if any(one.name.endswith(": calibration") for one in self._robot.health()):
-            text = "this run has a calibration already: start without --calibration to measure anew"
+            text = "This run uses a calibration: start it without --calibration to calibrate anew."
             return Outcome(False, text)
         if not self._busy.acquire(blocking=False):
-            return Outcome(False, "the head is looking around already")
-        self.progress = Progress(True, "the head begins to look around; STOP ends it")
+            return Outcome(False, "A calibration is in progress already.")
+        self.progress = Progress(True, "The head begins to look around. STOP ends it.")
         marker = MarkerParameters("4X4_50", -1, marker_size)
         threading.Thread(target=self._run, args=(marker, topic), daemon=True).start()
         return Outcome(True, self.progress.text)
 
     def _run(self, marker: MarkerParameters, topic: str) -> None:
-        progress = Progress(text="the calibration has failed")
+        progress = Progress(text="The calibration has failed.")
         head = _PointedHead(self._robot, lambda: self._picture(topic))
         try:
             progress = self._calibrate(head, marker)
         except (HeadTrackingError, OSError, ValueError) as error:
-            progress = Progress(text=f"not calibrated: {error}")
+            progress = Progress(text=f"Not calibrated: {error}")
         finally:
             head.end()
             self.progress = progress
@@ -115,8 +118,7 @@ class CameraCalibration:
         file.parent.mkdir(parents=True, exist_ok=True)
         calibration.save(file)
         return Progress(
-            text=f"measured, and written to {file}; it counts from the next start with "
-            f"--calibration {file}",
+            text=f"Calibrated. The result is in {file}. To use it, start with --calibration {file}",
             rows=tuple(summary(calibration)),
         )
 
@@ -125,17 +127,17 @@ class CameraCalibration:
 
 
 class _PointedHead:
-    """The head of a robot that is reached by topics; see `TurningHead`.
+    """A `TurningHead` that is commanded by topics.
 
     Args:
-        robot: whose head it is.
+        robot: has the head.
         picture: returns the latest picture.
     """
 
     def __init__(self, robot: Robot, picture: Callable[[], Picture | None]) -> None:
         self._robot, self._picture = robot, picture
         self._stops, self._is_pointed = robot.stop.count, False
-        self._usual_speed: Any = None
+        self._normal_speed: Any = None
 
     @property
     def frames(self) -> TransformBuffer:
@@ -145,6 +147,7 @@ class _PointedHead:
     @property
     def joints(self) -> Mapping[str, float]:
         """The measured positions of pan and tilt [rad]."""
+        self._robot.poll()
         head = self._robot.head()
         assert head is not None
         found = {
@@ -152,7 +155,7 @@ class _PointedHead:
             for name in (head.pan_joint, head.tilt_joint)
         }
         if None in found.values():
-            raise CalibrationEndedError("nobody says where the joints are")
+            raise CalibrationEndedError("no measurements of the joints are received")
         return {name: each[1] for name, each in found.items() if each is not None}
 
     def look_at(self, point: Vector3, frame: str, *, max_velocity: float) -> None:
@@ -160,7 +163,8 @@ class _PointedHead:
 
         Raises:
             UnreachableError: the head cannot point there; nothing has moved.
-            CalibrationEndedError: STOP, another mode, or the head does not come to rest.
+            CalibrationEndedError: by STOP or another mode, or because the head does not come to
+                rest.
         """
         robot = self._robot
         if not self._is_pointed:
@@ -185,42 +189,45 @@ class _PointedHead:
                 before, moved = joints, now
 
     def camera(self) -> tuple[str, Camera | None]:
-        """Return the frame of the camera, and its lens; None: nobody tells of it.
+        """Return the frame of the camera, and its lens; None: it is not published.
 
         Raises:
-            CalibrationEndedError: no picture comes.
+            CalibrationEndedError: no picture is received.
         """
-        begun, picture = time.monotonic(), self._picture()
-        while time.monotonic() < begun + _INFO and (picture is None or not picture.camera):
+        begun, picture, lens = time.monotonic(), None, None
+        while lens is None and time.monotonic() < begun + _INFO:
             time.sleep(_POLL)
             self._check_mode()
+            self._robot.poll()
             picture = self._picture()
+            lens = None if picture is None else self._robot.topics.camera(picture)
         if picture is None:
-            raise CalibrationEndedError("there is no picture: choose a camera, or start one")
-        return picture.frame_id, picture.camera
+            raise CalibrationEndedError("no picture is received: choose a camera or start one")
+        return picture.frame_id, lens
 
     def _begin(self, max_velocity: float) -> None:
-        """Let the page alone point the head, at most at a speed [rad/s]."""
+        """Let only the page point the head, at a limited speed [rad/s]."""
         modes, begun = self._robot.modes, time.monotonic()
         _check(modes.set_mode(Mode.POINT))
         self._is_pointed = True
         while (speed := modes.value(POINTER, "max_velocity")) is None:  # it has just been started
             if time.monotonic() > begun + _PATIENCE:
-                raise CalibrationEndedError(f"{POINTER} does not say how fast it turns the head")
+                raise CalibrationEndedError(f"{POINTER} has no parameter max_velocity")
             time.sleep(_POLL)
             self._check_mode()
-        self._usual_speed = speed
+        self._normal_speed = speed
         _check(modes.set_value(POINTER, "max_velocity", max_velocity))
 
     def end(self) -> None:
-        """Turn as fast as before."""
-        if self._usual_speed is not None:
-            self._robot.modes.set_value(POINTER, "max_velocity", self._usual_speed)
+        """Restore the speed."""
+        if self._normal_speed is not None:
+            self._robot.modes.set_value(POINTER, "max_velocity", self._normal_speed)
 
     def pictures(self) -> Iterator[tuple[float, Pixels]]:
-        """Yield the camera's pictures with their stamps [s], until none comes any more."""
+        """Yield the camera's pictures with their stamps [s], until no more are received."""
         number, heard = -1, time.monotonic()
         while time.monotonic() < heard + _PATIENCE:
+            self._robot.poll()
             picture = self._picture()
             if picture is None or picture.number == number:
                 time.sleep(_POLL)
@@ -230,7 +237,7 @@ class _PointedHead:
             yield picture.stamp * 1e-9, np.ascontiguousarray(picture.pixels[:, :, ::-1])
 
     def _check_mode(self) -> None:
-        """Raise CalibrationEndedError if there was a STOP, or somebody has chosen another mode."""
+        """Raise CalibrationEndedError after a STOP, or in another mode."""
         if self._robot.stop.count != self._stops:
             raise CalibrationEndedError("the head was stopped")
         mode = self._robot.modes.mode()

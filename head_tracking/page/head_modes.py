@@ -1,4 +1,4 @@
-"""What decides where the head looks: one node that turns it, one that sends targets."""
+"""Modes of a head: which controller turns it, and which node sends the targets."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.path import Path
 from head_tracking.page.stop import Stop
 from head_tracking.ros.kit.graph import Graph
-from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.other_services import OtherServices, Outcome
+from head_tracking.ros.kit.target_point import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tracking import Target, TargetState
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
@@ -30,19 +30,20 @@ FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
 CAMERA = "simulated_camera"
 CONTROLLERS = (TRACKER, POINTER)
 SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target")
+REFUSED = "targets are refused: "
+"""Begins the reason for a refusal in a controller's state."""
 
 _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
-_RELEASE = 1.0  # s in which a node that was switched off lets go of the joints
-_REFUSAL = 0.8  # s
-_REFUSED = "targets are refused: "
+_RELEASE = 1.0  # s until a disabled controller has released the joints
+_REFUSAL = 0.8  # s in which a controller refuses a target
 _POLL = 0.02  # s
 
 P = ParamSpec("P")
 
 
 class Mode(StrEnum):
-    """What decides where the head looks."""
+    """What the head looks at."""
 
     OFF = "nothing"
     POINT = "point"
@@ -57,7 +58,7 @@ class Mode(StrEnum):
     MUX = "target_mux"
 
 
-_NEEDED: Mapping[Mode, tuple[str, ...]] = {
+_NODES: Mapping[Mode, tuple[str, ...]] = {
     Mode.OFF: (),
     Mode.POINT: (POINTER,),
     Mode.TRACK: (TRACKER,),
@@ -70,24 +71,24 @@ _NEEDED: Mapping[Mode, tuple[str, ...]] = {
     Mode.FICTITIOUS: (TRACKER, FICTITIOUS),
     Mode.MUX: (TRACKER, MUX),
 }
-"""The node that turns the head, and the one that sends targets if it is not the page."""
+"""The controller, and the node that sends targets if the page does not."""
 
-_FINDS: Mapping[Mode, str] = {Mode.FACE: "face", Mode.BALL: "colour", Mode.MARKER: "marker"}
-"""What `visual_target` is to follow."""
+_FOLLOWS: Mapping[Mode, str] = {Mode.FACE: "face", Mode.BALL: "colour", Mode.MARKER: "marker"}
+"""The parameter `follow` of `visual_target`."""
 
-FOUND_IN_PICTURES = (*_FINDS, Mode.VISUAL)
+FOUND_IN_PICTURES = (*_FOLLOWS, Mode.VISUAL)
 """Modes in which `visual_target` sends the targets."""
 
-_SHOWS: Mapping[Mode, tuple[str, ...]] = {
+_SCENES: Mapping[Mode, tuple[str, ...]] = {
     Mode.FACE: ("face", "faces", "everything"),
     Mode.BALL: ("ball", "everything"),
     Mode.MARKER: ("marker", "everything"),
 }
-"""The scenes of a simulated camera in which that can be found."""
+"""The scenes of a simulated camera that have such a target."""
 
 
 class _Refused(Exception):
-    """What was asked for is not done; says why."""
+    """A request is refused, for the reason in the message."""
 
 
 def _refuse_if(reason: str) -> None:
@@ -96,14 +97,13 @@ def _refuse_if(reason: str) -> None:
 
 
 def _text_of(outcome: Outcome) -> str:
-    """Return what a request has answered; raise _Refused if it was not done."""
-    if not outcome.done:
-        raise _Refused(outcome.text)
+    """Return the text of an outcome; raise _Refused if the request was not done."""
+    _refuse_if("" if outcome.done else outcome.text or "refused without a reason")
     return outcome.text
 
 
 def _answered(ask: Callable[P, str]) -> Callable[P, Outcome]:
-    """Let a method that returns a sentence or raises _Refused return an Outcome."""
+    """Let a method that returns a text or raises _Refused return an Outcome."""
 
     @wraps(ask)
     def answered(*arguments: P.args, **options: P.kwargs) -> Outcome:
@@ -116,11 +116,11 @@ def _answered(ask: Callable[P, str]) -> Callable[P, Outcome]:
 
 
 class _Sending(NamedTuple):
-    """Targets that the page itself sends again and again.
+    """Targets that the page publishes periodically.
 
     Attributes:
         mode: what they are sent for.
-        target: the next one; None: nothing is sent now.
+        target: returns the next one; None: none is sent now.
         stops: number of STOPs when that began; another one ends it.
     """
 
@@ -133,12 +133,13 @@ class OtherNodes(NamedTuple):
     """How the page reaches the other nodes of a robot.
 
     Attributes:
-        services: their switches.
-        topics: what they say.
-        graph: which of them are there.
-        parameters: of them.
+        services: of the nodes.
+        topics: the latest messages.
+        graph: which nodes exist.
+        parameters: of the nodes.
         buffer: the robot's frames.
-        stop: until it is resumed nothing is commanded.
+        stop: until it is resumed, nothing is commanded.
+        poll: receives what has come on frequent topics.
     """
 
     services: OtherServices
@@ -147,298 +148,280 @@ class OtherNodes(NamedTuple):
     parameters: OtherParameters
     buffer: TransformBuffer
     stop: Stop
+    poll: Callable[[], None]
 
 
 class HeadModes:
-    """Switches the nodes of a head, and sends targets; for any thread.
+    """Enables and disables the nodes of a head, and sends targets; for any thread.
 
-    What is switched on is what the nodes say on their topics `~/enabled`. Nothing is remembered
-    here but what the page itself sends.
+    A node is enabled if its topic `~/enabled` says so; the page keeps no state but its targets.
 
     Args:
         node: sends targets.
-        others: the nodes; a STOP ends what the page sends, and whatever is being switched on.
+        others: the nodes. A STOP ends what the page sends and enables.
     """
 
     def __init__(self, node: Node, others: OtherNodes) -> None:
         self._node = node
-        self._services, self._topics, self._graph, self._parameters, self._buffer, self._stop = (
-            others
-        )
-        self._changing = threading.RLock()  # one change of modes at a time
-        self._wanted = Mode.OFF, ""
-        self._services.know(SetBool, *(f"{name}/enable" for name in (*CONTROLLERS, *SENDERS)))
+        self._services, self._topics, self._graph, self._parameters = others[:4]
+        self._buffer, self._stop, self._poll = others[4:]
+        self._changing = threading.Lock()
+        self._wanted: tuple[Mode, str] = Mode.OFF, ""
+        nodes = (*CONTROLLERS, *SENDERS)
+        self._services.know(SetBool, *(f"{name}/enable" for name in nodes))
         self._services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
-        self._services.know(
-            Trigger,
-            *(f"node_starter/{name}" for name in (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)),
-        )
+        startable = (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)
+        self._services.know(Trigger, *(f"node_starter/{name}" for name in startable))
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
         self._sending: _Sending | None = None
         self._send_lock = threading.Lock()
-        self.path: Path | None = None
-        self._no_path = "there is no path yet"
-        self._speed, self._along, self._stepped = 0.0, 0.0, 0.0
         self._timer = node.create_timer(_SEND_PERIOD, self._send_next)
         self._timer.cancel()
 
     def mode(self) -> Mode:
-        """What decides where the head looks now."""
-        if self._is_on(TRACKER):
-            if self._is_on(VISUAL):
-                follows = self.value(VISUAL, "follow")
-                return next((mode for mode, it in _FINDS.items() if it == follows), Mode.VISUAL)
+        """Return the mode by the nodes that are enabled."""
+        if self._is_enabled(TRACKER):
+            if self._is_enabled(VISUAL):
+                follow = self.value(VISUAL, "follow")
+                return next((mode for mode, one in _FOLLOWS.items() if one == follow), Mode.VISUAL)
             for mode in (Mode.FICTITIOUS, Mode.MUX):
-                if self._is_on(_NEEDED[mode][1]):
+                if self._is_enabled(_NODES[mode][1]):
                     return mode
             sending = self._sending
             return Mode.TRACK if sending is None else sending.mode
-        return Mode.POINT if self._is_on(POINTER) else Mode.OFF
+        return Mode.POINT if self._is_enabled(POINTER) else Mode.OFF
 
     def possible(self) -> tuple[Mode, ...]:
-        """The modes whose nodes are there, or can be started."""
+        """Return the modes whose nodes exist or can be started."""
         return tuple(
             mode
-            for mode, needed in _NEEDED.items()
-            if mode is not Mode.VISUAL  # that is what other nodes have chosen
-            and all(self._is_there(name) or self.can_start(name) for name in needed)
+            for mode, nodes in _NODES.items()
+            if mode is not Mode.VISUAL  # only another program chooses that
+            and all(self._exists(name) or self.can_start(name) for name in nodes)
         )
 
     def missing(self) -> tuple[str, ...]:
-        """Nodes that were switched on when last heard of, and have gone."""
-        return tuple(
-            name
-            for name in (*CONTROLLERS, *SENDERS)
-            if self._topics.enabled(name) and not self._is_there(name)
-        )
+        """Return nodes that were enabled and have gone."""
+        nodes = (*CONTROLLERS, *SENDERS)
+        return tuple(n for n in nodes if self._topics.enabled(n) and not self._exists(n))
 
-    def fighting(self) -> str:
-        """Return which other programs control the head or send it targets; empty if none does."""
-        both = [name for name in CONTROLLERS if self._is_on(name)]
-        if len(both) > 1:
-            return f"{' and '.join(both)} both turn the head"
-        senders = [name for name in SENDERS if self._is_on(name)]
+    def conflict(self) -> str:
+        """Return which nodes control the head, or send targets, at the same time; empty: none."""
+        controllers = [name for name in CONTROLLERS if self._is_enabled(name)]
+        if len(controllers) > 1:
+            return f"{' and '.join(controllers)} both control the head"
+        senders = [name for name in SENDERS if self._is_enabled(name)]
         if self._sending is not None:
             senders.append("this page")
-        if self._is_on(TRACKER) and len(senders) > 1:
+        if self._is_enabled(TRACKER) and len(senders) > 1:
             return f"{' and '.join(senders)} all send targets"
         return ""
 
     @_answered
     def look_at(self, frame: str, point: Vector3, *, wait: bool = False) -> str:
-        """Sends a target once, or again and again where a tracker needs that.
+        """Send a target once to `point_head`, periodically to `head_tracker`.
 
         Args:
             frame: the frame of the point.
             point: the target [m].
-            wait: for a moment, for a refusal by the node that turns the head.
+            wait: for a moment, for a refusal by the controller.
         """
         if not all(map(math.isfinite, point)):
-            raise _Refused("the target is refused: x, y and z must be numbers in metres")
+            raise _Refused("The target is refused: x, y and z must be numbers in metres.")
         if frame not in self._buffer.frames():
-            raise _Refused(f"the target is refused: there is no frame {frame!r}")
+            raise _Refused(f"The target is refused: there is no frame {frame!r}.")
         stops = self._stop.count
         _refuse_if(self._stop.refusal)
         before, sent = {name: self._topics.state(name) for name in CONTROLLERS}, time.monotonic()
         if not self._changing.acquire(timeout=_RELEASE):
-            raise _Refused("the mode is being changed: try again in a moment")
+            raise _Refused("The mode is being changed: try again in a moment.")
         try:
-            mode, changed = self._take_over()
+            mode, changed = self._take_over(stops)
             x, y, z = map(float, point)
             target = Target(0, frame, (x, y, z))
             self._send(target, mode, stops)
         finally:
             self._changing.release()
-        name = _NEEDED[mode][0]
+        name = _NODES[mode][0]
         while wait and time.monotonic() - sent < _REFUSAL:
             _refuse_if(self._refusal_of(name, before[name], sent))
             time.sleep(_POLL)
-        return f"target {target} sent" + (f"; the mode is {mode} now" if changed else "")
+        return f"Target {target} sent" + (f"; the mode is {mode} now." if changed else ".")
 
     @_answered
     def centre(self) -> str:
-        """Recentres with the node that turns the head now."""
+        """Recentre the head with its present controller."""
         with self._changing:
-            mode, _ = self._take_over()
+            mode, _ = self._take_over(self._stop.count)
             self.stop_sending()
-        return _text_of(self._services.trigger(f"{_NEEDED[mode][0]}/recenter"))
+        return _text_of(self._services.trigger(f"{_NODES[mode][0]}/recenter"))
 
     def stop_sending(self) -> None:
-        """Sends no more targets."""
+        """Send no more targets."""
         with self._send_lock:
             self._sending = None
             self._timer.cancel()
 
     @_answered
     def set_mode(self, mode: Mode, frame: str = "") -> str:
-        """Lets exactly one node turn the head, and exactly one send it targets.
+        """Enable one controller and at most one node that sends it targets; disable all others.
 
-        Nodes that are needed and do not run are started, where the run can do that. What turned
-        the head before is switched off first. While the head is stopped only OFF can be chosen.
-        For any thread: a later choice ends a change that is under way; STOP ends it, too.
+        Nodes that are needed are started, where the run can do that. While the head is stopped,
+        only OFF can be chosen. For any thread: a later choice ends a change that is in progress,
+        and so does STOP.
         """
         _refuse_if(self._stop.refusal if mode is not Mode.OFF else "")
+        if mode is Mode.PATH:
+            raise _Refused("This mode needs a path: see follow_path.")
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
-            raise _Refused(f"there is no frame {frame!r} to follow")
-        _refuse_if(self._no_path if mode is Mode.PATH and self.path is None else "")
+            raise _Refused(f"There is no frame {frame!r} to follow.")
         stops = self._stop.count
         self._wanted = mode, frame
         if mode is Mode.OFF:
-            self._disable((*SENDERS, *CONTROLLERS))  # at once, whatever another change waits for
+            self._disable((*SENDERS, *CONTROLLERS))  # at once, without waiting for other changes
         with self._changing:
             self._change(mode, frame, stops)
             if mode is Mode.FOLLOW:
-                self._keep_sending(mode, self._next_of_frame(frame), stops)
-            if mode is Mode.PATH:
-                self._along, self._stepped = 0.0, time.monotonic()
-                self._keep_sending(mode, self._next_of_path, stops)
+                self._keep_sending(mode, self._frame_target(frame), stops)
         return f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else "")
 
-    def _take_over(self) -> tuple[Mode, bool]:
-        """Let the page alone send targets; return the mode for that, and whether it is another."""
+    @_answered
+    def follow_path(self, path: Path, speed: float) -> str:
+        """Let the tracker follow a path in the model's root at a speed [m/s]."""
+        _refuse_if(self._stop.refusal)
+        stops = self._stop.count
+        self._wanted = Mode.PATH, ""
+        with self._changing:
+            self._change(Mode.PATH, "", stops)
+            self._keep_sending(Mode.PATH, self._path_target(path, speed), stops)
+        return f"mode: {Mode.PATH}"
+
+    def _take_over(self, stops: int) -> tuple[Mode, bool]:
+        """Let the page alone send targets; return the mode for that, and whether it has changed."""
         before = self.mode()
         if before is Mode.OFF:
-            raise _Refused("nothing turns the head now: choose a mode (point or track)")
+            raise _Refused("No controller is enabled: choose a mode (point or track).")
         mode = Mode.POINT if before is Mode.POINT else Mode.TRACK
-        if mode is not before or any(map(self._is_on, SENDERS)):
-            _text_of(self.set_mode(mode))
+        if mode is not before or any(map(self._is_enabled, SENDERS)):
+            self._wanted = mode, ""
+            self._change(mode, "", stops)
         return mode, mode is not before
 
     def _change(self, mode: Mode, frame: str, stops: int) -> None:
-        """Switch nodes on and off for a mode, until a STOP or another choice ends that."""
+        """Enable the nodes of a mode and disable the others, until a STOP or another choice."""
 
         def ended() -> str:
             if self._stop.count != stops:
-                return "stopped before the mode was reached"
-            return "" if self._wanted == (mode, frame) else "another mode was chosen meanwhile"
+                return "The head was stopped before the mode was reached."
+            return "" if self._wanted == (mode, frame) else "Another mode was chosen meanwhile."
 
-        needed = _NEEDED[mode]
-        for name in needed:
-            if not self._is_there(name):
+        nodes = _NODES[mode]
+        for name in nodes:
+            if not self._exists(name):
                 self._start(name, ended)
-        if mode in _FINDS:
-            self._find(mode, ended)
+        if mode in _FOLLOWS:
+            self._choose_target(mode, ended)
         self.stop_sending()
-        self._disable(name for name in (*SENDERS, *CONTROLLERS) if name not in needed)
-        for name in needed:
+        self._disable(name for name in (*SENDERS, *CONTROLLERS) if name not in nodes)
+        for name in nodes:
             _refuse_if(ended())
             self._enable(name, True)
-
-    def set_path(self, path: Path | None, speed: float, why: str = "") -> None:
-        """The path to look along in that mode.
-
-        Args:
-            path: in the model's root; None: there is none, and the head stays where it is.
-            speed: along it [m/s].
-            why: there is none.
-        """
-        self.path, self._speed, self._no_path = path, speed, why
 
     @_answered
     def release(self) -> str:
         """Disable the controllers of the head, and wait until they have released the joints."""
-        said = _text_of(self.set_mode(Mode.OFF))
+        text = _text_of(self.set_mode(Mode.OFF))
         _wait(
             lambda: not set(self._topics.owners().values()) & set(CONTROLLERS),
-            "the controller of the head has not released the joints",
+            "The controller of the head has not released the joints.",
             patience=_RELEASE,
         )
-        return said
+        return text
 
     def can_start(self, name: str) -> bool:
-        """Whether a node does not run yet, and whoever runs the robot can start it."""
-        return self._services.offered(f"node_starter/{name}") and not self._is_there(name)
+        """Return whether a node does not exist yet and the run can start it."""
+        return self._services.offered(f"node_starter/{name}") and not self._exists(name)
 
     def start(self, name: str) -> Outcome:
-        """Starts a node of the run, if whoever runs it can."""
+        """Start a node of the run, if the run can do that."""
         if not self._services.offered(f"node_starter/{name}"):
-            return Outcome(False, f"{name} is not running; start it for this mode")
+            return Outcome(False, f"{name} is not running: start it for this mode.")
         return self._services.trigger(f"node_starter/{name}")
 
     def _refusal_of(self, name: str, before: str, sent: float) -> str:
-        """Return what a node has against a target that was sent then [s, monotonic]; or nothing.
+        """Return why a controller refuses a target; empty if it has not refused it.
 
         Args:
-            name: the node.
+            name: the controller.
             before: its state before the target was sent.
-            sent: when that was [s, monotonic].
+            sent: when the target was sent [s, monotonic].
         """
         state, logged = self._topics.state(name), self._topics.complaint(name, sent)
         if state != before and state.startswith(TargetState.AT_LIMIT):
             return state
-        in_state = state.partition(_REFUSED)[2] if state != before else ""
+        in_state = state.partition(REFUSED)[2] if state != before else ""
         return in_state or (logged if "refused" in logged else "")
 
     def _send(self, target: Target, mode: Mode, stops: int) -> None:
-        """Send a target, again and again where a tracker needs that."""
+        """Send a target: once to a controller that keeps it, else periodically."""
         model = self._buffer.model
         if mode is Mode.POINT or model is None:
             self.stop_sending()
-            self._publish(target)
+            self._targets.publish(target_message(target))
             return
         try:
-            placed = self._buffer.transform_point(target.point, model.root, target.frame_id)
+            point = self._buffer.transform_point(target.point, model.root, target.frame_id)
         except TransformException as error:
-            raise _Refused(f"the target is refused: {error}") from error
-        kept = Target(0, model.root, placed)
-        self._keep_sending(mode, lambda: kept, stops)
-
-    def _publish(self, target: Target) -> None:
-        self._targets.publish(target_message(target))
+            raise _Refused(f"The target is refused: {error}") from error
+        in_root = Target(0, model.root, point)
+        self._keep_sending(mode, lambda: in_root, stops)
 
     def _start(self, name: str, ended: Callable[[], str]) -> None:
-        """Starts a node and waits until it can be switched off again: only one turns the head."""
+        """Start a node and wait until it can be disabled again."""
         _text_of(self.start(name))
-        late = f"{name} was started and does not answer; try again"
+        late = f"{name} was started and does not answer: try again."
         _wait(lambda: self._services.offered(f"{name}/enable"), late, ended)
 
-    def _is_there(self, name: str) -> bool:
-        return self._services.offered(f"{name}/enable") or name in self._graph.nodes
+    def _exists(self, name: str) -> bool:
+        return name in self._graph.nodes or self._services.offered(f"{name}/enable")
 
-    def _is_on(self, name: str) -> bool:
-        """Whether a node is there and says that it is switched on, or does not say that it is off.
-
-        One that has no topic `~/enabled` cannot be switched off, or not be known to be.
-        """
-        return self._is_there(name) and self._topics.enabled(name) is not False
+    def _is_enabled(self, name: str) -> bool:
+        """Return whether a node exists and has not published that it is disabled."""
+        return self._exists(name) and self._topics.enabled(name) is not False
 
     def _disable(self, names: Iterable[str]) -> None:
         for name in names:
             self._enable(name, False)
 
     def _enable(self, name: str, on: bool) -> None:
-        """Switches a node on or off, if that can be switched and is not so already."""
+        """Enable or disable a node that is not so yet, and wait until it has published that."""
         service = f"{name}/enable"
         if self._services.offered(service) and self._topics.enabled(name) is not on:
             _text_of(self._services.switch(service, on))
-            before, late = not on, f"{name} says that it is {'off' if on else 'on'} still"
+            before, late = not on, f"{name} is still {'disabled' if on else 'enabled'}."
             _wait(lambda: self._topics.enabled(name) is not before, late, patience=_RELEASE)
-        elif not on and self._is_on(name):
-            raise _Refused(f"{name} can't be switched off; end it first")
-        elif not on and not self._is_there(name):
+        elif not on and self._is_enabled(name):
+            raise _Refused(f"{name} can't be disabled: end it first.")
+        elif not on and not self._exists(name):
             self._topics.forget(name)
 
-    def _find(self, mode: Mode, ended: Callable[[], str]) -> None:
-        """Lets `visual_target` look for something; in a simulated room there is one."""
+    def _choose_target(self, mode: Mode, ended: Callable[[], str]) -> None:
+        """Let `visual_target` follow something; a simulated camera is given a scene with it."""
         scene = self.value(CAMERA, "scene")
-        if scene is not None and scene not in _SHOWS[mode]:
+        if scene is not None and scene not in _SCENES[mode]:
             self.set_value(CAMERA, "scene", "everything")
-        late = f"{VISUAL} does not say what it follows; try again"  # it has only just been started
+        late = f"{VISUAL} does not tell what it follows: try again."  # it may just have started
         _wait(lambda: self.value(VISUAL, "follow") is not None, late, ended)
-        if self.value(VISUAL, "follow") != _FINDS[mode]:
-            _text_of(self.set_value(VISUAL, "follow", _FINDS[mode]))
+        if self.value(VISUAL, "follow") != _FOLLOWS[mode]:
+            _text_of(self.set_value(VISUAL, "follow", _FOLLOWS[mode]))
 
     def value(self, node: str, name: str) -> Any:
-        """A parameter of a node of this robot; None if it is not known."""
+        """Return a parameter of a node of this robot; None if it is not known."""
         owner = f"{self._graph.namespace.rstrip('/')}/{node}"
-        return next(
-            (
-                one.value
-                for one in self._parameters.settings()
-                if (one.node, one.name) == (owner, name)
-            ),
-            None,
-        )
+        for one in self._parameters.settings():
+            if (one.node, one.name) == (owner, name):
+                return one.value
+        return None
 
     def set_value(self, node: str, name: str, value: Any) -> Outcome:
         """Set a parameter of a node of this robot."""
@@ -450,27 +433,35 @@ class HeadModes:
             self._timer.reset()
         self._send_next()
 
-    def _next_of_frame(self, frame: str) -> Callable[[], Target | None]:
-        """Return what finds the next target of a frame; nothing while nobody says where it is."""
+    def _frame_target(self, frame: str) -> Callable[[], Target | None]:
+        """Return a function that returns a frame as a target; None while it is not measured."""
         root = self._buffer.model.root if self._buffer.model is not None else frame
         follower = FrameTarget(self._buffer, FrameTargetParameters(frame, reference_frame=root))
 
-        def newest() -> Target | None:
+        def latest() -> Target | None:
+            self._poll()
             try:
                 return follower.newest(self._node.get_clock().now().nanoseconds)
             except (StaleFrameError, TransformException):
                 return None
 
-        return newest
+        return latest
 
-    def _next_of_path(self) -> Target | None:
-        now, model, path = time.monotonic(), self._buffer.model, self.path
-        self._along += self._speed * min(now - self._stepped, 2.0 * _SEND_PERIOD)
-        self._stepped = now
-        if path is None or model is None:
-            return None
-        stamp = self._node.get_clock().now().nanoseconds
-        return Target(stamp, model.root, path.at(self._along))
+    def _path_target(self, path: Path, speed: float) -> Callable[[], Target | None]:
+        """Return a function that returns the present point of a path."""
+        distance, before = 0.0, time.monotonic()
+
+        def present() -> Target | None:
+            nonlocal distance, before
+            now, model = time.monotonic(), self._buffer.model
+            distance += speed * min(now - before, 2.0 * _SEND_PERIOD)
+            before = now
+            if model is None:
+                return None
+            stamp = self._node.get_clock().now().nanoseconds
+            return Target(stamp, model.root, path.at(distance))
+
+        return present
 
     def _send_next(self) -> None:
         """Send the next target, unless a STOP or another mode has ended that."""
@@ -482,7 +473,7 @@ class HeadModes:
                 return
             target = sending.target()
             if target is not None:
-                self._publish(target)
+                self._targets.publish(target_message(target))
 
 
 def _wait(
@@ -491,9 +482,9 @@ def _wait(
     """Wait until something is done.
 
     Args:
-        done: what is waited for.
+        done: whether it is done.
         late: the refusal if it is not done in time.
-        ended: why it is waited for no longer; empty: it is.
+        ended: returns why not to wait any longer; empty: none.
         patience: how long it may take [s].
 
     Raises:

@@ -1,4 +1,4 @@
-"""Topics of other nodes: what is switched on, errors, states, diagnostics, log, pictures."""
+"""The latest messages of a robot's topics: controllers, errors, diagnostics, log and images."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from std_msgs.msg import Bool, Float64, String
 
@@ -24,33 +26,39 @@ from head_tracking.ros.kit.diagnostics import Health, Level, health_from_message
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.images import camera_of, raw_image
 from head_tracking.ros.kit.joint_owners import control_from_message
+from head_tracking.ros.kit.polled_node import PolledNode
 from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError, decode_picture
 from head_tracking.vision.opencv import OpenCVMissingError
 
-_SWITCHED = (*ERRORS, "fictitious_target", "visual_target", "target_mux", "frame_target")
+_CAN_BE_DISABLED = (*ERRORS, "fictitious_target", "visual_target", "target_mux", "frame_target")
 _COMPLAINT_AGE = 5.0  # s
 _FRESH = 1.0  # s
 _SILENT = 3.5  # s: diagnostics come once a second
-_UNWATCHED = 3.0  # s
-_FIND_PERIOD = 0.25  # s between two looks for pictures
+_UNUSED = 3.0  # s without a request until a subscription ends
+_DISCOVERY_PERIOD = 0.25  # s
+_MOST_STATUSES = 200  # of a node
+_MOST_STRANGERS = 50  # names in diagnostics that are no nodes
+_MOST_VALUES = 200  # of a status
+_MOST_TEXT = 1000  # characters
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
-_NEWEST = QoSProfile(depth=1)
+_CALIBRATION = set(CameraInfo.get_fields_and_field_types()) - {"header"}
+_LATEST = QoSProfile(depth=1)
 _REGION = "visual_target/roi"
 
 
-class Heard(NamedTuple):
-    """Something heard at a time [s, monotonic]."""
+class Received(NamedTuple):
+    """A message and when it was received [s, monotonic]."""
 
     at: float
-    what: Any
+    message: Any
 
 
-class Logged(NamedTuple):
-    """What a node has logged at a time [s, monotonic]."""
+class LogEntry(NamedTuple):
+    """A log message and when it was received [s, monotonic]."""
 
     at: float
     node: str
@@ -59,156 +67,159 @@ class Logged(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """What a camera has seen.
+    """An image of a camera.
 
     Attributes:
-        number: another one for each picture.
-        stamp: when [ns].
+        topic: of the image.
+        number: differs for each image.
+        stamp: when it was taken [ns].
         frame_id: the camera's optical frame.
         pixels: shape (height, width, 3), RGB.
-        camera: its calibration; None: nobody has told a usable one.
     """
 
+    topic: str
     number: int
     stamp: int
     frame_id: str
     pixels: npt.NDArray[np.uint8]
-    camera: Camera | None
 
 
 class OtherTopics:
-    """The newest of everything that tells how a robot does; of one namespace only.
+    """Keeps the latest messages that tell the state of one robot.
 
-    Latched topics are heard from the start, however late that is.
+    Frequent topics are subscribed to on request, and only as long as they are requested.
 
     Args:
-        node: listens. `look` must be called in its thread; the rest may be called from any.
-        graph: says what belongs to the robot.
+        node: subscribes to what comes seldom. `end_unused` must be called in its thread; the rest
+            may be called from any.
+        polled: subscribes to frequent topics.
+        graph: tells what belongs to the robot.
     """
 
-    def __init__(self, node: Node, graph: Graph) -> None:
-        self._node = node
-        self._graph = graph
-        self._heard: dict[str, Heard] = {}
-        self._asked: dict[str, Any] = {}
-        self._asking = threading.Lock()
-        self._diagnostics: dict[str, Heard] = {}
-        self._log: deque[Logged] = deque(maxlen=100)
+    def __init__(self, node: Node, polled: PolledNode, graph: Graph) -> None:
+        self._node, self._polled, self._graph = node, polled, graph
+        self._received: dict[str, Received] = {}
+        self._requested: dict[str, float] = {}
+        self._subscriptions: dict[str, Any] = {}
+        self._requesting = threading.Lock()
+        self._diagnostics: dict[str, dict[str, Received]] = {}
+        self._log: deque[LogEntry] = deque(maxlen=100)
         self._log_lock = threading.Lock()
-        self._watched: dict[str, float] = {}
+        self._cameras: dict[str, tuple[bytes, Camera | None]] = {}
         self._images: tuple[str, ...] = ()
         self._infos: tuple[str, ...] = ()
-        self._find_due = 0.0
-        for name in _SWITCHED:
-            self._listen(Bool, f"{name}/enabled", LATCHED)
+        self._discovery_due = 0.0
+        for name in _CAN_BE_DISABLED:
+            self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
         for name in ERRORS:
-            self._listen(String, f"{name}/state", LATCHED)
+            self._subscribe(node, String, f"{name}/state", LATCHED)
         self._owners: Mapping[str, str] = {}
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         node.create_subscription(Log, "/rosout", self._on_log, _LOG)
 
-    def look(self) -> None:
-        """Listen no more to what nobody has asked for lately."""
-        due = time.monotonic() - _UNWATCHED
-        with self._asking:
-            for name in [name for name in self._asked if self._watched[name] < due]:
-                self._node.destroy_subscription(self._asked.pop(name))
-                self._heard.pop(name, None)
+    def end_unused(self) -> None:
+        """End the subscriptions that nobody has requested lately."""
+        due = time.monotonic() - _UNUSED
+        with self._requesting:
+            for name in [name for name in self._subscriptions if self._requested[name] < due]:
+                self._polled.destroy_subscription(self._subscriptions.pop(name))
+                self._received.pop(name, None)
 
-    def _ask(self, name: str, kind: type, quality: QoSProfile) -> None:
-        """Listen to a topic from now on, for as long as it is asked for."""
-        with self._asking:
-            self._watched[name] = time.monotonic()
-            if name not in self._asked:
-                self._asked[name] = self._listen(kind, name, quality)
+    def _request(self, kind: type, name: str, quality: QoSProfile) -> Received | None:
+        """Return the latest message of a topic, and keep the subscription for a while."""
+        with self._requesting:
+            self._requested[name] = time.monotonic()
+            if name not in self._subscriptions:
+                self._subscriptions[name] = self._subscribe(self._polled, kind, name, quality)
+        return self._received.get(name)
+
+    def _subscribe(self, node: Node, kind: type, name: str, quality: QoSProfile) -> Any:
+        def receive(message: Any) -> None:
+            self._received[name] = Received(time.monotonic(), message)
+
+        return node.create_subscription(kind, name, receive, quality)
 
     def enabled(self, name: str) -> bool | None:
-        """Whether a node says that it is switched on; None if it has said nothing."""
-        said = self._heard.get(f"{name}/enabled")
-        return None if said is None else bool(said.what.data)
+        """Return whether a node has published that it is enabled; None if it has not."""
+        received = self._received.get(f"{name}/enabled")
+        return None if received is None else bool(received.message.data)
 
     def forget(self, name: str) -> None:
-        """Drops what a node that has gone said of itself."""
-        self._heard.pop(f"{name}/enabled", None)
+        """Drop whether a node that has gone was enabled."""
+        self._received.pop(f"{name}/enabled", None)
 
     def owners(self) -> Mapping[str, str]:
-        """The node that each joint obeys, without its namespace; empty for nobody."""
+        """Return the node that owns each joint, without its namespace; empty for none."""
         return {joint: owner.rpartition("/")[2] for joint, owner in self._owners.items()}
 
     def error(self, name: str) -> float | None:
-        """Return by how much the head misses the target of a node that turns it, now [rad].
-
-        None if nothing was heard lately. To ask keeps the subscription.
-        """
-        self._ask(ERRORS[name], Float64, _NEWEST)
-        heard = self._heard.get(ERRORS[name])
-        fresh = heard is not None and time.monotonic() - heard.at < _FRESH
-        return float(heard.what.data) if heard is not None and fresh else None
+        """Return by how much a controller misses its target [rad]; None: nothing recent."""
+        message = _recent(self._request(Float64, ERRORS[name], _LATEST))
+        return None if message is None else float(message.data)
 
     def state(self, name: str) -> str:
-        """What a node that turns the head says of itself, or what it logged last."""
-        said = self._heard.get(f"{name}/state")
-        if said is not None:
-            return str(said.what.data)
+        """Return the state that a controller publishes, or its last log message."""
+        received = self._received.get(f"{name}/state")
+        if received is not None:
+            return str(received.message.data)
         lines = [one for one in self._logged() if one.node == name and one.level < _WARN]
         complaint = self.complaint(name)
         return (lines[-1].text if lines else "") + (f" ({complaint})" if complaint else "")
 
     def complaint(self, name: str, since: float | None = None) -> str:
-        """What a node has warned of last, if it has said nothing better since; or nothing.
+        """Return a node's last log message if it is a warning or worse; else an empty text.
 
         Args:
             name: the node.
-            since: from this time on [s, monotonic]; None: lately.
+            since: ignore earlier messages [s, monotonic]; None: those before the last seconds.
         """
         start = time.monotonic() - _COMPLAINT_AGE if since is None else since
         lines = [one for one in self._logged() if one.node == name and one.at >= start]
         return lines[-1].text if lines and lines[-1].level >= _WARN else ""
 
     def warnings(self) -> tuple[str, ...]:
-        """What nodes warned of, newest last."""
+        """Return the warnings and errors of the log, latest last."""
         return tuple(f"{one.node}: {one.text}" for one in self._logged() if one.level >= _WARN)
 
     def health(self) -> tuple[Health, ...]:
         """Return the latest diagnostics by name.
 
-        A node that is there and has said nothing lately is stale. What a node that has gone said,
-        and what one says no more beside its other diagnostics, is left out.
+        A status of a running node that publishes no diagnostics any more is stale. Those of nodes
+        that have gone, and single ones that a node publishes no more, are left out.
         """
-        now, latest = time.monotonic(), dict(self._diagnostics)
-        speaking = {_source(name) for name, heard in latest.items() if now - heard.at < _SILENT}
-        silent = set(self._graph.nodes) - speaking
-        return tuple(
-            heard.what
-            if now - heard.at < _SILENT
-            else Health(
-                name,
-                Level.STALE,
-                f"nothing heard for {now - heard.at:.0f} s; last: {heard.what.message}",
-                heard.what.values,
-            )
-            for name, heard in sorted(latest.items())
-            if now - heard.at < _SILENT or _source(name) in silent
-        )
+        now, nodes, found = time.monotonic(), set(self._graph.nodes), []
+        for node, statuses in sorted(self._diagnostics.items()):
+            latest = list(statuses.items())
+            is_silent = all(now - at > _SILENT for _, (at, _) in latest)
+            if is_silent and node not in nodes:
+                self._diagnostics.pop(node, None)
+                continue
+            for name, (at, status) in sorted(latest):
+                if now - at < _SILENT:
+                    found.append(status)
+                elif is_silent:
+                    text = f"nothing heard for {now - at:.0f} s; last: {status.message}"
+                    found.append(replace(status, level=Level.STALE, message=text))
+                else:
+                    statuses.pop(name, None)
+        return tuple(found)
 
     def region(self) -> tuple[int, int, int, int] | None:
         """Return the box of what `visual_target` follows: left, top, width, height [pixels].
 
-        None if nothing was found lately. To ask keeps the subscription: finding things costs time.
+        None if nothing was found lately.
         """
-        self._ask(_REGION, RegionOfInterest, MEASUREMENT)
-        heard = self._heard.get(_REGION)
-        if heard is None or time.monotonic() - heard.at > _FRESH:
+        box = _recent(self._request(RegionOfInterest, _REGION, MEASUREMENT))
+        if box is None:
             return None
-        box = heard.what
         return int(box.x_offset), int(box.y_offset), int(box.width), int(box.height)
 
     def images(self) -> tuple[str, ...]:
-        """Return the topics with pictures: found while somebody asks, and only then."""
+        """Return the topics of images that exist."""
         now = time.monotonic()
-        if now >= self._find_due:
-            self._find_due = now + _FIND_PERIOD
+        if now >= self._discovery_due:
+            self._discovery_due = now + _DISCOVERY_PERIOD
             known = [
                 (name, types)
                 for name, types in self._node.get_topic_names_and_types()
@@ -221,82 +232,90 @@ class OtherTopics:
         return self._images
 
     def picture(self, topic: str) -> Picture | None:
-        """Return the latest picture; to ask keeps the subscription."""
-        self._ask(topic, Image, MEASUREMENT)
-        heard = self._heard.get(topic)
-        pixels = None if heard is None else pixels_of(heard.what)
-        if heard is None or pixels is None:
+        """Return the latest image of a topic; None without one that can be shown."""
+        received = self._request(Image, topic, MEASUREMENT)
+        pixels = None if received is None else pixels_of(received.message)
+        if received is None or pixels is None:
             return None
-        header = heard.what.header
-        size = (pixels.shape[1], pixels.shape[0])
-        return Picture(
-            round(heard.at * 1e9),
-            stamp_to_ns(header.stamp),
-            header.frame_id,
-            pixels,
-            self._camera(topic, size),
-        )
+        header, number = received.message.header, round(received.at * 1e9)
+        return Picture(topic, number, stamp_to_ns(header.stamp), header.frame_id, pixels)
 
-    def _camera(self, topic: str, size: tuple[int, int]) -> Camera | None:
-        """What took the pictures of a topic, if it fits their size."""
-        for name in _camera_infos(topic):
-            if name in self._infos:
-                self._ask(name, CameraInfo, MEASUREMENT)
-            heard = self._heard.get(name)
-            if heard is not None:
+    def camera(self, picture: Picture) -> Camera | None:
+        """Return the calibration of an image; None: no usable one has been received."""
+        folder = picture.topic.rpartition("/")[0]
+        for name in (f"{folder}/camera_info", f"{folder.rpartition('/')[0]}/camera_info"):
+            received = self._request(CameraInfo, name, MEASUREMENT) if name in self._infos else None
+            if received is None:
+                continue
+            before, camera = self._cameras.get(name, (b"", None))
+            calibration = _calibration(received.message)
+            if calibration != before:
+                camera = None
                 with contextlib.suppress(CameraError):
-                    camera = camera_of(heard.what)
-                    if (camera.width, camera.height) == size:
-                        return camera
+                    camera = camera_of(received.message)
+                self._cameras[name] = calibration, camera
+            if camera is not None and (camera.height, camera.width) == picture.pixels.shape[:2]:
+                return camera
         return None
-
-    def _listen(self, kind: type, name: str, quality: QoSProfile) -> Any:
-        def keep(message: Any) -> None:
-            self._heard[name] = Heard(time.monotonic(), message)
-
-        return self._node.create_subscription(kind, name, keep, quality)
 
     def _on_control(self, message: DiagnosticStatus) -> None:
         self._owners = control_from_message(message).owners
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        now = time.monotonic()
+        now, nodes, known = time.monotonic(), set(self._graph.nodes), self._diagnostics
         for status in message.status:
-            node, colon, part = status.name.partition(":")
-            if not self._graph.is_own(node):
+            full_name, colon, part = status.name[:_MOST_TEXT].partition(":")
+            node = full_name.rpartition("/")[2]
+            name = node + colon + part
+            is_allowed = node in known or node in nodes or len(known) < _MOST_STRANGERS
+            if not is_allowed or not self._graph.is_own(full_name):
                 continue
-            name = node.rpartition("/")[2] + colon + part
-            self._diagnostics[name] = Heard(now, replace(health_from_message(status), name=name))
+            statuses = known.setdefault(node, {})
+            if len(statuses) >= _MOST_STATUSES and name not in statuses:
+                continue
+            health = health_from_message(status)
+            values = {
+                key[:_MOST_TEXT]: text[:_MOST_TEXT]
+                for key, text in islice(health.values.items(), _MOST_VALUES)
+            }
+            text = health.message[:_MOST_TEXT]
+            statuses[name] = Received(now, replace(health, name=name, message=text, values=values))
 
     def _on_log(self, message: Log) -> None:
         node = message.name.replace(".", "/")
         if self._graph.is_own(node):
-            name = node.rpartition("/")[2]
+            name, text = node.rpartition("/")[2], message.msg[:_MOST_TEXT]
             with self._log_lock:
-                self._log.append(Logged(time.monotonic(), name, message.level, message.msg))
+                self._log.append(LogEntry(time.monotonic(), name, message.level, text))
 
-    def _logged(self) -> tuple[Logged, ...]:
+    def _logged(self) -> tuple[LogEntry, ...]:
         with self._log_lock:
             return tuple(self._log)
 
 
-def _source(name: str) -> str:
-    """Return the node that a name in diagnostics begins with."""
+def _recent(received: Received | None) -> Any:
+    """Return a message; None if it was received long ago."""
+    is_recent = received is not None and time.monotonic() - received.at < _FRESH
+    return received.message if received is not None and is_recent else None
+
+
+def _calibration(message: CameraInfo) -> bytes:
+    """Return a camera's calibration as bytes: messages with the same one differ in their stamps."""
+    message = CameraInfo(**{name: getattr(message, name) for name in _CALIBRATION})
+    return bytes(serialize_message(message))
+
+
+def node_of(name: str) -> str:
+    """Return the node that the name of a diagnostic status begins with."""
     return name.partition(":")[0]
 
 
-def _camera_infos(topic: str) -> tuple[str, ...]:
-    """Where the calibration of a topic's camera may be: beside it, or beside the node above it."""
-    folder = topic.rpartition("/")[0]
-    return f"{folder}/camera_info", f"{folder.rpartition('/')[0]}/camera_info"
-
-
 def pixels_of(message: Image) -> npt.NDArray[np.uint8] | None:
-    """An image message as RGB; None if it is damaged, or its encoding can't be shown here."""
+    """Return an image message as RGB; None if it is damaged or its encoding is not supported."""
     image = raw_image(message)
     try:
         match image.encoding:
-            case "rgb8" | "rgba8":  # the usual ones do without OpenCV
+            case "rgb8" | "rgba8":  # the usual ones need no OpenCV
                 return image.rows("u1", len(image.encoding) - 1)[..., :3]
             case "bgr8" | "bgra8":
                 return image.rows("u1", len(image.encoding) - 1)[..., 2::-1]

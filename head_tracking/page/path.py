@@ -1,4 +1,4 @@
-"""A way that goes round and round, as a target to look at."""
+"""Closed paths for the head to look along."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from head_tracking.transforms import Vector3
+from head_tracking.gaze import PanTiltHead
+from head_tracking.transforms import RobotModel, Rotation, Vector3
 
-_STEPS = 72
+_STEPS = 72  # a multiple of 8, so that the square's corners are points
+_DISTANCE = 1.0  # m: from the camera to a path
 
 
 class Path:
-    """Straight lines from point to point, and back to the first.
+    """A closed polygon.
 
     Args:
         points: two or more, in one frame [m].
@@ -23,68 +25,70 @@ class Path:
     """
 
     def __init__(self, points: Sequence[Vector3]) -> None:
-        self.points = tuple(points)
-        closed = np.array([*points, *points[:1]], float)
         if len(points) < 2:
-            raise ValueError("a path needs two points or more: add some")
-        self._lengths = np.concatenate(
-            [[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()]
-        )
+            raise ValueError("A path needs two points or more.")
+        self.points = tuple(points)
+        self._closed = np.array([*points, points[0]], float)
+        steps = np.linalg.norm(np.diff(self._closed, axis=0), axis=1)
+        self._lengths = np.concatenate([[0.0], steps.cumsum()])
         if self.length <= 0.0:
-            raise ValueError("all points of the path are the same: add another")
-        self._closed = closed
+            raise ValueError("All points of the path are the same: add another one.")
 
     @property
     def length(self) -> float:
-        """Of one round [m]."""
+        """Length of one round [m]."""
         return float(self._lengths[-1])
 
     def at(self, distance: float) -> Vector3:
-        """The point after so many metres from the first one on [m]."""
+        """Return the point at a distance from the first one along the path [m]."""
         along = distance % self.length
         x, y, z = (float(np.interp(along, self._lengths, column)) for column in self._closed.T)
         return x, y, z
 
 
-def circle(turn: float) -> tuple[float, float]:
-    """Radius 1."""
-    return math.cos(turn), math.sin(turn)
+def _circle(angle: float) -> tuple[float, float]:
+    return math.cos(angle), math.sin(angle)
 
 
-def square(turn: float) -> tuple[float, float]:
-    """Half an edge is 1."""
-    x, y = math.cos(turn), math.sin(turn)
+def _square(angle: float) -> tuple[float, float]:
+    x, y = _circle(angle)
     largest = max(abs(x), abs(y))
     return x / largest, y / largest
 
 
-def figure_of_eight(turn: float) -> tuple[float, float]:
-    """Gerono's lemniscate: 2 wide, 1 high."""
-    return math.cos(turn), math.sin(turn) * math.cos(turn)
+def _figure_of_eight(angle: float) -> tuple[float, float]:
+    """Gerono's lemniscate, half as high as wide."""
+    return math.cos(angle), math.sin(angle) * math.cos(angle)
 
 
 SHAPES: Mapping[str, Callable[[float], tuple[float, float]]] = {
-    "circle": circle,
-    "square": square,
-    "figure of eight": figure_of_eight,
+    "circle": _circle,
+    "square": _square,
+    "figure of eight": _figure_of_eight,
 }
-"""Shapes in a plane, by the turn around their middle, 0 to tau."""
+"""Shapes in a plane, of half width 1, by the angle around their centre [rad]."""
 
 
-def shaped(shape: str, middle: Vector3, right: Vector3, up: Vector3, size: float) -> Path:
-    """A path of a shape.
+def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) -> Path:
+    """Return a path 1 m before the camera at joint positions 0, in the model's root.
 
     Args:
-        shape: one of SHAPES.
-        middle: of the shape [m].
-        right: where its x points, of length 1.
-        up: where its y points, of length 1.
-        size: half its width [m].
+        model: has the head.
+        head: looks along the path.
+        shape: a key of `SHAPES`.
+        size: half the path's width [m].
+
+    Raises:
+        KeyError: there is no such shape.
     """
-    points: list[Vector3] = []
+    at_zero = dict.fromkeys(model.independent_joints, 0.0)
+    camera = model.transform(model.root, head.pointing_frame, at_zero)
+    ahead: Vector3 = camera.rotation @ head.pointing_axis
+    turn = Rotation.from_rpy(0.0, 0.0, math.atan2(ahead[1], ahead[0]))
+    cx, cy, cz = (c + _DISTANCE * a for c, a in zip(camera.translation, ahead, strict=True))
+    points = []
     for step in range(_STEPS):
-        # the square's corners are steps, too
-        x, y = SHAPES[shape](math.tau * step / _STEPS)
-        a, b, c = (m + size * (x * r + y * u) for m, r, u in zip(middle, right, up, strict=True))
-        points.append((a, b, c))
+        right, up = SHAPES[shape](math.tau * step / _STEPS)
+        x, y, z = turn @ (0.0, -size * right, size * up)
+        points.append((cx + x, cy + y, cz + z))
     return Path(points)

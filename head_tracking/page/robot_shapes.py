@@ -1,24 +1,38 @@
-"""A robot as the browser draws it: its tree of joints, and the shapes of its links."""
+"""A robot for the browser: its joints, the shapes of its links, and the range of its head."""
 
 from __future__ import annotations
 
+import io
+import logging
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import unquote
+
+import numpy as np
+import yourdfpy
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.page.gaze_lines import reachable_field
-from head_tracking.page.shapes import Box, Cylinder, Look, Mesh, Missing, Sphere
-from head_tracking.transforms import RobotModel, Transform
+from head_tracking.transforms import RobotModel, Transform, Vector3
 
-_MISSING_SIZE = 0.05  # m
+if TYPE_CHECKING:
+    import trimesh
+
+_GREY = [0.6, 0.6, 0.62, 1.0]
+_PLACEHOLDER = {"kind": "box", "size": [0.05] * 3, "rgba": [0.9, 0.25, 0.25, 1.0]}  # m
+_MERIDIANS, _PARALLELS, _SEGMENTS = 9, 5, 24
+
+FindPackage = Callable[[str], Path | None]
+"""Returns the shared files of a ROS package; None if it is not installed."""
 
 
 class RobotForBrowser(NamedTuple):
-    """A robot as the browser draws it.
+    """A robot for the browser.
 
     Attributes:
-        about: its joints, shapes and head, for JSON.
+        about: its joints, shapes, head and notices, for JSON.
         meshes: binary STL; of kind `coloured`: binary glTF.
     """
 
@@ -26,21 +40,24 @@ class RobotForBrowser(NamedTuple):
     meshes: tuple[bytes, ...]
 
 
-def described(
-    model: RobotModel, look: Look, head: PanTiltHead | None, radius: float, meshes_at: str
+def robot_for_browser(
+    model: RobotModel,
+    head: PanTiltHead | None,
+    radius: float,
+    meshes_at: str,
+    find_package: FindPackage = lambda _: None,
 ) -> RobotForBrowser:
-    """Return a robot for the browser.
+    """Return a robot for the browser. Shapes that can't be shown become notices.
 
-    Transforms are [x, y, z, qx, qy, qz, qw] in metres. Joints stand in the order of
-    `model.joints`; `leader` is the index of the joint position in `independent` that moves a
-    joint, which then stands at `ratio` times that plus `offset`.
+    Transforms are [x, y, z, qx, qy, qz, qw] in metres. `leader` of a joint is the index in
+    `independent` of the joint whose position it follows, times `ratio` plus `offset`.
 
     Args:
         model: the robot.
-        look: its shapes.
         head: its head; None: it has none.
-        radius: of the reachable field [m].
+        radius: distance from the camera at which the reachable field is drawn [m].
         meshes_at: the address of the meshes, up to their number.
+        find_package: for addresses that start with package://.
     """
     independent = list(model.independent_joints)
     joints = []
@@ -52,64 +69,184 @@ def described(
                 "type": str(joint.type),
                 "parent": joint.parent,
                 "child": joint.child,
-                "origin": numbers(joint.origin),
+                "origin": _numbers(joint.origin),
                 "axis": list(joint.axis),
                 "leader": independent.index(leader.joint) if joint.moves else -1,
                 "ratio": leader.multiplier,
                 "offset": leader.offset,
-                "limits": finite(joint.limits),
+                "limits": _finite(joint.limits),
             }
         )
-    meshes: list[bytes] = []
-    shapes = []
-    for shape in look.shapes:
-        about: dict[str, Any] = {
-            "link": shape.link,
-            "place": numbers(shape.T_link_shape),
-            "rgba": list(shape.rgba),
-        }
-        match shape.geometry:
-            case Box(size):
-                about |= {"kind": "box", "size": list(size)}
-            case Cylinder(radius, length):
-                about |= {"kind": "cylinder", "size": [radius, length]}
-            case Sphere(radius):
-                about |= {"kind": "sphere", "size": [radius]}
-            case Mesh(mesh, coloured):
-                kind = "coloured" if coloured else "mesh"
-                about |= {"kind": kind, "mesh": f"{meshes_at}{len(meshes)}"}
-                meshes.append(bytes(mesh.export(file_type="glb" if coloured else "stl")))
-            case Missing():
-                about |= {"kind": "box", "size": [_MISSING_SIZE] * 3, "rgba": [0.9, 0.25, 0.25, 1]}
-        shapes.append(about)
-    robot: dict[str, Any] = {
+    shapes = _Shapes(model.urdf, meshes_at, find_package)
+    about: dict[str, Any] = {
         "name": model.name,
         "root": model.root,
         "independent": independent,
         "joints": joints,
-        "shapes": shapes,
-        "notices": list(look.notices),
+        "shapes": shapes.found,
+        "notices": list(dict.fromkeys(shapes.notices)),
     }
     if head is not None:
-        robot |= {
+        about |= {
             "pan": head.pan_joint,
             "tilt": head.tilt_joint,
             "camera": head.pointing_frame,
             "axis": list(head.pointing_axis),
-            "pan_limits": finite(head.pan_limits),
-            "tilt_limits": finite(head.tilt_limits),
-            "field": reachable_field(model, head, radius).round(4).reshape(-1).tolist(),
+            "pan_limits": _finite(head.pan_limits),
+            "tilt_limits": _finite(head.tilt_limits),
+            "field": _reachable_field(model, head, radius),
         }
-    return RobotForBrowser(robot, tuple(meshes))
+    return RobotForBrowser(about, tuple(shapes.meshes))
 
 
-def finite(limits: Any) -> list[float]:
-    """Return the lower and upper limit of a joint, at most half a turn each way."""
+class _Shapes:
+    """The shapes of a model's links.
+
+    Attributes:
+        found: the shapes for JSON.
+        meshes: their meshes.
+        notices: what can't be shown, and why.
+    """
+
+    def __init__(self, urdf: str, meshes_at: str, find_package: FindPackage) -> None:
+        # yourdfpy logs what it does not understand; that becomes a notice here
+        logging.getLogger("yourdfpy").setLevel(logging.ERROR)
+        robot = yourdfpy.URDF.load(
+            io.BytesIO(urdf.encode()), build_scene_graph=False, load_meshes=False
+        ).robot
+        self.found: list[dict[str, Any]] = []
+        self.meshes: list[bytes] = []
+        self.notices: list[str] = []
+        self._meshes_at, self._find_package = meshes_at, find_package
+        self._materials = {material.name: material for material in robot.materials}
+        self._loaded: dict[str, trimesh.Trimesh | str] = {}
+        for link in robot.links:
+            for visual in link.visuals:
+                try:
+                    self._add(link.name, visual)
+                except (TypeError, ValueError) as error:
+                    self.notices.append(f"{link.name}: a shape is invalid and left out: {error}")
+
+    def _add(self, link: str, visual: Any) -> None:
+        origin = visual.origin
+        transform = Transform.identity() if origin is None else Transform.from_matrix(origin)
+        shape = {"link": link, "place": _numbers(transform), "rgba": self._colour(visual.material)}
+        geometry = visual.geometry
+        if geometry is not None and geometry.box is not None:
+            x, y, z = map(float, geometry.box.size)
+            shape |= {"kind": "box", "size": [x, y, z]}
+        elif geometry is not None and geometry.cylinder is not None:
+            size = [float(geometry.cylinder.radius), float(geometry.cylinder.length)]
+            shape |= {"kind": "cylinder", "size": size}
+        elif geometry is not None and geometry.sphere is not None:
+            shape |= {"kind": "sphere", "size": [float(geometry.sphere.radius)]}
+        elif geometry is not None and geometry.mesh is not None:
+            shape |= self._mesh(link, geometry.mesh)
+        else:
+            raise ValueError("its kind is not supported")
+        self.found.append(shape)
+
+    def _mesh(self, link: str, geometry: Any) -> dict[str, Any]:
+        mesh = self._load(geometry.filename)
+        if isinstance(mesh, str):
+            self.notices.append(f"{link}: {mesh}")
+            return _PLACEHOLDER
+        if geometry.scale is not None:
+            mesh = mesh.copy()
+            mesh.apply_scale(geometry.scale)
+        is_coloured = mesh.visual.kind == "texture" or bool(mesh.visual.defined)
+        self.meshes.append(bytes(mesh.export(file_type="glb" if is_coloured else "stl")))
+        address = f"{self._meshes_at}{len(self.meshes) - 1}"
+        return {"kind": "coloured" if is_coloured else "mesh", "mesh": address}
+
+    def _load(self, address: str) -> trimesh.Trimesh | str:
+        """Return the mesh at an address, or why it can't be shown."""
+        if address not in self._loaded:
+            import trimesh  # takes half a second, and not every robot has meshes
+
+            try:
+                mesh = trimesh.load(mesh_file(address, self._find_package), force="mesh")
+                self._loaded[address] = (
+                    mesh if len(mesh.faces) else f"the mesh {address!r} has no triangles"
+                )
+            except Exception as error:  # readers of mesh files raise any error
+                self._loaded[address] = (
+                    str(error)
+                    if isinstance(error, MeshAddressError)
+                    else f"the mesh {address!r} can't be read ({error or type(error).__name__}); "
+                    ".dae files need pycollada (pip install pycollada)"
+                )
+        return self._loaded[address]
+
+    def _colour(self, material: Any) -> list[float]:
+        if material is not None and material.color is None:
+            material = self._materials.get(material.name)
+        if material is None or material.color is None:
+            return _GREY
+        r, g, b, a = (min(max(float(value), 0.0), 1.0) for value in material.color.rgba)
+        return [r, g, b, a]
+
+
+class MeshAddressError(ValueError):
+    """There is no file at the address of a mesh."""
+
+
+def mesh_file(address: str, find_package: FindPackage) -> Path:
+    """Return the file of a URDF mesh by its `filename`.
+
+    Raises:
+        MeshAddressError: there is none; with what to do.
+    """
+    kind, separator, rest = address.partition("://")
+    if not separator:
+        path = Path(address)
+        if not path.is_absolute():
+            raise MeshAddressError(
+                f"the mesh {address!r} has a relative path: write package://<package>/<path> or "
+                "file:///<path>"
+            )
+    elif kind == "package":
+        package, _, inside = unquote(rest).partition("/")
+        folder = find_package(package)
+        if folder is None:
+            raise MeshAddressError(
+                f"the mesh {address!r} is in the package {package!r}, which is not installed here: "
+                "install or source it and start the viewer again"
+            )
+        path = folder / inside
+    elif kind == "file":
+        path = Path(unquote(rest))
+    else:
+        raise MeshAddressError(f"the mesh {address!r}: addresses of {kind}:// are not supported")
+    if not path.is_file():
+        raise MeshAddressError(f"the mesh {address!r}: there is no file {path}")
+    return path
+
+
+def _reachable_field(model: RobotModel, head: PanTiltHead, radius: float) -> list[float]:
+    """Return lines at a distance from the camera [m], in the root: x, y, z of both ends of each."""
+    pan, tilt = _finite(head.pan_limits), _finite(head.tilt_limits)
+    chain = model.chain(model.root, head.pointing_frame)
+    point = tuple(radius * a for a in head.pointing_axis)
+
+    def at(pan_position: float, tilt_position: float) -> Vector3:
+        positions = {head.pan_joint: pan_position, head.tilt_joint: tilt_position}
+        return chain.transform(*[positions.get(joint, 0.0) for joint in chain.joints]) @ point
+
+    def along(limits: list[float], lines: int) -> list[float]:
+        return [float(position) for position in np.linspace(limits[0], limits[1], lines)]
+
+    lines = [[at(p, t) for t in along(tilt, _SEGMENTS + 1)] for p in along(pan, _MERIDIANS)]
+    lines += [[at(p, t) for p in along(pan, _SEGMENTS + 1)] for t in along(tilt, _PARALLELS)]
+    return [round(x, 4) for line in lines for ends in pairwise(line) for end in ends for x in end]
+
+
+def _finite(limits: Any) -> list[float]:
+    """Return the limits of a joint, at most half a turn each way."""
     if limits is None:
         return [-math.pi, math.pi]
     return [max(limits.lower, -math.pi), min(limits.upper, math.pi)]
 
 
-def numbers(transform: Transform) -> Sequence[float]:
-    """Return a transform as [x, y, z, qx, qy, qz, qw]."""
+def _numbers(transform: Transform) -> Sequence[float]:
     return [*map(float, transform.translation), *map(float, transform.rotation)]

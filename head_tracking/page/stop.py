@@ -1,4 +1,4 @@
-"""STOP: relaxes the servos of one robot, whatever else on the page or in the graph has failed."""
+"""STOP: relaxes the servos of one robot, independently of the rest of the page."""
 
 from __future__ import annotations
 
@@ -10,33 +10,32 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from head_tracking.ros.kit.node_thread import NodeThread
 from head_tracking.ros.kit.other_services import Outcome, wait_for_answer
-from head_tracking.ros.kit.own_thread import OwnThread
 from head_tracking.ros.kit.qos import EVERY_CHANGE
 
-_ANSWER = 0.45  # s within which a person is told
-_HANGS = 0.12  # s without an answer: the other service is asked as well
-_AGAIN = 0.25  # s between attempts
+_ANSWER = 0.45  # s within which `stop` returns
+_HANGS = 0.12  # s without an answer until the other service is called as well
+_RETRY = 0.25  # s between attempts
 _POLL = 0.01  # s
 
 
 class Stop:
     """Calls `stop` of the servo bus until every servo is confirmed relaxed; `resume` ends that.
 
-    A bus that offers no `stop`, or does not answer it, is asked to `relax`. The services are
-    relative names: those of another namespace are another robot's. Nothing of it is shared with
-    the rest of the page.
+    If the bus offers no `stop`, or does not answer it, `relax` is called. The services are relative
+    names: those of another namespace belong to another robot.
 
     Args:
         beside: the node that it belongs to.
 
     Attributes:
-        count: grows with every stop, this page's or another's; what was begun before is over.
+        count: number of STOPs, of this page and of others; each ends what was begun before it.
     """
 
     def __init__(self, beside: Node) -> None:
         self.count = 0
-        self._own = OwnThread(beside, f"{beside.get_name()}_stop")
+        self._own = NodeThread.beside(beside, f"{beside.get_name()}_stop")
         node = self._own.node
         self._stop, self._relax, self._resume = (
             node.create_client(Trigger, name) for name in ("stop", "relax", "resume")
@@ -50,17 +49,17 @@ class Stop:
 
     @property
     def stopped(self) -> bool:
-        """Whether the bus says that nothing moves before `resume`."""
+        """Whether the bus has published that it ignores commands until `resume`."""
         return self._stopped is True
 
     @property
     def refusal(self) -> str:
-        """Why the page asks for nothing but Resume; empty: no STOP is in force or under way."""
-        return "the head is stopped: press Resume first" if self.stopped or self._trying else ""
+        """Why commands are refused; empty: no STOP is in force or in progress."""
+        return "The head is stopped: press Resume first." if self.stopped or self._trying else ""
 
     @property
     def can_resume(self) -> bool:
-        """Whether there is something to resume."""
+        """Whether there is a STOP to end."""
         return self._trying or (self.stopped and bool(self._resume.service_is_ready()))
 
     @property
@@ -70,12 +69,12 @@ class Stop:
 
     @property
     def outcome(self) -> Outcome | None:
-        """How the last stop went, as far as is known now; None: there is none that counts."""
+        """The result of the last STOP so far; None: there is none in force."""
         attempt = self._attempt
         return None if attempt is None else attempt.outcome
 
     def stop(self) -> Outcome:
-        """Relaxes all servos; answers within half a second, and goes on trying afterwards."""
+        """Relax all servos; return the result within half a second, and retry afterwards."""
         attempt = _Attempt(self._where)
         with self._lock:
             self.count += 1
@@ -87,30 +86,30 @@ class Stop:
         return attempt.outcome
 
     def resume(self) -> Outcome:
-        """Lets the servos take commands again."""
+        """Let the servos accept commands again."""
         self.cancel()
         if not self._resume.service_is_ready():
-            return Outcome(False, f"nobody offers resume {self._where}")
+            return Outcome(False, f"There is no service resume {self._where}.")
         answer = wait_for_answer(self._resume, Trigger.Request(), 2.0)
         if answer is None:
-            return Outcome(False, "resume did not answer within 2 s")
+            return Outcome(False, "The service resume did not answer within 2 s.")
         return Outcome(bool(answer.success), str(answer.message))
 
     def cancel(self) -> None:
-        """Tries no more: somebody wants the head to move again."""
+        """End the attempts of a STOP."""
         with self._lock:
             attempt, self._attempt = self._attempt, None
         if attempt is not None:
             attempt.cancelled.set()
 
     def close(self) -> None:
-        """Ends it."""
+        """End the thread."""
         self.cancel()
         self._own.close()
 
     def _on_stopped(self, message: Bool) -> None:
         if self._stopped and not message.data:
-            self.cancel()  # somebody has resumed, here or elsewhere
+            self.cancel()  # somebody has resumed
         with self._lock:
             self.count += bool(message.data and not self._stopped)
         self._stopped = bool(message.data)
@@ -118,59 +117,56 @@ class Stop:
     def _try(self, attempt: _Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
 
-        def ask(client: Any) -> bool:
-            """Whether it was there to be asked."""
+        def call(client: Any) -> bool:
+            """Call a service; return whether it exists."""
             if not client.service_is_ready():
                 return False
             future = client.call_async(Trigger.Request())
-            future.add_done_callback(attempt.take)
+            future.add_done_callback(attempt.on_answer)
             pending.append((client, future))
             return True
 
-        relax_asked = False
+        was_called = False
         while not attempt.over:
             attempt.answered.clear()
             try:
-                stop_asked = ask(self._stop)
-                if not (stop_asked and attempt.answered.wait(_HANGS)):
-                    relax_asked = ask(self._relax)
-            except Exception:
-                # whatever it is, the next attempt may do better
+                is_answered = call(self._stop) and attempt.answered.wait(_HANGS)
+                was_called = is_answered or call(self._relax) or bool(pending)
+            except Exception:  # of any kind: the next attempt may succeed
                 if not self._own.node.context.ok():
                     return
-                stop_asked = relax_asked = False
-            if stop_asked or relax_asked:
-                attempt.wait(_AGAIN)
+                was_called = False
+            if was_called:
+                attempt.wait(_RETRY)
             else:
-                time.sleep(_POLL)  # neither is known yet
+                time.sleep(_POLL)  # no service has been discovered yet
         for client, future in pending:
             client.remove_pending_request(future)
 
 
 class _Attempt:
-    """One press of STOP, and its result."""
+    """One STOP, and its result."""
 
     def __init__(self, where: str) -> None:
         self.confirmed, self.cancelled = threading.Event(), threading.Event()
         self.answered = threading.Event()
         self.outcome = Outcome(
-            False,
-            f"NOT confirmed: no servo_bus {where} has answered; it is tried again and again",
+            False, f"NOT confirmed: no servo_bus {where} has answered; the page keeps trying"
         )
 
     @property
     def over(self) -> bool:
-        """Whether nothing more is to be tried."""
+        """Whether the STOP is confirmed or cancelled."""
         return self.confirmed.is_set() or self.cancelled.is_set()
 
     def wait(self, seconds: float) -> None:
-        """Waits so long [s], or until it is over."""
+        """Wait for a time [s], or until the STOP is over."""
         deadline = time.monotonic() + seconds
         while not self.over and time.monotonic() < deadline:
             self.confirmed.wait(_POLL)
 
-    def take(self, future: Any) -> None:
-        """Takes an answer."""
+    def on_answer(self, future: Any) -> None:
+        """Note the answer of a service."""
         if future.cancelled() or future.exception() is not None or self.confirmed.is_set():
             return
         answer = future.result()

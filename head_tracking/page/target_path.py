@@ -1,4 +1,4 @@
-"""Where a target was, and where the tracker expects it to go."""
+"""The predicted path of a target, by the estimator of the tracker."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from head_tracking.tracking import EstimatorParameters, TargetEstimator
 from head_tracking.transforms import Vector3
 
 _STEPS = 12
-_RECEDING = 0.05  # 1/s: a target whose distance changes slower stands still
+_RECEDING = 0.05  # 1/s: a smaller relative change of the distance is no motion
 _CLOSE = 1e-3  # m
-_MOVING = 0.01  # rad/s: slower targets stand still
-_DEVIATIONS = 3.0  # of a speed; up to there a target may stand still as well
+_MOVING = 0.01  # rad/s: a slower target is at rest
+_DEVIATIONS = 3.0  # of the speed, below which a target may be at rest
 
 
 class TargetPath:
-    """The tracker's own estimate of how its target moves on.
+    """Predicts the path of a target as the tracker does.
 
     Times are in nanoseconds; points are in one frame that stands still [m].
 
     Args:
-        ahead: how far the prediction goes [s].
-        head: where the head is: the estimator thinks in angles seen from there.
+        ahead: length of the prediction [s].
+        head: position of the head: the estimator uses angles seen from there.
     """
 
     def __init__(self, ahead: float, head: Vector3 = (0.0, 0.0, 0.0)) -> None:
         self._ahead = ahead
         self._head = head
-        self._last: tuple[int, Vector3] | None = None
+        self._last: int | None = None
         self._estimator = TargetEstimator(EstimatorParameters())
         self._estimator.horizon = ahead
         self._now = 0
 
     def add(self, now: int, point: Vector3 | None, stamp: int | None = None) -> None:
-        """Takes what is known of the target at the time `now`.
+        """Add what is known of the target at the time `now`.
 
         Args:
-            now: the time; if it jumps back, as in a recording that starts again, all begins anew.
-            point: where the target was; None: there is no target.
+            now: the time; if it jumps back, the estimate is reset.
+            point: the target; None: there is none.
             stamp: when it was there; None: now.
         """
         stamp = now if stamp is None else stamp
@@ -46,15 +46,14 @@ class TargetPath:
             self._last = None
             self._estimator.reset()
         self._now = now
-        if point is not None and (self._last is None or stamp > self._last[0]):
-            self._take(stamp, point)
+        if point is not None and (self._last is None or stamp > self._last):
+            self._last = stamp
+            sight = self._sight(point)
+            if sight is not None:
+                self._estimator.add(stamp * 1e-9, sight, now * 1e-9)
 
     def predicted(self) -> list[Vector3]:
-        """The way from the last position on [m]; empty if the target stands still, for all we know.
-
-        As the tracker expects it: the target moves on as it last moved, and comes to a stop if
-        nothing more is heard of it.
-        """
+        """Return the path from the last position on [m]; empty if the target may be at rest."""
         estimate, now = self._estimator.estimate, self._now * 1e-9
         timeout = self._estimator.parameters.target_timeout
         if estimate is None or estimate.age(now) > timeout:
@@ -69,14 +68,8 @@ class TargetPath:
         times = (estimate.stamp + number * step for number in range(_STEPS + 1))
         return [self._point(estimate.sight_at(time)) for time in times]
 
-    def _take(self, stamp: int, point: Vector3) -> None:
-        self._last = stamp, point
-        sight = self._sight(point)
-        if sight is not None:
-            self._estimator.add(stamp * 1e-9, sight, self._now * 1e-9)
-
     def _sight(self, point: Vector3) -> Sight | None:
-        """Azimuth, angle below the horizon and distance of a point, from the head."""
+        """Return azimuth, angle below the horizon and distance of a point, from the head."""
         x, y, z = (a - b for a, b in zip(point, self._head, strict=True))
         distance = math.hypot(x, y, z)
         if distance < _CLOSE:

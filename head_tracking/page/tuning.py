@@ -1,4 +1,4 @@
-"""Parameters of other nodes in the page's words and units, and presets of some of them."""
+"""Parameters of other nodes in degrees, and presets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.tracking import LAWS
 
 _DECADES = 99.0
-"""A range of this ratio is set on a logarithmic scale (two decades, rounded in degrees)."""
+"""Ranges of at least this ratio have a logarithmic slider: two decades, rounded in degrees."""
 
 _DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s^2": "°/s²", "rad/s^3": "°/s³"}
 _OFFERED = {
@@ -28,10 +28,10 @@ _OFFERED = {
     "frame_target": None,
     "target_mux": None,
 }
-"""What is not for experts only, by node; None: everything, as of a law all of its own."""
+"""Parameters outside the section for experts, by node; None: all."""
 
 _CAREFUL = {"servo_bus"}
-"""Nodes whose limits protect the servos: the page asks before it sets them."""
+"""Nodes whose parameters protect the servos: the page asks before it sets them."""
 
 PRESETS: Mapping[str, Mapping[str, float]] = {
     "calm": {
@@ -44,7 +44,7 @@ PRESETS: Mapping[str, Mapping[str, float]] = {
         "default_joint_speed": 60.0, "max_velocity": 200.0,
     },
 }  # fmt: skip
-"""Values in degrees, of head_tracker and point_head; what is left out is as the page found it."""
+"""Values in degrees. Other parameters keep the values that the page found first."""
 
 _PRESET_NODES = ("head_tracker", "point_head")
 
@@ -62,13 +62,13 @@ class Tuning:
         self._lock = threading.Lock()
 
     def listed(self) -> list[dict[str, Any]]:
-        """Return the parameters that have an effect now, for JSON; see `described`."""
+        """Return the parameters that have an effect, for JSON; see `described`."""
         everything = self._settings()
         laws = {one.node: one.value for one in everything if one.name == "law"}
         return [described(one) for one in everything if not _of_another_law(one, laws)]
 
     def set(self, node: str, name: str, shown: Any) -> Outcome:
-        """Set a parameter to a value in the page's unit; the outcome says what its node answered.
+        """Set a parameter to a value in the page's unit; return the answer of its node.
 
         Raises:
             ValueError: there is no such parameter, or the value does not fit its type.
@@ -79,7 +79,7 @@ class Tuning:
         raise ValueError(f"{node} has no parameter {name!r} that can be changed.")
 
     def reset(self, names: Sequence[str] = ()) -> Outcome:
-        """Set parameters to what the page found first: those with these names, or all."""
+        """Restore the values that the page found first: of these names, or of all."""
         with self._lock:
             found = dict(self._found)
         wanted = [
@@ -117,7 +117,11 @@ class Tuning:
     def _set_all(self, wanted: Sequence[tuple[Setting, Any]]) -> Outcome:
         outcomes = [self._parameters.set(one.node, one.name, value) for one, value in wanted]
         refused = [one.text for one in outcomes if not one.done]
-        done = f"{len(wanted)} parameters set" if wanted else "All values are so already."
+        done = (
+            f"{len(wanted)} parameters set."
+            if wanted
+            else "All parameters have these values already."
+        )
         return Outcome(not refused, "; ".join(refused) or done)
 
 
@@ -126,7 +130,7 @@ def described(setting: Setting) -> dict[str, Any]:
     factor, unit = _factor(setting), _unit(setting)
     low, high = factor * setting.minimum, factor * setting.maximum
     value = shown_value(setting)
-    if factor != 1.0 and 1.0 < high - low < math.inf:  # no farther than its node allows
+    if factor != 1.0 and 1.0 < high - low < math.inf:  # rounded towards the inside
         step = 10.0 ** _decimals(max(abs(low), abs(high)))
         low, high = math.ceil(step * low) / step, math.floor(step * high) / step
         value = min(max(value, low), high)
@@ -155,7 +159,7 @@ def label(setting: Setting) -> str:
 
 
 def shown_value(setting: Setting) -> Any:
-    """Return a parameter's value as the page shows it: angles in degrees, lists as text."""
+    """Return the value of a parameter for the page: angles in degrees, lists as text."""
     value = setting.value
     if isinstance(value, list):
         return ", ".join(f"{number:g}" for number in value)
@@ -164,13 +168,13 @@ def shown_value(setting: Setting) -> Any:
 
 
 def _decimals(number: float) -> int:
-    """Return how many decimals show four digits of a number, three at most."""
+    """Return the number of decimals that shows four digits, at most three."""
     digits = math.floor(math.log10(abs(number))) + 1 if 1.0 <= abs(number) < math.inf else 1
     return max(4 - digits, 0)
 
 
 def sent_value(setting: Setting, shown: Any) -> Any:
-    """Return a value that the page shows, as its parameter's type and in its unit.
+    """Return a value from the page in the type and unit of its parameter.
 
     Raises:
         ValueError: it does not fit the type.
@@ -202,14 +206,14 @@ def _number(shown: Any) -> float:
 
 
 def _spans_decades(setting: Setting, low: float, high: float) -> bool:
-    """Return whether a range spans two decades, or begins at a 0 with a meaning of its own."""
+    """Return whether a range spans two decades, or begins at a 0 that disables something."""
     if low == 0.0:
         return re.search(r"\b0(:| for) ", setting.description) is not None
     return low > 0.0 and high / low >= _DECADES
 
 
 def _unit(setting: Setting) -> str:
-    """Return the unit that stands at the end of a description, in brackets."""
+    """Return the unit in brackets at the end of a description."""
     text = setting.description
     return text[text.rindex("[") + 1 : -1] if text.endswith("]") else ""
 
@@ -231,7 +235,7 @@ def _is_expert(setting: Setting) -> bool:
 
 
 def _of_another_law(setting: Setting, laws: Mapping[str, Any]) -> bool:
-    """Return whether a parameter belongs only to laws that do not steer the head now."""
+    """Return whether a parameter belongs only to laws that are not active."""
     active = laws.get(setting.node)
     users = [law for law in LAWS if setting.name in _names_of(law)]
     return active is not None and bool(users) and active not in users

@@ -1,1 +1,1 @@
-"""What a robot says, written into files and read from them."""
+"""Recordings of a robot: written into files and read from them."""

@@ -47,10 +47,10 @@ LATCHED_OFFER: Final = offer(
 
 
 class BagWriter:
-    """Writes one file; a chunk that is whole can be read, whatever comes after it.
+    """Writes one file. Complete chunks can be read even if the file is not finished.
 
     Args:
-        stream: gets the file; it is not closed.
+        stream: receives the file; it is not closed.
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
@@ -62,13 +62,13 @@ class BagWriter:
     def channel(
         self, topic: str, kind: str, offers: Sequence[Mapping[str, Any]], type_hash: str = ""
     ) -> int:
-        """The number of a new channel.
+        """Register a channel; return its number.
 
         Args:
             topic: its full name.
             kind: the name of its type.
             offers: the quality of service of its publishers.
-            type_hash: of its type, if it is known.
+            type_hash: of its type; empty: not known.
 
         Raises:
             LookupError: the package of its type is not installed.
@@ -77,8 +77,7 @@ class BagWriter:
         if kind not in self._schemas:
             self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition.encode())
         plain = [dict(offer) for offer in offers]
-        dumped = yaml.dump(plain, Dumper=_Dumper, sort_keys=False)
-        metadata = {"offered_qos_profiles": dumped}
+        metadata = {"offered_qos_profiles": yaml.dump(plain, Dumper=_Dumper, sort_keys=False)}
         if type_hash:
             metadata["topic_type_hash"] = type_hash
         number = self._writer.register_channel(topic, "cdr", self._schemas[kind], metadata)
@@ -86,84 +85,69 @@ class BagWriter:
         return number
 
     def write(self, channel: int, stamp: int, message: Mapping[str, Any]) -> None:
-        """Writes a message given by its fields; what is left out is zero or empty."""
+        """Write a message given by its fields; missing ones are zero or empty."""
         self.write_encoded(channel, stamp, stamp, self._encoders[channel](message))
 
     def write_encoded(
         self, channel: int, stamp: int, published: int, data: bytes, sequence: int = 0
     ) -> None:
-        """Writes a message as it came.
-
-        Args:
-            channel: its number.
-            stamp: when it was received [ns].
-            published: when it was sent [ns].
-            data: the message in CDR.
-            sequence: the publisher's count.
-        """
+        """Write a message in CDR, with the times of reception and publication [ns]."""
         self._writer.add_message(channel, stamp, data, published, sequence)
 
     def attach(self, stamp: int, name: str, media_type: str, text: str) -> None:
-        """Puts a file beside the messages."""
+        """Attach a file."""
         self._writer.add_attachment(stamp, stamp, name, media_type, text.encode())
 
     def flush(self) -> None:
-        """Ends a chunk, and hands all to the stream."""
+        """End a chunk and write it to the stream."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
-        """Writes the summary."""
+        """Write the summary."""
         self._writer.finish()  # type: ignore[no-untyped-call]
 
 
 def header(stamp: int, frame_id: str) -> dict[str, Any]:
-    """A Header's fields; the stamp in [ns]."""
+    """Return the fields of a Header; the stamp in [ns]."""
     seconds, nanoseconds = divmod(stamp, 1_000_000_000)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
 
 
 def xyz(numbers: Sequence[float]) -> dict[str, float]:
-    """The fields of a Point or a Vector3."""
+    """Return the fields of a Point or a Vector3."""
     return dict(zip("xyz", map(float, numbers), strict=True))
 
 
 def transform_of(stamp: int, parent: str, child: str, transform: Transform) -> dict[str, Any]:
-    """A TransformStamped's fields, of `T_parent_child`."""
+    """Return the fields of a TransformStamped of `T_parent_child`."""
+    rotation = dict(zip("xyzw", map(float, transform[3:]), strict=True))
     return {
         "header": header(stamp, parent),
         "child_frame_id": child,
-        "transform": {
-            "translation": xyz(transform[:3]),
-            "rotation": dict(zip("xyzw", map(float, transform[3:]), strict=True)),
-        },
+        "transform": {"translation": xyz(transform[:3]), "rotation": rotation},
     }
 
 
 def transforms_of_joints(
     buffer: TransformBuffer, stamp: int, *, moving: bool | None = None
 ) -> list[dict[str, Any]]:
-    """What robot_state_publisher sends on /tf and /tf_static: the joints' transforms, as known.
+    """Return the known transforms of a model's joints, as robot_state_publisher publishes them.
 
     Args:
         buffer: has the robot's model.
         stamp: for the messages [ns].
         moving: only joints that move, or only those that do not; None: all.
     """
-    model = buffer.model
-    return [
-        transform_of(
-            stamp,
-            joint.parent,
-            joint.child,
-            buffer.lookup_transform(joint.parent, joint.child).transform,
-        )
-        for joint in (() if model is None else model.joints.values())
-        if moving in (None, joint.moves) and buffer.can_transform(joint.parent, joint.child)
-    ]
+    model, found = buffer.model, []
+    for joint in () if model is None else model.joints.values():
+        if moving in (None, joint.moves) and buffer.can_transform(joint.parent, joint.child):
+            transform = buffer.lookup_transform(joint.parent, joint.child).transform
+            found.append(transform_of(stamp, joint.parent, joint.child, transform))
+    return found
 
 
 class _Dumper(yaml.SafeDumper):
-    """Without anchors, which other readers need not know."""
+    """Writes no anchors: other readers may not support them."""
 
     def ignore_aliases(self, _: Any) -> bool:
         return True

@@ -1,7 +1,6 @@
-"""Everything that a robot says, written into an MCAP file as `ros2 bag record` would.
+"""Records all topics of a robot into an MCAP file, as `ros2 bag record --all` does.
 
-Topics are looked at as `ros2 bag record --all` does, with the quality of service that all of a
-topic's publishers can serve.
+The subscriptions have the quality of service that all publishers of a topic can serve.
 """
 
 from __future__ import annotations
@@ -34,25 +33,26 @@ from head_tracking.recording.bag_writer import (
 from head_tracking.ros.kit.images import picture_of
 from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.polled_node import take_message
 from head_tracking.transforms import RobotModel, TransformBuffer
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError, cv2
 
-_PERIOD = 0.02  # s between looks at what has come
-_LOOK_PERIOD = 0.5  # s
+_PERIOD = 0.02  # s between polls
+_DISCOVERY_PERIOD = 0.5  # s
 _FRAMES_PERIOD = 0.05  # s
 _CHUNK_PERIOD = 1.0  # s: what a crash loses at most
 _PICTURE_PERIOD = 0.1  # s
 _JPEG_QUALITY = 80
-_DEPTH = 200  # messages of a topic between two looks
+_DEPTH = 200  # messages of a topic between two polls
 _KEPT_FREE = 200_000_000  # bytes on the disk
 _SHARED = {"/tf", "/tf_static", "/diagnostics", "/rosout", "/parameter_events", "/clock"}
 """Topics that all robots of a graph have in common."""
 
 _IMAGE = "sensor_msgs/msg/Image"
 _COMPRESSED = "sensor_msgs/msg/CompressedImage"
-_TOO_MUCH = {"sensor_msgs/msg/PointCloud2"}
-_DEPTHS = {"16UC1", "32FC1", "mono16"}
+_POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+_DEPTH_ENCODINGS = {"16UC1", "32FC1", "mono16"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,16 +71,15 @@ class RecorderParameters:
 class Recorder:
     """Records all topics of one robot; for any thread.
 
-    The topics are looked at by a thread of its own, from a node that no executor spins: what
-    comes is written as it came, without being looked into. Pictures are compressed, ten a second;
-    depth pictures and point clouds are left out.
+    A thread of its own polls the topics and writes the messages without decoding them. Images are
+    compressed, ten per second; depth images and point clouds are left out.
 
     Args:
         beside: the node that it belongs to.
         belongs: whether a topic, by its full name, is this robot's.
-        parameters: where to, and how much; read at each start.
-        buffer: the robot's frames, which go on /tf where nobody publishes them.
-        values: the parameters of all nodes, by node and name, which are put beside the messages.
+        parameters: where recordings are kept; read at each start.
+        buffer: the robot's frames, which are written to /tf where nobody publishes them.
+        values: returns the parameters of all nodes, by node and name, which are attached.
     """
 
     def __init__(
@@ -98,79 +97,75 @@ class Recorder:
 
     @property
     def directory(self) -> Path:
-        """Where recordings are."""
+        """The folder of the recordings."""
         folder = Path(self._parameters.record_directory)
-        try:
-            return folder.expanduser()
-        except RuntimeError:
-            return folder  # there is no home: it can't be written, and that is said
+        with contextlib.suppress(RuntimeError):  # there is no home: `start` reports it
+            folder = folder.expanduser()
+        return folder
 
     @property
     def file(self) -> Path | None:
-        """What is written now."""
+        """The file that is being written; None without one."""
         session = self._session
         return session.file if session is not None and session.runs else None
 
     @property
     def status(self) -> str:
-        """What is recorded, or was last, and how that ended; empty before the first."""
+        """The state of the present or last recording; empty before the first."""
         session = self._session
         return "" if session is None else session.status()
 
     def files(self) -> tuple[Path, ...]:
-        """The recordings that are there, newest first."""
+        """Return the recordings, latest first."""
         with contextlib.suppress(OSError):
             return tuple(sorted(self.directory.glob("*.mcap"), reverse=True))
         return ()
 
     def start(self) -> Outcome:
-        """Begins a new file."""
+        """Begin a new file."""
         with self._lock:
             if self.file is not None:
-                return Outcome(False, f"{self.file} is recorded already")
+                return Outcome(False, f"{self.file} is being recorded already.")
             try:
                 self.directory.mkdir(parents=True, exist_ok=True)
                 file = _new_file(self.directory)
                 self._session = self._begin(file, self._parameters.record_limit * 1_000_000)
             except OSError as error:
-                return Outcome(
-                    False, f"nothing is recorded: {error}; see the parameter record_directory"
-                )
-            return Outcome(True, f"records into {file}")
+                return Outcome(False, f"Can't record: {error}. See the parameter record_directory.")
+            return Outcome(True, f"Recording into {file}.")
 
     def stop(self) -> Outcome:
-        """Ends the file."""
+        """End the file."""
         with self._lock:
             session = self._session
             if session is None or not session.runs:
-                return Outcome(False, "nothing is recorded now")
+                return Outcome(False, "Nothing is being recorded.")
             session.close()
             return Outcome(True, session.status())
 
     def close(self) -> None:
-        """Ends the file, if there is one."""
+        """End the file, if there is one."""
         if self.file is not None:
             self.stop()
 
 
 def _new_file(directory: Path) -> Path:
-    """A name that is not taken yet."""
     name = time.strftime("head-%Y%m%d-%H%M%S")
     for ending in ("", *(f"-{number}" for number in range(2, 100))):
         file = directory / f"{name}{ending}.mcap"
         if not file.exists():
             return file
-    raise FileExistsError(f"{directory} is full of recordings of this second")
+    raise FileExistsError(f"{directory} has 99 recordings of this second")
 
 
 class _Topic:
-    """A topic that is listened to, until its messages are taken.
+    """A subscription that is polled.
 
     Args:
-        node: listens.
+        node: subscribes.
         name: of the topic.
         kind: the name of its type.
-        endpoints: who publishes on it.
+        endpoints: its publishers.
 
     Raises:
         LookupError: the package of its type is not installed.
@@ -178,39 +173,24 @@ class _Topic:
 
     def __init__(self, node: Node, name: str, kind: str, endpoints: list[Any]) -> None:
         self.name, self.kind = name, kind
-        self.picture = kind == _IMAGE
+        self.is_image = kind == _IMAGE
         self.channel: int | None = None
-        self.taken = 0.0
-        offers = [one.qos_profile for one in endpoints]
-        self.offers = [offer(one) for one in offers]
+        self.polled = 0.0
+        profiles = [one.qos_profile for one in endpoints]
+        self.offers = [offer(one) for one in profiles]
         self.type_hash = str(endpoints[0].topic_type_hash)
-        # as every publisher can serve it
-        latched = all(one.durability is DurabilityPolicy.TRANSIENT_LOCAL for one in offers)
-        reliable = all(one.reliability is ReliabilityPolicy.RELIABLE for one in offers)
-        self._subscription = node.create_subscription(
-            message_class(kind),
-            name,
-            _nothing,
-            QoSProfile(
-                depth=1 if self.picture else 10 if kind == _COMPRESSED else _DEPTH,
-                durability=DurabilityPolicy.TRANSIENT_LOCAL
-                if latched
-                else DurabilityPolicy.VOLATILE,
-                reliability=ReliabilityPolicy.RELIABLE
-                if reliable and not self.picture
-                else ReliabilityPolicy.BEST_EFFORT,
-            ),
-            raw=not self.picture,
+        latched = all(one.durability is DurabilityPolicy.TRANSIENT_LOCAL for one in profiles)
+        reliable = all(one.reliability is ReliabilityPolicy.RELIABLE for one in profiles)
+        quality = QoSProfile(
+            depth=1 if self.is_image else 10 if kind == _COMPRESSED else _DEPTH,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+            reliability=ReliabilityPolicy.RELIABLE
+            if reliable and not self.is_image
+            else ReliabilityPolicy.BEST_EFFORT,
         )
-
-    def take(self) -> tuple[Any, dict[str, Any]] | None:
-        """The next message, if one has come, with what the middleware knows of it."""
-        subscription = self._subscription
-        with subscription.handle:
-            taken: tuple[Any, dict[str, Any]] | None = subscription.handle.take_message(
-                subscription.msg_type, subscription.raw
-            )
-        return taken
+        self.subscription = node.create_subscription(
+            message_class(kind), name, lambda _: None, quality, raw=not self.is_image
+        )
 
 
 class _Session:
@@ -226,12 +206,9 @@ class _Session:
         limit: int,
     ) -> None:
         self.file = file
-        self._belongs = belongs
-        self._buffer = buffer
+        self._belongs, self._buffer, self._values, self._limit = belongs, buffer, values, limit
         self._model: RobotModel | None = None
-        self._frames: tuple[int, int] | None = None
-        self._values = values
-        self._limit = limit
+        self._frame_channels: tuple[int, int] | None = None
         self._stream = file.open("xb")
         self._bag = BagWriter(self._stream)
         self._topics: dict[str, _Topic] = {}
@@ -250,54 +227,53 @@ class _Session:
 
     @property
     def runs(self) -> bool:
-        """Whether it is still written."""
+        """Whether the file is still being written."""
         return self._thread.is_alive()
 
     def status(self) -> str:
-        """How much there is, what is left out, and why it ended."""
-        until = time.monotonic() if self.runs else self._ended
-        left_out = ", ".join(
-            f"{name} ({why})" for name, why in sorted(dict(self._left_out).items())
-        )
-        return (
-            f"{self.file}: {until - self._started:.0f} s, {self._size / 1e6:.1f} MB, "
+        """Return duration, size, what is left out, and why the file ended."""
+        seconds = (time.monotonic() if self.runs else self._ended) - self._started
+        parts = [
+            f"{self.file}: {seconds:.0f} s, {self._size / 1e6:.1f} MB, "
             f"{self._count} messages on {len(self._topics)} topics"
-            + (f"; left out: {left_out}" if left_out else "")
-            + (f"; {self._end}" if self._end else "")
-        )
+        ]
+        left_out = sorted(dict(self._left_out).items())
+        if left_out:
+            parts.append("left out: " + ", ".join(f"{name} ({why})" for name, why in left_out))
+        return "; ".join([*parts, self._end] if self._end else parts)
 
     def close(self) -> None:
-        """Ends it, with all that has come."""
+        """Write what has come, and end the file."""
         self._ending.set()
         self._thread.join()
 
     def _run(self) -> None:
-        next_look = next_chunk = next_frames = 0.0
+        discovery_due = chunk_due = frames_due = 0.0
         attached: dict[str, Any] = {}
         try:
             while not self._ending.is_set():
                 now = time.monotonic()
-                if now >= next_look:
-                    next_look = now + _LOOK_PERIOD
-                    self._look()
-                self._take(now)
-                if now >= next_frames:
-                    next_frames = now + _FRAMES_PERIOD
+                if now >= discovery_due:
+                    discovery_due = now + _DISCOVERY_PERIOD
+                    self._discover()
+                self._poll(now)
+                if now >= frames_due:
+                    frames_due = now + _FRAMES_PERIOD
                     self._write_frames()
-                if now >= next_chunk:
-                    next_chunk = now + _CHUNK_PERIOD
+                if now >= chunk_due:
+                    chunk_due = now + _CHUNK_PERIOD
                     attached = self._attach(attached)
                     self._bag.flush()
                     self._size = self._stream.tell()
                     if self._is_full():
                         break
                 self._ending.wait(_PERIOD)
-            self._take(time.monotonic())
+            self._poll(time.monotonic())
             self._attach(attached)
             self._bag.finish()
         except Exception as error:
-            # a full disk, a context that has ended: what was written up to here stays
-            self._end = f"it ended by itself: {type(error).__name__}: {error}"
+            # a full disk, or a context that has ended: what was written up to here is kept
+            self._end = f"ended by {type(error).__name__}: {error}"
         finally:
             self._ended = time.monotonic()
             with contextlib.suppress(OSError):
@@ -308,22 +284,22 @@ class _Session:
 
     def _is_full(self) -> bool:
         if self._size >= self._limit:
-            self._end = f"it ended at {self._limit / 1e6:.0f} MB (record_limit)"
+            self._end = f"ended at {self._limit / 1e6:.0f} MB (record_limit)"
         elif shutil.disk_usage(self.file.parent).free < _KEPT_FREE:
-            self._end = f"it ended: less than {_KEPT_FREE / 1e6:.0f} MB are free on the disk"
+            self._end = f"ended because less than {_KEPT_FREE / 1e6:.0f} MB are free on the disk"
         return bool(self._end)
 
-    def _look(self) -> None:
-        """Listens to what has appeared."""
-        there = dict(self._node.get_topic_names_and_types())
-        for name, kinds in there.items():
+    def _discover(self) -> None:
+        """Subscribe to new topics."""
+        existing = dict(self._node.get_topic_names_and_types())
+        for name, kinds in existing.items():
             if name in self._topics or name in self._left_out or not self._is_wanted(name):
                 continue
             kind = kinds[0]
-            if kind in _TOO_MUCH:
-                self._left_out[name] = "point clouds are too much"
+            if kind == _POINT_CLOUD:
+                self._left_out[name] = "point clouds are not recorded"
                 continue
-            if kind == _IMAGE and _COMPRESSED in there.get(f"{name}/compressed", ()):
+            if kind == _IMAGE and _COMPRESSED in existing.get(f"{name}/compressed", ()):
                 continue
             endpoints = self._node.get_publishers_info_by_topic(name)
             if not endpoints:
@@ -337,63 +313,57 @@ class _Session:
         hidden = any(part.startswith("_") for part in name.split("/"))
         return (self._belongs(name) or name in _SHARED) and not hidden
 
-    def _take(self, now: float) -> None:
-        """Writes what has come, in the order in which it came."""
-        come = []
+    def _poll(self, now: float) -> None:
+        """Write the messages that have come, in the order of their reception."""
+        received = []
         for topic in list(self._topics.values()):
-            if topic.picture:
-                if now - topic.taken < _PICTURE_PERIOD:
+            if topic.is_image:
+                if now - topic.polled < _PICTURE_PERIOD:
                     continue
-                topic.taken = now
-            for _ in range(1 if topic.picture else _DEPTH):
-                taken = topic.take()
+                topic.polled = now
+            for _ in range(1 if topic.is_image else _DEPTH):
+                taken = take_message(topic.subscription)
                 if taken is None:
                     break
                 message, about = taken
-                data = self._compressed(topic, message) if topic.picture else message
+                data = self._compressed(topic, message) if topic.is_image else message
                 if data is not None:
-                    come.append((about["received_timestamp"], topic, data, about))
-        come.sort(key=itemgetter(0))
-        for stamp, topic, data, about in come:
+                    received.append((about["received_timestamp"], topic, data, about))
+        for stamp, topic, data, about in sorted(received, key=itemgetter(0)):
             if topic.channel is None:
                 topic.channel = self._channel(topic)
             self._count += 1
-            self._bag.write_encoded(
-                topic.channel,
-                stamp,
-                about["source_timestamp"],
-                data,
-                about["publication_sequence_number"] or 0,
-            )
+            number = about["publication_sequence_number"] or 0
+            self._bag.write_encoded(topic.channel, stamp, about["source_timestamp"], data, number)
 
     def _write_frames(self) -> None:
-        """Writes the frames of the robot where nobody publishes them (without tf2_msgs)."""
+        """Write the robot's frames where nobody publishes them (without tf2_msgs)."""
         model = self._buffer.model
         if model is None or "/tf" in self._topics or "/tf_static" in self._topics:
             return
-        if self._frames is None:
+        if self._frame_channels is None:
             kind = "tf2_msgs/msg/TFMessage"
-            self._frames = (
+            self._frame_channels = (
                 self._bag.channel("/tf_static", kind, [LATCHED_OFFER]),
                 self._bag.channel("/tf", kind, [OFFER]),
             )
         now = time.time_ns()
-        for channel, moving in zip(self._frames, (False, True), strict=True):
+        for channel, moving in zip(self._frame_channels, (False, True), strict=True):
             if moving or model is not self._model:
                 found = transforms_of_joints(self._buffer, now, moving=moving)
                 self._bag.write(channel, now, {"transforms": found})
         self._model = model
 
     def _channel(self, topic: _Topic) -> int:
-        if topic.picture:
+        if topic.is_image:
             return self._bag.channel(f"{topic.name}/compressed", _COMPRESSED, topic.offers)
         return self._bag.channel(topic.name, topic.kind, topic.offers, topic.type_hash)
 
     def _compressed(self, topic: _Topic, message: Image) -> bytes | None:
-        """A picture as JPEG; None for what is none: its topic is left out from then on."""
+        """Return an image as JPEG; None if that fails: then its topic is left out."""
         try:
-            if message.encoding in _DEPTHS:
-                raise ImageError("depth pictures are too much")
+            if message.encoding in _DEPTH_ENCODINGS:
+                raise ImageError("depth images are not recorded")
             picture = picture_of(message).bgr
             done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
             if not done:
@@ -409,18 +379,13 @@ class _Session:
         return bytes(serialize_message(compressed))
 
     def _attach(self, before: Mapping[str, Any]) -> dict[str, Any]:
-        """Puts the parameters of nodes that are new into the file, as `--params-file` takes them.
+        """Attach the parameters when there are new nodes, in the format of `--params-file`.
 
         Later changes are on /parameter_events.
         """
         values = {name: dict(found) for name, found in self._values().items()}
         if values.keys() <= before.keys():
             return dict(before)
-        now = time.time_ns()
         text = yaml.safe_dump({name: {"ros__parameters": values[name]} for name in sorted(values)})
-        self._bag.attach(now, "parameters.yaml", "application/yaml", text)
+        self._bag.attach(time.time_ns(), "parameters.yaml", "application/yaml", text)
         return values
-
-
-def _nothing(_: Any) -> None:
-    """No executor calls it."""

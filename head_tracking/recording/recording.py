@@ -1,4 +1,4 @@
-"""What was seen of a robot over a time."""
+"""Observations of a robot over time."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from head_tracking.transforms import (
     RobotModel,
@@ -18,11 +19,11 @@ from head_tracking.transforms import (
 
 _PICTURE_AGE = 2_000_000_000  # ns
 ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
-"""Where each node that turns the head tells by how much it misses."""
+"""The topic on which each controller publishes its error."""
 
 
 class RecordingError(ValueError):
-    """There is no recording, or a file is none; says why."""
+    """There is no recording, or a file is invalid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +32,15 @@ class Observation:
 
     Attributes:
         stamp: when [ns].
-        joints: position of every joint that is known [rad or m].
-        frames: frames outside the model, each as the transform into the model's root.
-        target: where the head is to look, in the model's root [m]; None without a target.
+        joints: the known joint positions [rad or m].
+        frames: frames outside the model, as transforms into the model's root.
+        target: the target in the model's root [m]; None: there is none.
         target_text: the target as it was sent.
         error: angle by which the head misses the target [rad].
-        state: what the node that turns the head says of itself.
-        target_stamp: when the target was there [ns]; None: at `stamp`.
-        silent_joints: joints of the head of which nothing is heard, though somebody should tell.
-        missing_nodes: nodes that should turn the head, or send it targets, and have gone.
+        state: the controller and its state.
+        target_stamp: when the target was there [ns]; None: not known.
+        silent_joints: joints of the head that are expected and not measured.
+        missing_nodes: enabled nodes that have gone.
     """
 
     stamp: int
@@ -63,7 +64,7 @@ def known_joints(buffer: TransformBuffer, model: RobotModel) -> dict[str, float]
 def outer_frames(
     buffer: TransformBuffer, model: RobotModel, without: Collection[str] = ()
 ) -> Mapping[str, Transform]:
-    """Return the latest transforms into the model's root, of frames that are not the model's.
+    """Return the latest transforms of frames outside the model into its root.
 
     Args:
         buffer: has the frames.
@@ -80,22 +81,20 @@ def outer_frames(
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """Something that happened.
+class Moment(NamedTuple):
+    """An event, such as a STOP or a fault.
 
     Attributes:
-        time: when, from the start of the recording [s].
-        text: what.
+        time: from the start of the recording [s].
+        text: what happened.
     """
 
     time: float
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedPicture:
-    """A camera's picture in a recording.
+class RecordedPicture(NamedTuple):
+    """A picture in a recording.
 
     Attributes:
         stamp: when it was recorded [ns].
@@ -110,15 +109,15 @@ class RecordedPicture:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What was seen of a robot, oldest first; at least one observation.
+    """Observations of a robot, oldest first; at least one.
 
     Attributes:
         seen: the observations.
-        urdf: the robot's model; empty if the recording does not tell.
-        moments: what a person may want to go to, oldest first.
-        notice: what a person should know of it; empty for nothing.
-        camera: the topic of its pictures; empty if there are none.
-        pictures: what the camera saw, oldest first.
+        urdf: the robot's model; empty: not known.
+        moments: events, oldest first.
+        notice: what is unusual about the recording; empty: nothing.
+        camera: the topic of its pictures; empty: there are none.
+        pictures: of that topic, oldest first.
 
     Raises:
         RecordingError: there is no observation, or they are not in order.
@@ -133,36 +132,33 @@ class Recording:
 
     def __post_init__(self) -> None:
         if not self.seen:
-            raise RecordingError("there is nothing in the recording")
+            raise RecordingError("The recording is empty.")
         stamps = [one.stamp for one in self.seen]
         if stamps != sorted(stamps):
-            raise RecordingError("the recording's stamps are not in order")
+            raise RecordingError("The recording's stamps are not in order.")
 
     @property
     def duration(self) -> float:
-        """From the first to the last [s]."""
+        """From the first to the last observation [s]."""
         return (self.seen[-1].stamp - self.seen[0].stamp) * 1e-9
 
     def at(self, time: float) -> Observation:
-        """What was seen at, or last before, `time` [s] from the start."""
+        """Return the observation at, or last before, a time [s] from the start."""
         stamp = self.seen[0].stamp + round(time * 1e9)
         index = bisect.bisect_right(self.seen, stamp, key=lambda one: one.stamp)
         return self.seen[max(0, index - 1)]
 
-    def picture_at(self, time: float) -> tuple[int, RecordedPicture] | None:
-        """The number of the picture that the camera saw last before `time` [s], and the picture.
-
-        None if the camera has seen nothing in the last two seconds.
-        """
+    def picture_at(self, time: float) -> RecordedPicture | None:
+        """Return the latest picture before a time [s] from the start; None without a recent one."""
         stamp = self.seen[0].stamp + round(time * 1e9)
         index = bisect.bisect_right(self.pictures, stamp, key=lambda one: one.stamp) - 1
         if index < 0 or stamp - self.pictures[index].stamp > _PICTURE_AGE:
             return None
-        return index, self.pictures[index]
+        return self.pictures[index]
 
 
 class LastMinute:
-    """Keeps what was seen in the last `seconds`."""
+    """Keeps the observations of the last `seconds`; for any thread."""
 
     def __init__(self, seconds: float) -> None:
         self._length = round(seconds * 1e9)
@@ -170,7 +166,7 @@ class LastMinute:
         self._lock = threading.Lock()
 
     def add(self, seen: Observation) -> None:
-        """Takes what is seen now."""
+        """Add an observation."""
         with self._lock:
             if self._seen and seen.stamp < self._seen[-1].stamp:
                 self._seen.clear()  # time jumped back
@@ -179,10 +175,10 @@ class LastMinute:
                 self._seen.popleft()
 
     def recording(self, urdf: str = "") -> Recording:
-        """What is kept now, of the robot with this model; from any thread.
+        """Return the observations as a recording of the robot with this model.
 
         Raises:
-            RecordingError: that is nothing.
+            RecordingError: there are none.
         """
         with self._lock:
             seen = tuple(self._seen)

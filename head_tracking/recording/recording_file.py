@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
-from typing import IO, Any
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import IO, Any, NamedTuple
 
 import lz4.frame
 import zstandard
@@ -48,66 +49,69 @@ from head_tracking.transforms import (
 )
 
 _MCAP = b"\x89MCAP"
-_LARGEST = 200_000_000  # bytes of one chunk, unpacked
-_PERIOD = 0.04  # s
-_MOST = 20_000  # observations: a longer recording is shown in fewer pictures a second
+_LARGEST = 200_000_000  # bytes of one chunk, decompressed
+_PERIOD = 0.04  # s between observations
+_MOST = 20_000  # observations: a longer recording has fewer per second
 _MOST_MOMENTS = 200
 _TARGET_AGE, _ERROR_AGE = 2_000_000_000, 1_000_000_000  # ns
 _LATE = 1_000_000_000  # ns: a target that is later than this was stamped by another clock
-_START = 1_000_000_000  # ns in which what is latched comes
+_START = 1_000_000_000  # ns in which latched messages come, which are no events
 _ERROR = 40  # rcl_interfaces/Log.ERROR
-_PICTURES = 100_000_000  # bytes
-_FOUND = "visual_target/image"
-"""With what was found drawn into it: shown first, as of the robot itself."""
-
+_PICTURES = 100_000_000  # bytes of pictures that are kept
+_ANNOTATED = "visual_target/image"
 _COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 
 def read_recording(file: IO[bytes]) -> Recording:
     """Return a recording from a file, which can seek.
 
-    A file that was cut off opens up to there, and the recording's notice reports it.
+    A file that was cut off is read up to there, and the recording's notice reports it.
 
     Raises:
         RecordingError: The file is not MCAP, or nothing of it can be read.
     """
     if file.read(len(_MCAP)) != _MCAP:
-        raise RecordingError("the file is not MCAP (.mcap)")
-    overview = _Overview(file)
-    length = (overview.end - overview.start) * 1e-9
-    reading = _Reading(overview, max(_PERIOD, length / _MOST))
+        raise RecordingError("The file is not MCAP (.mcap).")
+    contents = _Contents()
+    try:
+        for record in _records(file):
+            contents.add(record)
+    except Exception as error:  # a damaged file makes its reader raise any error
+        if not contents.end:
+            raise RecordingError(f"Nothing of the file can be read: {_why(error, file)}") from error
+    reading = _Reading(contents)
+    why = ""
     try:
         for record in _records(file):
             if isinstance(record, Message):
-                reading.take(record)
+                reading.add(record)
     except Exception as error:
-        # what a damaged file makes of its reader can't be foreseen
-        return reading.recording(_in_words(error, file))
-    return reading.recording("")
+        why = _why(error, file)
+    return reading.recording(why)
 
 
-def _in_words(error: Exception, file: IO[bytes]) -> str:
-    """Why a file ends too early."""
+def _why(error: Exception, file: IO[bytes]) -> str:
+    """Return why a file could not be read to its end."""
     if not file.read(1):  # all of it was there, and it was not enough
         return "the file was cut off"
     return f"the file is damaged ({type(error).__name__}: {error})"
 
 
 def _records(file: IO[bytes]) -> Iterator[Any]:
-    """All records from the beginning, chunk by chunk, up to the first that is not whole."""
+    """Yield all records from the beginning up to the first incomplete chunk."""
     file.seek(0)
     for record in StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST).records:
         if isinstance(record, Chunk):
-            yield from breakup_chunk(_unpacked(record), validate_crc=True)
+            yield from breakup_chunk(_decompressed(record), validate_crc=True)
         else:
             yield record
 
 
-def _unpacked(chunk: Chunk) -> Chunk:
-    """A chunk with its data unpacked, however much that claims to be."""
+def _decompressed(chunk: Chunk) -> Chunk:
+    """Return a chunk with its data decompressed, up to a size."""
     size = chunk.uncompressed_size
     if size > _LARGEST:
-        raise McapError(f"a chunk of {size} bytes; up to {_LARGEST} are taken")
+        raise McapError(f"a chunk of {size} bytes; the limit is {_LARGEST}")
     match chunk.compression:
         case "zstd":
             data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size)
@@ -120,219 +124,231 @@ def _unpacked(chunk: Chunk) -> Chunk:
     return replace(chunk, data=data, compression="")
 
 
-class _Overview:
-    """What a file has, as far as it is whole.
+@dataclass
+class _Contents:
+    """The channels of a file, its duration, and its robot models.
 
     Attributes:
         channels: by number.
         schemas: by number.
-        start, end: the times of the first and the last message [ns].
-        namespace: of the robot, with a slash at its end.
-        urdf: the first model of that robot; empty if there is none.
-        camera: the topic of pictures to show first; empty if there are none.
-
-    Raises:
-        RecordingError: The file has no message.
+        start: time of the first message [ns].
+        end: time of the last message [ns]; 0: there is none.
+        models: the first robot description of each topic.
     """
 
-    def __init__(self, file: IO[bytes]) -> None:
-        self.channels: dict[int, Channel] = {}
-        self.schemas: dict[int, Schema] = {}
-        self.start, self.end = 0, 0
-        texts: dict[str, str] = {}
-        try:
-            for record in _records(file):
-                match record:
-                    case Schema():
-                        self.schemas[record.id] = record
-                    case Channel():
-                        self.channels[record.id] = record
-                    case Message():
-                        self.start = min(self.start or record.log_time, record.log_time)
-                        self.end = max(self.end, record.log_time)
-                        topic = self.channels[record.channel_id].topic
-                        if topic.endswith("/robot_description") and topic not in texts:
-                            texts[topic] = self._text(record)
-        except Exception as error:
-            if not self.end:
-                raise RecordingError(
-                    f"nothing of the file can be read: {_in_words(error, file)}"
-                ) from error
-        topics = [channel.topic for channel in self.channels.values()]
-        endings = ("robot_description", "joint_states")
-        bases = [
-            topic.removesuffix(ending)
-            for ending in endings
-            for topic in sorted(topics, key=lambda topic: (len(topic), topic))
-            if topic.endswith(f"/{ending}")
-        ]
-        self.namespace = next(iter(bases), "/")
-        self.urdf = texts.get(f"{self.namespace}robot_description", "")
-        cameras = [
-            channel.topic
-            for channel in self.channels.values()
-            if self._kind(channel) == _COMPRESSED
-            and channel.topic.startswith(self.namespace)
-            and not channel.topic.endswith("compressedDepth")
-        ]
-        self.camera = min(cameras, key=lambda topic: (_FOUND not in topic, topic), default="")
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    start: int = 0
+    end: int = 0
+    models: dict[str, str] = field(default_factory=dict)
 
-    def _kind(self, channel: Channel) -> str:
+    def add(self, record: Any) -> None:
+        """Note a record of the file."""
+        match record:
+            case Schema():
+                self.schemas[record.id] = record
+            case Channel():
+                self.channels[record.id] = record
+            case Message():
+                self.start = min(self.start or record.log_time, record.log_time)
+                self.end = max(self.end, record.log_time)
+                channel = self.channels[record.channel_id]
+                is_model = channel.topic.endswith("/robot_description")
+                if is_model and channel.topic not in self.models:
+                    decode = self.decoder(channel) if self.kind(channel) == _STRING else None
+                    text = "" if decode is None else str(decode(record.data).data)
+                    self.models[channel.topic] = text
+
+    def kind(self, channel: Channel) -> str:
         """Return the name of a channel's message type; empty for one without a schema."""
         schema = self.schemas.get(channel.schema_id)
         return "" if schema is None else schema.name
 
-    def _text(self, message: Message) -> str:
-        channel = self.channels[message.channel_id]
-        if self._kind(channel) != "std_msgs/msg/String":
-            return ""
-        schema = self.schemas[channel.schema_id]
-        decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-        return "" if decode is None else str(decode(message.data).data)
+    def decoder(self, channel: Channel) -> Callable[[bytes], Any] | None:
+        """Return the decoder of a channel's messages; None: there is none."""
+        schema = self.schemas.get(channel.schema_id)
+        return DecoderFactory().decoder_for(channel.message_encoding, schema)
+
+    def namespace(self) -> str:
+        """Return the namespace of the robot, with a slash at its end."""
+        topics = sorted((one.topic for one in self.channels.values()), key=lambda t: (len(t), t))
+        for ending in ("robot_description", "joint_states"):
+            for topic in topics:
+                if topic.endswith(f"/{ending}"):
+                    return topic.removesuffix(ending)
+        return "/"
+
+    def camera(self, namespace: str) -> str:
+        """Return the topic of the pictures to show: annotated ones first; empty: none."""
+        topics = [
+            one.topic
+            for one in self.channels.values()
+            if self.kind(one) == _COMPRESSED
+            and one.topic.startswith(namespace)
+            and not one.topic.endswith("compressedDepth")
+        ]
+        return min(topics, key=lambda topic: (_ANNOTATED not in topic, topic), default="")
+
+
+_STRING = "std_msgs/msg/String"
+
+
+class _PlacedTarget(NamedTuple):
+    """A target with its point in the model's root [m].
+
+    Attributes:
+        received: when it was recorded [ns].
+        target: as it was sent.
+        point: in the model's root [m].
+        stamp: when the target was there [ns].
+    """
+
+    received: int
+    target: Target
+    point: Vector3
+    stamp: int
 
 
 class _Reading:
-    """Follows a file's messages as the page follows a robot, and keeps what it sees.
+    """Makes observations from a file's messages.
 
-    All is put at the time at which it was recorded, which one clock has told.
+    Times are those of the recording, which one clock has measured.
+
+    Args:
+        contents: of the file.
     """
 
-    def __init__(self, overview: _Overview, period: float) -> None:
-        self._overview = overview
-        self._period = round(period * 1e9)
-        self._decoders = DecoderFactory()
+    def __init__(self, contents: _Contents) -> None:
+        self._contents = contents
+        length = (contents.end - contents.start) * 1e-9
+        self._period = round(max(_PERIOD, length / _MOST) * 1e9)
+        self._base = base = contents.namespace()
+        self._camera = contents.camera(base)
+        self._urdf = contents.models.get(f"{base}robot_description", "")
         self._buffer = TransformBuffer()
         self._no_model = ""
-        if overview.urdf:
+        if self._urdf:
             try:
-                self._buffer.set_model(parse_robot_model(overview.urdf))
+                self._buffer.set_model(parse_robot_model(self._urdf))
             except RobotModelError as error:
-                self._no_model = f"its robot_description can't be used: {error}"
+                self._no_model = f"its robot_description is invalid: {error}"
         self._seen: list[Observation] = []
         self._moments: list[tuple[int, str]] = []
         self._first: int | None = None
-        self._now = self._next = 0
+        self._now = self._due = 0
         self._joint_stamp = 0
-        self._unplaced: tuple[int, Target] | None = None
-        self._target: tuple[int, Target, Vector3, int] | None = None
-        self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and what
+        self._received_target: tuple[int, Target] | None = None
+        self._target: _PlacedTarget | None = None
+        self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and the value
         self._levels: dict[str, int] = {}
         self._joints: Mapping[str, float] = {}
-        self._handlers: dict[int, tuple[Callable[[Any], None], Callable[[bytes], Any]] | None] = {}
-        base = overview.namespace
-        self._takers: dict[tuple[str, str], Callable[[Any], None]] = {
-            (f"{base}joint_states", "sensor_msgs/msg/JointState"): self._take_joints,
-            ("/tf", "tf2_msgs/msg/TFMessage"): self._take_transforms,
-            ("/tf_static", "tf2_msgs/msg/TFMessage"): self._take_static_transforms,
-            (f"{base}target_point", "geometry_msgs/msg/PointStamped"): self._take_target,
-            (f"{base}stopped", "std_msgs/msg/Bool"): self._keeper("stopped"),
-            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"): self._take_diagnostics,
-            ("/rosout", "rcl_interfaces/msg/Log"): self._take_log,
-        }
-        for node, error_topic in ERRORS.items():
-            for topic, kind in ((error_topic, "Float64"), (f"{node}/state", "String")):
-                self._takers[base + topic, f"std_msgs/msg/{kind}"] = self._keeper(topic)
         self._pictures: list[RecordedPicture] = []
         self._picture_bytes, self._picture_period = 0, 0
-        self._camera = overview.camera
-        self._takers[self._camera, _COMPRESSED] = self._take_picture
-        for channel in overview.channels.values():
-            topic = channel.topic.removeprefix(base)
-            if topic != channel.topic and topic.endswith("/enabled"):
-                self._takers[channel.topic, "std_msgs/msg/Bool"] = self._keeper(topic)
+        self._handlers = {
+            number: self._handler(channel) for number, channel in contents.channels.items()
+        }
 
-    def take(self, message: Message) -> None:
-        """Takes the next message."""
-        number = message.channel_id
-        if number not in self._handlers:
-            self._handlers[number] = self._handler(number)
-        handler = self._handlers[number]
+    def _handler(self, channel: Channel) -> Callable[[bytes], None] | None:
+        """Return what handles the messages of a channel; None: they are ignored."""
+        kind, topic = self._contents.kind(channel), channel.topic
+        name = topic.removeprefix(self._base)
+        handlers: dict[tuple[str, str], Callable[[Any], None]] = {
+            (f"{self._base}joint_states", "sensor_msgs/msg/JointState"): self._on_joints,
+            ("/tf", "tf2_msgs/msg/TFMessage"): self._on_transforms,
+            ("/tf_static", "tf2_msgs/msg/TFMessage"): partial(self._on_transforms, static=True),
+            (f"{self._base}target_point", "geometry_msgs/msg/PointStamped"): self._on_target,
+            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"): self._on_diagnostics,
+            ("/rosout", "rcl_interfaces/msg/Log"): self._on_log,
+            (self._camera, _COMPRESSED): self._on_picture,
+        }
+        handle = handlers.get((topic, kind))
+        is_kept = {
+            "std_msgs/msg/Bool": name == "stopped" or name.endswith("/enabled"),
+            "std_msgs/msg/Float64": name in ERRORS.values(),
+            _STRING: name.removesuffix("/state") in ERRORS,
+        }
+        if name != topic and is_kept.get(kind):
+            handle = partial(self._keep, name)
+        decode = None if handle is None else self._contents.decoder(channel)
+        if handle is None or decode is None:
+            return None
+        return lambda data: handle(decode(data))
+
+    def add(self, message: Message) -> None:
+        """Handle the next message."""
         if self._first is None:
-            self._first = self._now = self._next = message.log_time
-        if self._next <= self._now < message.log_time:
-            self._look()  # with all that came until then
-            self._next = self._now + self._period
+            self._first = self._now = self._due = message.log_time
+        if self._due <= self._now < message.log_time:
+            self._observe()  # all that was recorded before
+            self._due = self._now + self._period
         self._now = max(self._now, message.log_time)
-        if handler is not None:
-            take, decode = handler
-            take(decode(message.data))
+        handle = self._handlers[message.channel_id]
+        if handle is not None:
+            handle(message.data)
 
     def recording(self, why: str) -> Recording:
-        """What was seen.
+        """Return the recording.
 
         Args:
             why: the reason for which the file ended too early; empty if it did not.
 
         Raises:
-            RecordingError: that is nothing.
+            RecordingError: there is no observation.
         """
         if self._first is not None:
-            self._look()
+            self._observe()
         if not self._seen:
-            lacking = self._no_model or (
-                f"there are no joint_states in {self._overview.namespace}"
-                if self._overview.urdf
-                else "there is no robot_description in it"
-            )
-            raise RecordingError(f"nothing of the file can be shown: {why or lacking}")
-        notice = f"{why}; it is shown up to there" if why else ""
+            missing = f"no joint_states in {self._base}" if self._urdf else "no robot_description"
+            reason = why or self._no_model or missing
+            raise RecordingError(f"Nothing of the file can be shown: {reason}.")
         start = self._seen[0].stamp
         moments = (Moment((at - start) * 1e-9, text) for at, text in self._moments)
         return Recording(
             tuple(self._seen),
-            self._overview.urdf,
+            self._urdf,
             tuple(moments),
-            notice,
+            f"{why}; it is shown up to there" if why else "",
             self._camera if self._pictures else "",
             tuple(self._pictures),
         )
 
-    def _handler(self, number: int) -> tuple[Callable[[Any], None], Callable[[bytes], Any]] | None:
-        channel = self._overview.channels[number]
-        schema = self._overview.schemas.get(channel.schema_id)
-        take = None if schema is None else self._takers.get((channel.topic, schema.name))
-        if take is None:
-            return None
-        decode = self._decoders.decoder_for(channel.message_encoding, schema)
-        return None if decode is None else (take, decode)
-
-    def _look(self) -> None:
+    def _observe(self) -> None:
         model = self._buffer.model
         if model is None:
             return
-        now, target = self._now, self._placed()
+        now, target = self._now, self._placed_target()
         joints = known_joints(self._buffer, model)
         if not joints and not self._seen:
-            return  # it begins when the robot is seen first
+            return  # the recording begins with the first measurement of the robot
         if joints != self._joints:
-            self._joints = joints  # else the one before is kept, and no room needed
+            self._joints = joints  # equal ones share one dict
         states = {node: self._value(f"{node}/state") for node in ERRORS}
         enabled = {node: self._value(f"{node}/enabled") for node in ERRORS}
         on = [n for n in ERRORS if enabled[n] or (enabled[n] is None and states[n] is not None)]
-        turner = on[0] if on else ""
-        if target is not None and turner != "point_head" and now - target[0] > _TARGET_AGE:
-            target = None
-        state = "stopped" if self._value("stopped") else states.get(turner) or ""
+        controller = on[0] if on else ""
+        if target is not None and controller != "point_head":
+            target = target if now - target.received <= _TARGET_AGE else None
+        state = "stopped" if self._value("stopped") else states.get(controller) or ""
         self._seen.append(
             Observation(
                 now,
                 self._joints,
                 outer_frames(self._buffer, model),
-                None if target is None else target[2],
-                "" if target is None else str(target[1]),
-                self._value(ERRORS.get(turner, ""), now - _ERROR_AGE),
-                f"{turner}: {state}" if turner and state else state,
-                None if target is None else target[3],
+                None if target is None else target.point,
+                "" if target is None else str(target.target),
+                self._value(ERRORS.get(controller, ""), now - _ERROR_AGE),
+                f"{controller}: {state}" if controller and state else state,
+                None if target is None else target.stamp,
             )
         )
 
-    def _placed(self) -> tuple[int, Target, Vector3, int] | None:
-        """The newest target: when it came, what was sent, where it is, when it was there."""
+    def _placed_target(self) -> _PlacedTarget | None:
+        """Return the latest target that could be transformed, with the joints at its stamp."""
         model = self._buffer.model
-        if self._unplaced is not None and model is not None:
-            came, target = self._unplaced
+        if self._received_target is not None and model is not None:
+            received, target = self._received_target
             late = self._joint_stamp - target.stamp if target.stamp and self._joint_stamp else 0
-            stamp = came - (late if 0 < late < _LATE else 0)
+            stamp = received - (late if 0 < late < _LATE else 0)
             for time in (stamp, LATEST):
                 try:
                     point = self._buffer.transform_point(
@@ -340,72 +356,64 @@ class _Reading:
                     )
                 except TransformException:
                     continue
-                self._target = came, target, point, stamp
-                self._unplaced = None
+                self._target = _PlacedTarget(received, target, point, stamp)
+                self._received_target = None
                 break
         return self._target
 
-    # Messages
-
-    def _take_joints(self, message: Any) -> None:
+    def _on_joints(self, message: Any) -> None:
         self._joint_stamp = _stamp(message.header)
         positions = dict(zip(message.name, message.position, strict=False))
         try:
             self._buffer.set_joint_positions(self._now, positions)
         except TransformException:
-            return  # the page refuses it as well
+            return  # as a live robot refuses it
 
-    def _take_transforms(self, message: Any, *, static: bool = False) -> None:
+    def _on_transforms(self, message: Any, *, static: bool = False) -> None:
         for one in message.transforms:
             t, r = one.transform.translation, one.transform.rotation
             try:
+                transform = Transform(
+                    (t.x, t.y, t.z), Rotation.from_quaternion_xyzw([r.x, r.y, r.z, r.w])
+                )
                 self._buffer.set_transform(
-                    self._now,
-                    one.header.frame_id,
-                    one.child_frame_id,
-                    Transform((t.x, t.y, t.z), Rotation.from_quaternion_xyzw([r.x, r.y, r.z, r.w])),
-                    static=static,
+                    self._now, one.header.frame_id, one.child_frame_id, transform, static=static
                 )
             except (TransformException, ValueError):
                 continue
 
-    def _take_static_transforms(self, message: Any) -> None:
-        self._take_transforms(message, static=True)
-
-    def _take_target(self, message: Any) -> None:
+    def _on_target(self, message: Any) -> None:
         point = (message.point.x, message.point.y, message.point.z)
         if all(map(math.isfinite, point)):
             target = Target(_stamp(message.header), message.header.frame_id, point)
-            self._unplaced = self._now, target
+            self._received_target = self._now, target
 
-    def _keeper(self, topic: str) -> Callable[[Any], None]:
-        def keep(message: Any) -> None:
-            before, now = self._value(topic), message.data
-            if isinstance(now, bool) and now is not before:
-                switched = topic.removesuffix("/enabled"), ("off", "on")[now]
-                self._mark(("resume", "STOP")[now] if topic == "stopped" else " ".join(switched))
-            self._latest[topic] = self._now, now
-
-        return keep
+    def _keep(self, topic: str, message: Any) -> None:
+        before, now = self._value(topic), message.data
+        if isinstance(now, bool) and now is not before:
+            node = topic.removesuffix("/enabled")
+            is_stop = topic == "stopped"
+            self._mark(("resume", "STOP")[now] if is_stop else f"{node} {('off', 'on')[now]}")
+        self._latest[topic] = self._now, now
 
     def _value(self, topic: str, since: float = -math.inf) -> Any:
-        """Return the latest value of a topic, unless it is older; None if there is none."""
+        """Return the latest value of a topic; None if there is none, or it is older."""
         at, value = self._latest.get(topic, (-math.inf, None))
         return value if at >= since else None
 
-    def _take_diagnostics(self, message: Any) -> None:
+    def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
             level = int(status.level)
             if level == Level.ERROR and self._levels.get(status.name) != level:
                 self._mark(f"{status.name}: {status.message}")
             self._levels[status.name] = level
 
-    def _take_log(self, message: Any) -> None:
+    def _on_log(self, message: Any) -> None:
         if message.level >= _ERROR:
             self._mark(f"{message.name}: {message.msg}")
 
-    def _take_picture(self, message: Any) -> None:
-        """Keeps pictures, fewer a second the longer the recording is."""
+    def _on_picture(self, message: Any) -> None:
+        """Keep pictures: the longer the recording, the fewer per second."""
         if self._pictures and self._now < self._pictures[-1].stamp + self._picture_period:
             return
         picture = RecordedPicture(self._now, message.header.frame_id, bytes(message.data))
@@ -418,7 +426,7 @@ class _Reading:
             self._picture_bytes = sum(len(one.data) for one in self._pictures)
 
     def _mark(self, text: str) -> None:
-        """Notes a moment; at the start what is latched is not one."""
+        """Note an event."""
         start = self._seen[0].stamp if self._seen else self._now
         if len(self._moments) < _MOST_MOMENTS and self._now - start > _START:
             self._moments.append((self._now, text))
@@ -429,52 +437,50 @@ def _stamp(header: Any) -> int:
 
 
 def write_recording(recording: Recording) -> bytes:
-    """A recording as an MCAP file: what the page saw, on the topics that tell it."""
+    """Return a recording as an MCAP file, with the topics that a robot publishes."""
     stream = io.BytesIO()
     bag = BagWriter(stream)
-    description = bag.channel("/robot_description", "std_msgs/msg/String", [LATCHED_OFFER])
+    description = bag.channel("/robot_description", _STRING, [LATCHED_OFFER])
     joints = bag.channel("/joint_states", "sensor_msgs/msg/JointState", [OFFER])
     transforms = bag.channel("/tf", "tf2_msgs/msg/TFMessage", [OFFER])
     target = bag.channel("/target_point", "geometry_msgs/msg/PointStamped", [OFFER])
     nodes = {
         node: (
             bag.channel(f"/{error}", "std_msgs/msg/Float64", [OFFER]),
-            bag.channel(f"/{node}/state", "std_msgs/msg/String", [LATCHED_OFFER]),
+            bag.channel(f"/{node}/state", _STRING, [LATCHED_OFFER]),
             bag.channel(f"/{node}/enabled", "std_msgs/msg/Bool", [LATCHED_OFFER]),
         )
         for node, error in ERRORS.items()
     }
-    model = parse_robot_model(recording.urdf) if recording.urdf else None
-    root = "base_link" if model is None else model.root
-    buffer = TransformBuffer()
-    if model is not None:
-        buffer.set_model(model)
+    buffer, root = TransformBuffer(), "base_link"
+    if recording.urdf:
+        buffer.set_model(model := parse_robot_model(recording.urdf))
+        root = model.root
         bag.write(description, recording.seen[0].stamp, {"data": recording.urdf})
-    was_on: str | None = None
+    before: str | None = None
     states: dict[str, str] = {}
     for seen in recording.seen:
         stamp = seen.stamp
         names, positions = list(seen.joints), list(seen.joints.values())
-        bag.write(
-            joints, stamp, {"header": header(stamp, ""), "name": names, "position": positions}
-        )
+        message = {"header": header(stamp, ""), "name": names, "position": positions}
+        bag.write(joints, stamp, message)
         buffer.set_joint_positions(stamp, seen.joints)
         frames = [transform_of(stamp, root, name, found) for name, found in seen.frames.items()]
         bag.write(transforms, stamp, {"transforms": frames + transforms_of_joints(buffer, stamp)})
         if seen.target is not None:
-            at = header(stamp, root)
-            bag.write(target, stamp, {"header": at, "point": xyz(seen.target)})
-        on, _, state = seen.state.partition(": ")
+            message = {"header": header(stamp, root), "point": xyz(seen.target)}
+            bag.write(target, stamp, message)
+        controller, _, state = seen.state.partition(": ")
         for node, (error_channel, state_channel, enabled) in nodes.items():
-            if on != was_on:
-                bag.write(enabled, stamp, {"data": on == node})
-            if on != node:
+            if controller != before:
+                bag.write(enabled, stamp, {"data": controller == node})
+            if controller != node:
                 continue
             if seen.error is not None:
                 bag.write(error_channel, stamp, {"data": seen.error})
             if states.get(node) != state:
                 states[node] = state
                 bag.write(state_channel, stamp, {"data": state})
-        was_on = on
+        before = controller
     bag.finish()
     return stream.getvalue()

@@ -1,81 +1,71 @@
-"""The program of every process below the supervisor, and its line to the supervisor.
+"""The program of the processes below the supervisor, and its link to the supervisor.
 
-    python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
-
-Messages are packets of JSON. The end of the line, which also a killed supervisor brings about, ends
-the process.
+Usage: python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
 """
 
 from __future__ import annotations
 
 import gc
-import json
 import socket
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
-from typing import Any, Final
+from typing import Any
 
-from head_tracking.output import output_may_get_lost
+from head_tracking.output import tolerate_output_errors
 from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.run.channel import Channel
 from head_tracking.run.node_sets import CONTROL
 
-_LONGEST: Final = 1 << 16  # bytes of a message
 
-
-class SupervisorLine:
+class SupervisorLink:
     """Messages to and from the supervisor.
 
     Args:
-        descriptor: of this process's end of the line.
-        stop: is set when the supervisor has gone or has ended the line.
+        descriptor: file descriptor of this process's end of the channel.
+        stop: is set when the supervisor has closed its end, or was killed.
     """
 
     def __init__(self, descriptor: int, stop: StopSignal) -> None:
-        self._line = socket.socket(fileno=descriptor)
+        self._channel = Channel(socket.socket(fileno=descriptor))
         self._stop = stop
-        self._sending = threading.Lock()
-        self._received: Callable[[dict[str, Any]], object] = self._keep
         self._early: list[dict[str, Any]] = []
+        self._callback: Callable[[dict[str, Any]], object] = self._early.append
         self._receiving = threading.Lock()
         threading.Thread(target=self._read, name="supervisor", daemon=True).start()
 
     def send(self, **message: Any) -> None:
-        """Send a message; nothing if the supervisor has gone."""
-        with self._sending, suppress(OSError):
-            self._line.send(json.dumps(message).encode())
+        """Send a message, unless the supervisor has ended."""
+        self._channel.send(message)
 
-    def receive(self, received: Callable[[dict[str, Any]], object]) -> None:
-        """Call back for every message, in a thread of the line; first for those that came early."""
+    def on_message(self, callback: Callable[[dict[str, Any]], object]) -> None:
+        """Call back for each message in the thread of the link, first for those received before."""
         with self._receiving:
-            self._received = received
+            self._callback = callback
             for message in self._early:
-                received(message)
-
-    def _keep(self, message: dict[str, Any]) -> None:
-        self._early.append(message)
+                callback(message)
 
     def _read(self) -> None:
-        with suppress(OSError):
-            while data := self._line.recv(_LONGEST):
+        try:
+            while (message := self._channel.receive()) is not None:
                 with self._receiving:
-                    self._received(json.loads(data))
-        self._stop.set()
+                    self._callback(message)
+        finally:
+            self._stop.set()
 
 
 def main() -> int:
-    """Run a process until a signal or the end of the line; return the exit code."""
+    """Run a process until a signal or until the supervisor ends; return the exit code."""
     process, descriptor, *arguments = sys.argv[1:]
-    with output_may_get_lost(), StopSignal() as stop:
-        line = SupervisorLine(int(descriptor), stop)
+    with tolerate_output_errors(), StopSignal() as stop:
+        link = SupervisorLink(int(descriptor), stop)
         with stop.while_importing():
             if process == CONTROL:
                 from head_tracking.run.control import run_control as run
             else:
                 from head_tracking.run.node_process import run_nodes as run
-        code = run(arguments, stop, line)
-    gc.freeze()  # or Python looks through all that is left once more: 0.1 s of processor time
+        code = run(arguments, stop, link)
+    gc.freeze()  # the last garbage collection would take 0.1 s of processor time
     return code
 
 

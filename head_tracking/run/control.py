@@ -1,4 +1,4 @@
-"""The control process: servo bus, head and their ROS interface, by one loop."""
+"""The control process: servo bus, head and their ROS interface in one loop."""
 
 from __future__ import annotations
 
@@ -23,39 +23,40 @@ from head_tracking.ros.kit.kept_stop import KeptStop
 from head_tracking.ros.kit.spinning import NodeThreads, describe
 from head_tracking.ros.kit.start import start_ros
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
-from head_tracking.run.child import SupervisorLine
+from head_tracking.run.child import SupervisorLink
 from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
-from head_tracking.run.stop_key import HINT, carry_out
+from head_tracking.run.stop_key import HINT, execute
 from head_tracking.run.true_positions import TruePositionsOutput
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer, TransformListener
+from head_tracking.transforms.urdf import parse_in_child_process
 
-_START_PATIENCE = 30.0  # s for a node of another process, on a busy machine
+_START_TIMEOUT = 30.0  # s for a node of another process, on a busy machine
 _POLL = 0.1  # s
 
 
 class ArgumentError(HeadTrackingError):
-    """A mistake on the command line that shows when the servos are known."""
+    """A mistake on the command line that is found when the servos are known."""
 
 
 class NodeNotStartedError(HeadTrackingError):
-    """A node of another process cannot start; the message says why."""
+    """A node of another process cannot start; the message has the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """Nodes that run together.
+    """Nodes of one process that run together.
 
     Attributes:
         nodes: by name.
-        buffer: the transforms that they share.
-        loop: what they do in each cycle of the servo bus.
+        buffer: the transforms that they use together.
+        loop: the control loop in the cycle of the servo bus.
         simulated: the servos, if they are simulated in this process.
-        true_position: where a joint really is [rad], or None if no servo turns it; None if the
-            servos are not simulated.
+        true_position: returns the true position of a joint [rad], or None if no servo drives it;
+            None if the servos are not simulated.
     """
 
     nodes: Mapping[str, Any]
@@ -70,7 +71,7 @@ class Composition:
         return [stop_report(joint, problem) for joint, problem in problems.items()]
 
     def resume(self) -> list[str]:
-        """End a STOP; return a line that says who goes on."""
+        """End a STOP; return a line with the active controller."""
         return [resume_report(self.nodes["servo_bus"].backend.resume())]
 
 
@@ -83,21 +84,21 @@ def compose(
     on_servos: Callable[[Any], object] = lambda _: None,
     owners: JointOwners | None = None,
 ) -> Composition:
-    """Make the nodes of a run and start them.
+    """Make and start the nodes of a run.
 
     Args:
-        plan: which nodes.
-        threads: spins them; must be closed before `resources`.
-        resources: gets the simulated servos, if there are any.
-        stop: asks to stop while there are nodes to make.
-        start_elsewhere: starts the nodes of other processes; None: they are made here.
-        on_servos: gets the servo bus before anything is commanded.
-        owners: of the joints; None: new ones, as planned.
+        plan: the run.
+        threads: spins the nodes; must be closed before `resources`.
+        resources: receives the simulated servos.
+        stop: ends the start between two nodes.
+        start_elsewhere: starts the nodes of other processes; None: all nodes run in this process.
+        on_servos: receives the node servo_bus before anything is commanded.
+        owners: of the joints; None: new ones for this plan.
 
     Raises:
-        EndRequestedError: somebody asked to stop.
-        ArgumentError: there is no such joint to reverse.
-        Exception: a node could not start; says why.
+        EndRequestedError: `stop` was set.
+        ArgumentError: a joint of `--reverse` does not exist.
+        Exception: a node cannot start.
     """
     buffer = Buffer()
     loop = ControlLoop(buffer.core, owners or JointOwners(exclusive=not plan.allow_others))
@@ -111,7 +112,7 @@ def compose(
         direction = -1.0 if joint in plan.reversed else 1.0
         try:
             return direction * simulated[0].true_position(joint)
-        except KeyError:  # no servo turns it, and it will not be measured
+        except KeyError:  # no servo drives it
             return None
 
     nodes: dict[str, Any] = {}
@@ -123,14 +124,14 @@ def compose(
             elsewhere.add(spec.name)
             start_elsewhere(spec)
             return
-        nodes[spec.name] = spec.make(shared)
+        nodes[spec.name] = spec.make(available)
         threads.start(nodes[spec.name])
 
     def start_on_request(name: str) -> None:
         if name not in nodes and name not in elsewhere:
             start(on_request[name])
 
-    shared: dict[str, Any] = {
+    available: dict[str, Any] = {
         "buffer": buffer,
         "loop": loop,
         "connect": simulate if plan.simulated else None,
@@ -151,65 +152,162 @@ def compose(
             if plan.simulated and start_elsewhere is not None:
                 TruePositionsOutput(servo_bus, driven, true_position)
     return Composition(
-        nodes, buffer, loop, simulated[0] if simulated else None, shared["true_position"]
+        nodes, buffer, loop, simulated[0] if simulated else None, available["true_position"]
     )
 
 
 def _check_reversed(joints: Sequence[str], driven: Sequence[str]) -> None:
     unknown = ", ".join(joint for joint in joints if joint not in driven)
     if unknown:
-        raise ArgumentError(f"--reverse: no servo turns {unknown}; there are {', '.join(driven)}")
+        raise ArgumentError(
+            f"--reverse: no servo drives {unknown}; the joints are {', '.join(driven)}"
+        )
 
 
 class OtherProcesses:
-    """Starts nodes in the processes beside this one.
+    """Starts nodes in other processes, through the supervisor.
 
     Args:
-        line: to the supervisor.
+        link: to the supervisor.
         stop: ends waiting.
     """
 
-    def __init__(self, line: SupervisorLine, stop: StopSignal) -> None:
-        self._line, self._stop = line, stop
+    def __init__(self, link: SupervisorLink, stop: StopSignal) -> None:
+        self._link, self._stop = link, stop
         self._reports: dict[str, str] = {}
         self._changed = threading.Condition()
 
     def start(self, spec: NodeSpec) -> None:
-        """Start a node and wait until it runs; the supervisor has started the page.
+        """Start a node and wait until it runs; the supervisor has already started the page.
 
         Raises:
-            NodeNotStartedError: it cannot; says why.
-            EndRequestedError: somebody asked to stop meanwhile.
+            NodeNotStartedError: the node cannot start.
+            EndRequestedError: `stop` was set meanwhile.
         """
         if spec.process == PAGE:
             return
         with self._changed:
             self._reports.pop(spec.name, None)
-            self._line.send(enabled=True, **asdict(spec))
-            for _ in range(round(_START_PATIENCE / _POLL)):
+            self._link.send(enabled=True, **asdict(spec))
+            for _ in range(round(_START_TIMEOUT / _POLL)):
                 self._changed.wait(_POLL)
                 self._stop.check()
                 if spec.name in self._reports:
                     break
-            problem = self._reports.get(spec.name, f"no answer within {_START_PATIENCE:g} s")
+            problem = self._reports.get(spec.name, f"no answer within {_START_TIMEOUT:g} s")
         if problem:
             raise NodeNotStartedError(problem)
 
-    def received(self, report: dict[str, Any]) -> None:
-        """Record what another process reports of a node."""
+    def on_report(self, report: Mapping[str, Any]) -> None:
+        """Record whether a node of another process runs."""
         with self._changed:
             self._reports[report["node"]] = report["problem"]
             self._changed.notify_all()
 
 
-def run_control(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine) -> int:
-    """Run the control process until it is time to stop; return the exit code.
+class ControlProcess:
+    """The run as the control process sees it: nodes, keys, status line.
+
+    Args:
+        plan: the run.
+        stop: ends it.
+        link: to the supervisor.
+        status: shows the state.
+    """
+
+    def __init__(
+        self, plan: Run, stop: StopSignal, link: SupervisorLink, status: StatusLine
+    ) -> None:
+        self._plan, self._stop, self._link, self._status = plan, stop, link, status
+        self._others = OtherProcesses(link, stop)
+        self._reported_servos: list[Any] = []
+        self._hint: list[str] = []
+        self._head: Composition | None = None
+
+    def run(self, threads: NodeThreads, resources: ExitStack, kept: KeptStop | None) -> None:
+        """Run until `stop`, or until the duration of the plan is over.
+
+        Raises:
+            RefusedError: another head runs.
+            EndRequestedError: `stop` was set before all nodes had started.
+            Exception: a node cannot start, or has died.
+        """
+        plan = self._plan
+        claim = self._claim(threads)
+        self._link.on_message(self._on_message)
+        owners = JointOwners(exclusive=not plan.allow_others)
+        if kept is not None:
+            kept.guard(owners)
+        head = self._head = compose(
+            plan, threads, resources, self._stop, self._others.start, self._report_servos, owners
+        )
+        parameter_sources.check(head.nodes.values())
+        get_logger("head_tracking").info(threads.executor)
+        head_node = head.nodes.get(plan.head_node)
+        monitor = RunMonitor(
+            head_node.interface.control if head_node else None,
+            head.nodes["servo_bus"].status,
+            head.true_position,
+            lambda: head.loop.owners.stopped,
+        )
+
+        def update() -> None:
+            if not plan.allow_others:
+                claim.check()
+            self._report_servos(head.nodes["servo_bus"])
+            parts, colour = monitor.update()
+            self._status.show([*parts, *self._hint], colour)
+
+        self._link.send(ready=True)
+        try:
+            threads.wait(self._stop, plan.duration, update)
+        finally:
+            summary = monitor.summary()
+            threads.close()  # the last log messages of the nodes come before the summary
+            self._status.end(summary)
+
+    def _claim(self, threads: NodeThreads) -> HeadClaim:
+        """Claim the head before anything else is published."""
+        node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
+        claim = HeadClaim(node, simulated=self._plan.simulated)
+        threads.start(node)
+        if not self._plan.allow_others and is_heard_elsewhere(os.environ):
+            self._status.show(["searching for other heads"])
+            self._stop.wait(LOOK_TIME)
+            self._stop.check()
+            claim.check()
+        claim.begin()
+        return claim
+
+    def _report_servos(self, servo_bus: Any) -> None:
+        """Report the present servos, which the supervisor relaxes if this process dies."""
+        servos = servo_bus.servos_by_port()
+        if not self._plan.simulated and servos != self._reported_servos:
+            self._reported_servos = servos
+            self._link.send(servos=servos)
+
+    def _on_message(self, message: Mapping[str, Any]) -> None:
+        if "node" in message:
+            self._others.on_report(message)
+        elif "keys" in message:
+            self._hint = [HINT] if message["keys"] else []
+        elif message["key"]:  # in a thread: the thread of the link must notice the end meanwhile
+            threading.Thread(target=self._press, args=[message["key"]], daemon=True).start()
+
+    def _press(self, key: str) -> None:
+        if self._head is not None:
+            self._status.print(execute(key, self._head.stop, self._head.resume))
+
+
+def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) -> int:
+    """Run the control process until `stop`; return the exit code.
 
     Args:
         arguments: the command line of the run.
-        stop: asks to stop.
-        line: to the supervisor.
+        stop: ends the process.
+        link: to the supervisor.
     """
+    parse_in_child_process()
     status = StatusLine()
     threads = NodeThreads()
     try:
@@ -217,98 +315,15 @@ def run_control(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine
         start_ros(plan.ros_arguments)
         with ExitStack() as resources, closing(threads):
             kept = KeptStop(plan.arguments) if plan.keeps_stop else None
-            _run(plan, threads, resources, stop, status, line, kept)
+            ControlProcess(plan, stop, link, status).run(threads, resources, kept)
             if kept is not None and threads.exit_code() == 0:
                 kept.forget()
     except EndRequestedError:
-        status.end("stopped before everything had started")
+        status.end("stopped during the start")
     except Exception as error:
         status.end(f"head_tracking: {describe(error)}")
         return 2 if isinstance(error, ArgumentError) else 1
     finally:
-        line.send(servos=[])  # they are relaxed, or it was said which are not
+        link.send(servos=[])  # they are relaxed, or the output names those that are not
         rclpy.try_shutdown()
     return threads.exit_code()
-
-
-def _claim(plan: Run, threads: NodeThreads, stop: StopSignal, status: StatusLine) -> HeadClaim:
-    """Claim the head before anything else is published.
-
-    Raises:
-        RefusedError: another head has it.
-        EndRequestedError: somebody asked to stop.
-    """
-    node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
-    claim = HeadClaim(node, simulated=plan.simulated)
-    threads.start(node)
-    if not plan.allow_others and is_heard_elsewhere(os.environ):
-        status.show(["looking for other heads"])
-        stop.wait(LOOK_TIME)
-        stop.check()
-        claim.check()
-    claim.begin()
-    return claim
-
-
-def _run(
-    plan: Run,
-    threads: NodeThreads,
-    resources: ExitStack,
-    stop: StopSignal,
-    status: StatusLine,
-    line: SupervisorLine,
-    kept: KeptStop | None,
-) -> None:
-    handed_over: list[Any] = []
-
-    def hand_over(servo_bus: Any) -> None:
-        """Tell the supervisor which servos there are now; simulated ones end with this process."""
-        servos = servo_bus.servos_by_port()
-        if not plan.simulated and servos != handed_over:
-            handed_over[:] = servos
-            line.send(servos=servos)
-
-    hint: list[str] = []
-
-    def receive(message: dict[str, Any]) -> None:
-        if "node" in message:
-            others.received(message)
-        elif "keys" in message:
-            hint[:] = [HINT] if message["keys"] else []
-        elif message["key"]:  # in a thread: the end of the line must be noticed meanwhile
-            threading.Thread(target=press, args=[message["key"]], daemon=True).start()
-
-    def press(key: str) -> None:
-        status.say(carry_out(key, head.stop, head.resume))
-
-    claim = _claim(plan, threads, stop, status)
-    others = OtherProcesses(line, stop)
-    line.receive(receive)
-    owners = JointOwners(exclusive=not plan.allow_others)
-    if kept is not None:
-        kept.guard(owners)
-    head = compose(plan, threads, resources, stop, others.start, hand_over, owners)
-    parameter_sources.check(head.nodes.values())
-    get_logger("head_tracking").info(threads.executor)
-    head_node = head.nodes.get(plan.head_node)
-    monitor = RunMonitor(
-        head_node.interface.control if head_node else None,
-        head.nodes["servo_bus"].status,
-        head.true_position,
-        lambda: head.loop.owners.stopped,
-    )
-
-    def look() -> None:
-        if not plan.allow_others:
-            claim.check()
-        hand_over(head.nodes["servo_bus"])
-        parts, mood = monitor.look()
-        status.show([*parts, *hint], mood)
-
-    line.send(ready=True)
-    try:
-        threads.wait(stop, plan.duration, look)
-    finally:
-        summary = monitor.summary()
-        threads.close()  # what the nodes say at the end stands above
-        status.end(summary)

@@ -1,4 +1,4 @@
-"""The processes vision and page: nodes that the supervisor asks for, one after the other."""
+"""The processes vision and page: they run the nodes that the supervisor asks for."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rclpy.node import Node
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.spinning import NodeThreads, describe, run_threads
 from head_tracking.ros.kit.stop_signal import StopSignal
-from head_tracking.run.child import SupervisorLine
+from head_tracking.run.child import SupervisorLink
 from head_tracking.run.node_sets import NodeSpec
 from head_tracking.run.true_positions import TruePositions
 from head_tracking.tf import Buffer, TransformListener
 
 
-class _Shared(dict[str, Any]):
-    """What the nodes of the process share, made for the first one that needs it."""
+class _Resources(dict[str, Any]):
+    """Resources that the nodes of the process use together, made when one needs them first."""
 
     def __init__(self, threads: NodeThreads) -> None:
         super().__init__()
@@ -33,26 +33,26 @@ class _Shared(dict[str, Any]):
         return self[name]
 
 
-def run_nodes(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine) -> int:
-    """Run nodes until somebody asks to stop; return the exit code: 1 if one has died.
+def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) -> int:
+    """Run nodes until `stop`; return the exit code: 1 if a node has died.
 
     Args:
-        arguments: ROS's.
-        stop: asks to stop.
-        line: asks for nodes, and is told which work.
+        arguments: ROS arguments.
+        stop: ends the process.
+        link: receives the nodes to start, and reports the result of each start.
     """
-    wanted: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    requested: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threads = NodeThreads()
-    shared = _Shared(threads)
-    reported: dict[str, tuple[Any, bool]] = {}
+    resources = _Resources(threads)
+    running: dict[str, tuple[Any, bool]] = {}
 
     def start(enabled: bool, **spec: Any) -> None:
         try:
-            node = NodeSpec(**spec).make(shared)
+            node = NodeSpec(**spec).make(resources)
             parameter_sources.check([node], names=False)
         except Exception as error:
-            line.send(node=spec["name"], problem=describe(error), enabled=enabled)
-            if reported:  # the others go on
+            link.send(node=spec["name"], problem=describe(error), enabled=enabled)
+            if running:  # the other nodes of the process continue
                 return
             raise
         if hasattr(node, "enabled"):
@@ -61,14 +61,14 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, line: SupervisorLine) 
         report(spec["name"], node, enabled)
 
     def report(name: str, node: Any, enabled: bool) -> None:
-        reported[name] = node, enabled
-        line.send(node=name, problem="", enabled=enabled)
+        running[name] = node, enabled
+        link.send(node=name, problem="", enabled=enabled)
 
-    def work() -> None:
-        while not wanted.empty():
-            start(**wanted.get())
-        for name, (node, before) in list(reported.items()):
+    def update() -> None:
+        while not requested.empty():
+            start(**requested.get())
+        for name, (node, before) in list(running.items()):
             if getattr(node, "enabled", before) != before:
                 report(name, node, not before)
 
-    return run_threads(stop, threads, lambda: line.receive(wanted.put), arguments, work)
+    return run_threads(stop, threads, lambda: link.on_message(requested.put), arguments, update)

@@ -1,4 +1,4 @@
-"""Which nodes make up a run, and in which process each of them is: data, no decisions."""
+"""The nodes of a run, and the process of each: data only."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from head_tracking.programs import node_class
 
 CONTROL, VISION, PAGE = "control", "vision", "page"
-"""The processes of a run: servos and head; cameras and detectors; the page in a browser."""
+"""The processes of a run: servos and head; cameras and detectors; the page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +19,12 @@ class NodeSpec:
 
     Attributes:
         name: the node's name.
-        needs: arguments that its process hands to it: "buffer", the transforms that the nodes of
-            the process share; "loop", its controllers; "connect", the port of simulated servos, or
-            None; "true_position", where a simulated joint really is [rad], or None; "start", to
-            start more nodes; "startable", their names.
-        parameters: values that this run gives it, over those of the parameter files.
-        process: where it runs.
+        needs: constructor arguments that its process provides: "buffer", the transforms of the
+            process; "loop", the control loop; "connect", the port of simulated servos, or None;
+            "true_position", the true position of a simulated joint [rad], or None; "start", starts
+            another node; "startable", the names of such nodes.
+        parameters: values of this run; they override parameter files.
+        process: CONTROL, VISION or PAGE.
     """
 
     name: str
@@ -32,17 +32,17 @@ class NodeSpec:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     process: str = CONTROL
 
-    def make(self, shared: Mapping[str, Any]) -> Any:
-        """Return the node.
+    def make(self, available: Mapping[str, Any]) -> Any:
+        """Make the node.
 
         Args:
-            shared: what its process can hand to it.
+            available: what its process provides, by the names in `needs`.
         """
         from rclpy.parameter import Parameter
 
         overrides = [Parameter(name, value=value) for name, value in self.parameters.items()]
         kind = resolve_name(node_class(self.name))
-        return kind(parameter_overrides=overrides, **{name: shared[name] for name in self.needs})
+        return kind(parameter_overrides=overrides, **{name: available[name] for name in self.needs})
 
 
 ROBOT = (
@@ -52,20 +52,20 @@ ROBOT = (
 )
 
 FEEDS_BUFFER = "robot_state_publisher"
-"""The node that brings the process's buffer up to date."""
+"""The node that writes joint positions into the buffer of the process."""
 
 HEAD = "head"
-"""Whatever node turns the head, as something to leave out."""
+"""Stands for the controller of the head in `--without`."""
 
 LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
-"""What a robot may have already, so that a run can do without."""
+"""Nodes that a run can omit, because the robot has them already."""
 
 MODES: Mapping[str, NodeSpec] = {
     "track": NodeSpec("head_tracker", ("buffer", "loop")),
     "point": NodeSpec("point_head", ("buffer", "loop")),
 }
 
-# Driver and simulated servos share a process: on a busy machine an answer can be a while in coming.
+# The simulated servos run in a thread of the same process: on a busy machine they answer late.
 SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 
@@ -100,11 +100,11 @@ SCENES: Mapping[str, str] = {
     "features": "picture",
     "nearest": "ball",
 }
-"""What a simulated camera sees if a target is looked for in images."""
+"""What the simulated camera draws for a target that is detected in images."""
 
 
 def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
-    """Return the camera of a simulated head; small images, for they share a processor."""
+    """Return the camera of a simulated head, with small images to save processor time."""
     return NodeSpec(
         "simulated_camera",
         ("buffer", "true_position"),
@@ -118,7 +118,7 @@ VIEWER = NodeSpec("viewer", process=PAGE)
 
 
 def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
-    """Return what can be started on the page; with a camera if the head is simulated."""
+    """Return the nodes that the page can start; a camera only if the head is simulated."""
     camera = simulated_camera("everything", rate=15.0)
     targets = (*TARGETS["fictitious"], *TARGETS["face"])
     specs = (*MODES.values(), *targets, *([camera] if simulated else []))
@@ -126,10 +126,10 @@ def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
 
 
 def frame_target(frame: str) -> tuple[NodeSpec, ...]:
-    """Return the node that publishes where a frame is."""
+    """Return the node that publishes the position of a frame as the target."""
     return (NodeSpec("frame_target", ("buffer",), {"frame": frame}),)
 
 
 def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:
-    """Return the nodes that keep publishing one point [m]: the fictitious target at rest."""
+    """Return the node that publishes one point [m]: the fictitious target at rest."""
     return _fictitious(frame_id=frame_id, center=list(point), amplitude=[0.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""node_starter: starts nodes of a run when somebody asks for them."""
+"""node_starter: starts nodes of a run on request, for the page."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from head_tracking.ros.kit.urgent_services import UrgentServices
 
 
 class NodeStarterNode(ClosingNode):
-    """Offers a service for each node that can be started, by its name.
+    """Offers the service `~/NAME` for each node that can be started.
 
-    Starting takes a while, and waits for other nodes, but not for those of this process.
+    The services have a thread of their own: a start takes a second and must not delay callbacks.
 
     Args:
         start: starts a node by its name, unless it runs already.
@@ -30,11 +30,11 @@ class NodeStarterNode(ClosingNode):
         super().__init__("node_starter", **options)
         self._start = start
         self._starting = threading.Lock()
-        self._answering = UrgentServices(self)
-        self.closing.callback(self._answering.close)
+        services = UrgentServices(self)
+        self.closing.callback(services.close)
         for name in startable:
-            self._answering.offer(Trigger, f"~/{name}", partial(self._on_request, name))
-        self._answering.start()
+            services.offer(Trigger, f"~/{name}", partial(self._on_request, name))
+        services.start()
 
     def _on_request(
         self, name: str, _: Trigger.Request, response: Trigger.Response
@@ -42,8 +42,8 @@ class NodeStarterNode(ClosingNode):
         try:
             with self._starting:
                 self._start(name)
-            response.success, response.message = True, f"{name} runs"
-        except Exception as error:  # whatever keeps a node from starting is the answer
+            response.success, response.message = True, f"{name} is running"
+        except Exception as error:
             response.message = describe(error)
-            self.get_logger().error(f"{name} does not start: {response.message}")
+            self.get_logger().error(f"{name} cannot start: {response.message}")
         return response

@@ -1,4 +1,4 @@
-"""The command line of the program head_tracking; it knows no ROS."""
+"""The command line of the program head_tracking; without ROS."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from head_tracking.command_line import point_in_frame, seconds, with_points
+from head_tracking.command_line import (
+    existing_file,
+    point_in_frame,
+    positive,
+    with_negative_values,
+)
 from head_tracking.page import MISSING, installed
 from head_tracking.programs import COMMANDS
 from head_tracking.run.node_sets import (
@@ -30,20 +35,20 @@ from head_tracking.share import robot_parameters
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A run, as the command line describes it.
+    """A run as described by the command line.
 
     Attributes:
-        nodes: the nodes to start, in order.
-        head_node: the name of the one that turns the head; empty: none does.
+        nodes: the nodes to start, in this order.
+        head_node: the name of the controller of the head; empty: there is none.
         simulated: whether the servos are simulated.
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until a signal.
-        arguments: the command line, ROS's own arguments among it.
-        allow_others: whether it starts and goes on beside other heads; the last command wins then.
-        keeps_to_itself: whether other machines do not hear of it.
+        arguments: the command line, including ROS arguments.
+        allow_others: whether it may run beside other heads; the last command wins then.
+        is_local: whether other machines cannot discover it.
         hold_on_crash: whether the servos hold, instead of relaxing, if the control process dies.
-        keeps_stop: whether a head that was stopped when its last run crashed begins stopped.
-        reversed: joints whose simulated servos are mounted the wrong way round.
+        keeps_stop: whether a STOP persists when the run crashes and is started again.
+        reversed: joints whose simulated servos are mounted in the opposite direction.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -53,26 +58,26 @@ class Run:
     duration: float | None
     arguments: tuple[str, ...]
     allow_others: bool
-    keeps_to_itself: bool
+    is_local: bool
     hold_on_crash: bool
     keeps_stop: bool
     reversed: tuple[str, ...]
 
     @property
     def ros_arguments(self) -> list[str]:
-        """Return what `rclpy.init` gets in each process: parameter files, and ROS's arguments."""
+        """Return the arguments of `rclpy.init`, with the parameter files."""
         files = [word for file in self.parameter_files for word in ("--params-file", str(file))]
         return ["--ros-args", *files, "--", *self.arguments]
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
-    """Return the run that a command line describes; after a mistake exit with code 2."""
+    """Parse the command line; exit with code 2 after a mistake."""
     parser = argparse.ArgumentParser(
         prog="head_tracking",
         description="Runs a pan/tilt head: servo bus, transforms, and pointing or tracking.",
         epilog=f"head_tracking COMMAND runs one of {', '.join(COMMANDS)}; see COMMAND --help. "
-        "ROS's own arguments follow --ros-args. A simulated run keeps to this machine, "
-        "unless ROS_AUTOMATIC_DISCOVERY_RANGE says something else.",
+        "ROS arguments follow --ros-args. Other machines do not discover a simulated run, "
+        "unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.",
     )
     servos = parser.add_mutually_exclusive_group()
     servos.add_argument("--sim", action="store_true", help="simulate the servos")
@@ -81,34 +86,34 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "--robot",
         default="kinectbot",
         metavar="NAME|FILE",
-        help="its name, or a URDF or xacro file (default: %(default)s)",
+        help="name of the robot, or a URDF or xacro file (default: %(default)s)",
     )
     parser.add_argument(
         "--calibration",
-        type=_existing_file,
+        type=existing_file,
         metavar="FILE",
-        help="what `head_tracking calibrate` has measured, applied to the robot's model",
+        help="result of `head_tracking calibrate`, applied to the robot's model",
     )
     parser.add_argument(
         "--mode",
         choices=sorted(MODES),
         default="track",
-        help="keep the head on the target, or turn it to each target once (default: %(default)s)",
+        help="track the target, or point at each target once (default: %(default)s)",
     )
     parser.add_argument(
         "--target",
         type=_target,
         metavar=f"{'|'.join(TARGETS)}|x,y,z@frame|@frame",
-        help="what to look at besides what others publish on /target_point "
+        help="source of targets, besides other publishers of /target_point "
         "(default: fictitious for --sim --mode track, else none)",
     )
     parser.add_argument(
         "--params",
         action="append",
-        type=_existing_file,
+        type=existing_file,
         default=[],
         metavar="FILE",
-        help="parameters in YAML, over the robot's own; can be given several times",
+        help="YAML file with parameters that override the robot's; can be given several times",
     )
     parser.add_argument(
         "--without",
@@ -116,43 +121,41 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         choices=sorted(LEFT_OUT),
         default=[],
         metavar="NODE",
-        help="leave out what the robot has already: joint_state_publisher, robot_state_publisher, "
-        "or head (what turns it); can be given several times",
+        help="omit a node that the robot already has: joint_state_publisher, "
+        "robot_state_publisher, or head (its controller); can be given several times",
     )
     parser.add_argument(
         "--allow-others",
         action="store_true",
-        help="start, and go on, although another head has this ROS domain and namespace; the last "
-        "command wins",
+        help="run although another head has this ROS domain and namespace; the last command wins",
     )
     parser.add_argument(
-        "--network", action="store_true", help="let other machines hear a simulated run, too"
+        "--network", action="store_true", help="let other machines discover a simulated run"
     )
     parser.add_argument(
         "--on-crash",
         choices=("relax", "hold"),
         default="relax",
-        help="what happens to the servos if the process that drives them dies "
-        "(default: %(default)s)",
+        help="what the servos do if the control process dies (default: %(default)s)",
     )
     parser.add_argument(
         "--keep-stop",
         action="store_true",
-        help="begin stopped if the run before was stopped and crashed: for what starts the head "
-        "again by itself, as systemd does",
+        help="start stopped if the last run was stopped when it crashed; for automatic restarts, "
+        "such as by systemd",
     )
     parser.add_argument(
         "--reverse",
         action="append",
         default=[],
         metavar="JOINT",
-        help="with --sim: mount this joint's servo the wrong way round, to see what is said of it",
+        help="with --sim: simulate a servo that is mounted in the opposite direction",
     )
-    parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
+    parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds")
     parser.add_argument(
-        "--viewer", action="store_true", help="show the head in a browser, and steer it there"
+        "--viewer", action="store_true", help="serve a page that shows and steers the head"
     )
-    options = parser.parse_args(with_points(list(_without_ros_arguments(arguments))))
+    options = parser.parse_args(with_negative_values(list(_without_ros_arguments(arguments))))
     if options.viewer and not installed():
         parser.error(MISSING)
     if options.reverse and not options.sim:
@@ -196,7 +199,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
 
 
 def _without_ros_arguments(arguments: Sequence[str]) -> Iterator[str]:
-    """Yield what is not between `--ros-args` and `--`, as rclpy does."""
+    """Yield the arguments that are not between `--ros-args` and `--`, as rclpy does."""
     ros = False
     for word in arguments:
         if word == "--ros-args":
@@ -208,7 +211,7 @@ def _without_ros_arguments(arguments: Sequence[str]) -> Iterator[str]:
 
 
 def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
-    """Return the nodes that publish a target, and the scene that a simulated camera needs."""
+    """Return the nodes that publish a target, and the scene for a simulated camera."""
     if text in TARGETS:
         return TARGETS[text], SCENES.get(text, "")
     if text.startswith("@") and text != "@":
@@ -217,13 +220,6 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
         return fixed_target(*point_in_frame(text)), ""
     except argparse.ArgumentTypeError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no target; give {', '.join(TARGETS)}, a frame such as @gripper_link, "
+            f"{text!r} is not a target; give {', '.join(TARGETS)}, a frame such as @gripper_link, "
             "or a point in metres and its frame such as 1,0.5,0@base_link"
         ) from None
-
-
-def _existing_file(text: str) -> Path:
-    path = Path(text)
-    if not path.is_file():
-        raise argparse.ArgumentTypeError(f"there is no file {text}")
-    return path

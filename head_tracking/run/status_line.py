@@ -1,4 +1,4 @@
-"""A line at the bottom of the terminal that is written anew, with log messages above it."""
+"""A status line at the bottom of the terminal, below the log messages."""
 
 from __future__ import annotations
 
@@ -7,99 +7,98 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from typing import TextIO
+from typing import Final, TextIO
 
 from head_tracking.compatibility import StrEnum
 
-_CLEAR = "\r\x1b[K"
-_FORMAT = "RCUTILS_CONSOLE_OUTPUT_FORMAT"
-_BETWEEN = " | "
+CLEAR_LINE: Final = "\r\x1b[K"
+_LOG_FORMAT = "RCUTILS_CONSOLE_OUTPUT_FORMAT"
+_SEPARATOR = " | "
 
 
-class Mood(StrEnum):
-    """How the first part of the line looks, where there are colours."""
+class Colour(StrEnum):
+    """Escape sequences for the first part of the line."""
 
-    PLAIN = ""
-    GOOD = "\x1b[32m"
-    WATCH = "\x1b[33m"
-    BAD = "\x1b[1;31m"
+    NONE = ""
+    GREEN = "\x1b[32m"
+    YELLOW = "\x1b[33m"
+    RED = "\x1b[1;31m"
 
 
 class StatusLine:
-    """Writes over its last text on a terminal; elsewhere a new line once a second.
+    """Overwrites its last text on a terminal; elsewhere prints a new line once a second.
 
-    Colours are used on a terminal, unless NO_COLOR is set or it is a dumb one.
+    It uses colours on a terminal, unless NO_COLOR is set or TERM is "dumb".
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stdout
-        self._terminal = self._stream.isatty()
-        self._coloured = (
-            self._terminal
+        self._is_terminal = self._stream.isatty()
+        self._has_colours = (
+            self._is_terminal
             and not os.environ.get("NO_COLOR")
             and os.environ.get("TERM", "dumb") != "dumb"
         )
-        self._last = -1.0
-        self._shown = ""
-        self._ended = False
+        self._last_time = -1.0
+        self._text = ""
+        self._has_ended = False
         self._lock = threading.Lock()
 
     def prepare_logging(self) -> None:
-        """Lets ROS's log messages clear the line first; to be called before rclpy.init.
+        """Let ROS's log messages clear the line first, without time stamps; call before rclpy.init.
 
-        On a terminal their stamps, which few can read, are left to the log file.
+        The log file still has the time stamps.
         """
-        if self._terminal:
-            os.environ.setdefault(_FORMAT, f"{_CLEAR}[{{severity}}] {{name}}: {{message}}")
-            if not self._coloured:
+        if self._is_terminal:
+            os.environ.setdefault(_LOG_FORMAT, f"{CLEAR_LINE}[{{severity}}] {{name}}: {{message}}")
+            if not self._has_colours:
                 os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "0")
 
-    def show(self, parts: Sequence[str], mood: Mood = Mood.PLAIN) -> None:
-        """Shows the newest text, unless the end was told.
+    def show(self, parts: Sequence[str], colour: Colour = Colour.NONE) -> None:
+        """Show the latest status; nothing after `end`.
 
         Args:
-            parts: what is most important first; a part that does not fit is left out.
-            mood: of the first part.
+            parts: the most important one first; parts that do not fit are left out.
+            colour: of the first part.
         """
         with self._lock:
-            if self._ended:
+            if self._has_ended:
                 return
-            if self._terminal:
-                self._shown = self._fitting(parts, mood)
-                self._write(_CLEAR + self._shown)
-            elif time.monotonic() - self._last >= 1.0:
-                self._last = time.monotonic()
-                self._write(_BETWEEN.join(parts) + "\n")
+            if self._is_terminal:
+                self._text = self._fit(parts, colour)
+                self._write(CLEAR_LINE + self._text)
+            elif time.monotonic() - self._last_time >= 1.0:
+                self._last_time = time.monotonic()
+                self._write(_SEPARATOR.join(parts) + "\n")
 
-    def say(self, text: str) -> None:
-        """Writes a line of its own, above the status."""
+    def print(self, text: str) -> None:
+        """Print a line above the status."""
         with self._lock:
-            self._write(
-                f"{_CLEAR}{text}\n{'' if self._ended else self._shown}"
-                if self._terminal
-                else f"{text}\n"
-            )
+            if self._is_terminal:
+                self._write(f"{CLEAR_LINE}{text}\n{'' if self._has_ended else self._text}")
+            else:
+                self._write(f"{text}\n")
 
     def end(self, text: str) -> None:
-        """Leaves `text` as the last lines."""
+        """Replace the status by a last text."""
         with self._lock:
-            self._ended = True
-            self._write((_CLEAR if self._terminal else "") + text + "\n")
+            self._has_ended = True
+            self._write((CLEAR_LINE if self._is_terminal else "") + text + "\n")
 
-    def _fitting(self, parts: Sequence[str], mood: Mood) -> str:
-        """As many of the parts as the terminal is wide, in one line."""
+    def _fit(self, parts: Sequence[str], colour: Colour) -> str:
+        """Return the parts that fit into one line of the terminal."""
         try:
             width = os.get_terminal_size(self._stream.fileno()).columns
         except OSError:
             width = 0
-        room = width - 1 if width else sys.maxsize  # one that does not know its width says 0
-        taken = [parts[0][:room]] if parts else []
+        limit = width - 1 if width else sys.maxsize  # 0: the terminal does not report its width
+        fitting = [parts[0][:limit]] if parts else []
         for part in parts[1:]:
-            if len(_BETWEEN.join([*taken, part])) <= room:
-                taken.append(part)
-        if taken and mood and self._coloured:
-            taken[0] = f"{mood}{taken[0]}\x1b[0m"
-        return _BETWEEN.join(taken)
+            if len(_SEPARATOR.join([*fitting, part])) <= limit:
+                fitting.append(part)
+        if fitting and colour and self._has_colours:
+            fitting[0] = f"{colour}{fitting[0]}\x1b[0m"
+        return _SEPARATOR.join(fitting)
 
     def _write(self, text: str) -> None:
         self._stream.write(text)

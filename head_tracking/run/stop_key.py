@@ -1,4 +1,4 @@
-"""STOP by one key in the terminal of a run."""
+"""Keys for STOP and resume in the terminal of a run."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from typing import Any, Final, TextIO
 from head_tracking.exceptions import HeadTrackingError
 
 HINT: Final = "space: STOP"
-"""What the status line says where the keys work."""
+"""Part of the status line while the keys work."""
 
 STOP, RESUME = "stop", "resume"
 
 _STOP_KEYS: Final = frozenset(b" sS")
 _RESUME_KEYS: Final = frozenset(b"rR")
-_SEQUENCE: Final = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")  # of an arrow or a function key
+_SEQUENCE: Final = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")  # arrow and function keys
 
 
 class StopKey:
-    """Reads single keys while the program has its terminal for itself; for a loop by a selector.
+    """Reads single keys while the program is in the foreground of its terminal.
 
-    Space or `s` stops, `r` resumes, any other key does nothing. In the background, and while the
-    program is suspended, the terminal is left as it was found.
+    Space or `s` stops, `r` resumes, other keys do nothing. While the program is in the background
+    or suspended, the terminal has its original settings.
 
     Args:
-        stream: where keys come from; nothing is read if it is no terminal.
+        stream: the terminal; without one no keys are read.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._terminal = _descriptor(stream or sys.stdin)
-        self._found: list[Any] | None = None  # the terminal's settings; None: left as it was
+        self._original: list[Any] | None = None  # settings of the terminal; None: not changed
         if self._terminal is not None:
-            signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # a read that is too late fails
+            signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # a read in the background fails
 
     @property
     def has_terminal(self) -> bool:
-        """Whether keys can come at all."""
+        """Whether the program has a terminal."""
         return self._terminal is not None
 
     @property
     def works(self) -> bool:
         """Whether keys are read now."""
-        return self._found is not None
+        return self._original is not None
 
     def fileno(self) -> int:
         """Return the descriptor of the terminal, for a selector."""
@@ -56,28 +56,28 @@ class StopKey:
         return self._terminal
 
     def acquire(self) -> None:
-        """Have keys sent one by one and unseen, if the program is in the foreground."""
+        """Switch the terminal to single keys without echo, if the program is in the foreground."""
         if self._terminal is None:
             return
         if not self._in_foreground():
-            self._found = None  # the shell has set it as it wants it
+            self._original = None  # the shell has set its own
             return
-        with suppress(termios.error, OSError):  # it has gone
-            found = self._found or termios.tcgetattr(self._terminal)
+        with suppress(termios.error, OSError):  # closed
+            original = self._original or termios.tcgetattr(self._terminal)
             if not self.works:
                 single = termios.tcgetattr(self._terminal)
                 single[3] &= ~(termios.ICANON | termios.ECHO)  # Ctrl-C and Ctrl-Z stay signals
                 single[6][termios.VMIN], single[6][termios.VTIME] = 0, 0
-                # a key that was pressed while the program started counts
+                # TCSANOW keeps a key that was pressed during the start
                 termios.tcsetattr(self._terminal, termios.TCSANOW, single)
-            self._found = found
+            self._original = original
 
     def release(self) -> None:
-        """Set the terminal as it was found, unless another program has it now."""
-        found, self._found = self._found, None
-        if found is not None and self._terminal is not None and self._in_foreground():
+        """Restore the settings of the terminal, unless another program is in the foreground."""
+        original, self._original = self._original, None
+        if original is not None and self._terminal is not None and self._in_foreground():
             with suppress(termios.error, OSError):
-                termios.tcsetattr(self._terminal, termios.TCSANOW, found)
+                termios.tcsetattr(self._terminal, termios.TCSANOW, original)
 
     def suspend(self) -> None:
         """Suspend the program, as Ctrl-Z does; return after SIGCONT."""
@@ -85,40 +85,40 @@ class StopKey:
         os.kill(os.getpid(), signal.SIGSTOP)
 
     def read(self) -> str:
-        """Return STOP or RESUME if such a key was pressed, else an empty text; a stop wins."""
+        """Return STOP, RESUME or an empty text for the pressed keys; see `meaning`."""
         keys = b""
-        if self._in_foreground():  # else it would wait for a whole line
-            with suppress(OSError):  # it has gone
+        if self._in_foreground():  # else the read would wait for a line
+            with suppress(OSError):  # closed
                 keys = os.read(self.fileno(), 64)
         return meaning(keys)
 
     def _in_foreground(self) -> bool:
         assert self._terminal is not None
-        with suppress(OSError):  # it has gone, or is no longer ours
+        with suppress(OSError):  # closed, or the terminal of another session
             return os.tcgetpgrp(self._terminal) == os.getpgrp()
         return False
 
 
 def meaning(keys: bytes) -> str:
-    """Return what keys ask for: STOP, RESUME or nothing."""
+    """Return STOP, RESUME or an empty text for pressed keys; STOP has priority."""
     pressed = frozenset(_SEQUENCE.sub(b"", keys))
     return STOP if pressed & _STOP_KEYS else RESUME if pressed & _RESUME_KEYS else ""
 
 
-def carry_out(
+def execute(
     key: str, stop: Callable[[], Sequence[str]], resume: Callable[[], Sequence[str]]
 ) -> str:
-    """Stop or resume, and return what to show.
+    """Stop or resume, and return the result as text.
 
     Args:
         key: STOP or RESUME.
-        stop: relaxes the servos; returns one line for each, confirmed or not.
-        resume: lets them be moved again; returns lines to show.
+        stop: relaxes the servos; returns a line for each, confirmed or not.
+        resume: ends the STOP; returns lines to show.
     """
     failed = "STOP: NOT confirmed" if key == STOP else "not resumed"
     try:
         if key == STOP:
-            return f"STOP: {', '.join(stop()) or 'no servo is there'}; r resumes"
+            return f"STOP: {', '.join(stop()) or 'there is no servo'}; r resumes"
         return ": ".join(["resumed", *filter(None, [", ".join(resume())])])
     except HeadTrackingError as error:
         return f"{failed}: {error}"

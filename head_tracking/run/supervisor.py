@@ -1,16 +1,15 @@
 """The supervisor of a run: starts its processes, watches them, and ends them.
 
-    supervisor ── control   servo bus, head and their ROS interface; tells which servos have torque
-               ├─ vision    cameras and detectors; started anew if it ends
-               └─ page      the page in a browser; started anew if it ends
+    supervisor ── control   servo bus, head and their ROS interface; reports its servos
+               ├─ vision    cameras and detectors; restarted if it ends
+               └─ page      the page in the browser; restarted if it ends
 
-If control dies, the supervisor relaxes the servos. If the supervisor dies, the others notice by the
-end of their line, and end; control relaxes the servos. It imports no ROS, and stays small.
+If control dies, the supervisor relaxes the servos. If the supervisor dies, its channels close, and
+the other processes end; control relaxes the servos first. The supervisor does not import ROS.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import select
@@ -28,34 +27,37 @@ from typing import Any, Final
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.stop_signal import ENDING
+from head_tracking.run.channel import Channel
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
 from head_tracking.run.options import Run
+from head_tracking.run.status_line import CLEAR_LINE
 from head_tracking.run.stop_key import StopKey
 
 _NICENESS: Final = {CONTROL: 0, VISION: 5, PAGE: 10}
-_END_PATIENCE: Final = {CONTROL: 8.0, VISION: 5.0, PAGE: 5.0}  # s; afterwards a process is killed
-_PAUSES: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # s before a process is started again
-_LONGEST: Final = 1 << 16  # bytes of a message
-_LOOK_PERIOD: Final = 0.1  # s; what is due, such as a real head that wants to start
-_LASTING: Final = 60.0  # s; a process that ran longer begins with the first pause
+_END_TIMEOUT: Final = {CONTROL: 8.0, VISION: 5.0, PAGE: 5.0}  # s; then the process is killed
+_PAUSES: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # s before each restart in a row
+_POLL_PERIOD: Final = 0.1  # s
+_STABLE_TIME: Final = 60.0  # s; after a longer life the next restart has the first pause
 
 
 class Process:
-    """A process of the run, and this end of its line.
+    """A running process, and the supervisor's end of its channel.
 
     Args:
         name: control, vision or page.
         arguments: of its program.
-        descriptors: files that it inherits.
+        descriptors: file descriptors that it inherits.
 
     Attributes:
-        started: when, by the monotonic clock [s].
+        started: start time by the monotonic clock [s].
+        channel: carries messages.
     """
 
     def __init__(self, name: str, arguments: list[str], descriptors: Sequence[int] = ()) -> None:
         self.name = name
         self.started = time.monotonic()
-        self._line, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+        ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+        self.channel = Channel(ours)
         with theirs:
             self._process = subprocess.Popen(
                 [
@@ -68,48 +70,31 @@ class Process:
             os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[name])
 
     def fileno(self) -> int:
-        """Return the descriptor of the line, for a selector."""
-        return self._line.fileno()
-
-    def send(self, message: Mapping[str, Any]) -> None:
-        """Send a message; nothing if the process has gone."""
-        with suppress(OSError):
-            self._line.send(json.dumps(message).encode())
-
-    def receive(self) -> dict[str, Any] | None:
-        """Return the message that has come; None if the process has ended."""
-        data = b""
-        with suppress(OSError):
-            data = self._line.recv(_LONGEST)
-        return json.loads(data) if data else None
-
-    def ask_to_end(self) -> None:
-        """End the line to the process; it may still send."""
-        with suppress(OSError):
-            self._line.shutdown(socket.SHUT_WR)
+        """Return the file descriptor of the channel, for a selector."""
+        return self.channel.fileno()
 
     def kill(self) -> None:
         """Kill the process."""
         self._process.kill()
 
     def wait(self) -> int:
-        """Return the exit code; kill the process if it does not end soon."""
+        """Return the exit code; kill the process if it does not end in time."""
         try:
-            code = self._process.wait(_END_PATIENCE[self.name])
+            code = self._process.wait(_END_TIMEOUT[self.name])
         except subprocess.TimeoutExpired:
             self._process.kill()
             code = self._process.wait()
-        self._line.close()
+        self.channel.close()
         return code
 
 
-class NodeProcess:
-    """A process that is started anew when it ends: its nodes, and when to start it.
+class RestartedProcess:
+    """A process that is restarted with its nodes when it ends.
 
     Attributes:
-        nodes: what it runs, as it was asked for, by name.
+        nodes: the requested nodes, by name.
         running: the process; None: it has ended, or was not needed yet.
-        start_at: when to start it again, by the monotonic clock [s]; None: not.
+        start_at: when to start it, by the monotonic clock [s]; None: not planned.
     """
 
     def __init__(self, name: str, arguments: list[str], descriptors: Sequence[int]) -> None:
@@ -117,14 +102,14 @@ class NodeProcess:
         self.nodes: dict[str, dict[str, Any]] = {}
         self.running: Process | None = None
         self.start_at: float | None = None
-        self._work: set[str] = set()
-        self._ends = 0
+        self._started_once: set[str] = set()
+        self._ends_in_a_row = 0
 
     def add(self, node: dict[str, Any]) -> None:
-        """Let it run one more node."""
+        """Add a node, and plan the start of the process if it does not run."""
         self.nodes[node["name"]] = node
         if self.running is not None:
-            self.running.send(node)
+            self.running.channel.send(node)
         elif self.start_at is None:
             self.start_at = time.monotonic()
 
@@ -133,36 +118,40 @@ class NodeProcess:
         self.running = Process(self.name, self._arguments, self._descriptors)
         self.start_at = None
         for node in self.nodes.values():
-            self.running.send(node)
+            self.running.channel.send(node)
         return self.running
 
-    def received(self, message: Mapping[str, Any]) -> None:
-        """Record what the process reports of a node: that it works, or cannot, or is disabled."""
-        name = message["node"]
-        if not message["problem"]:
-            self._work.add(name)
-            self.nodes[name]["enabled"] = message["enabled"]
+    def on_report(self, report: Mapping[str, Any]) -> None:
+        """Record whether a node has started, and whether it is enabled."""
+        name = report["node"]
+        if not report["problem"]:
+            self._started_once.add(name)
+            self.nodes[name]["enabled"] = report["enabled"]
         elif not self._is_kept(name):
             self.nodes.pop(name, None)
 
     def _is_kept(self, name: str) -> bool:
-        """Whether a node is started again: it has worked once, or is the page, which is tried."""
-        return name in self._work or self.name == PAGE
+        """Return whether a node is started again: it has run once, or is the page."""
+        return name in self._started_once or self.name == PAGE
 
-    def ended(self) -> list[dict[str, Any]]:
-        """Record that the process has ended; return reports of the nodes that never worked."""
+    def on_end(self) -> list[dict[str, Any]]:
+        """Plan the restart; return reports of the nodes that have never started."""
         assert self.running is not None
-        self._ends = 0 if time.monotonic() - self.running.started > _LASTING else self._ends
+        if time.monotonic() - self.running.started > _STABLE_TIME:
+            self._ends_in_a_row = 0
         code = self.running.wait()
+        problem = f"the {self.name} process {_describe_end(code)}"
         self.running = None
-        failed = [name for name in self.nodes if not self._is_kept(name)]
-        self.nodes = {name: node for name, node in self.nodes.items() if self._is_kept(name)}
+        # a first start that was killed is tried once more; one that failed would fail again
+        is_retried = code < 0 and not self._ends_in_a_row
+        failed = [name for name in self.nodes if not (is_retried or self._is_kept(name))]
+        for name in failed:
+            del self.nodes[name]
         if self.nodes:
-            pause = _PAUSES[min(self._ends, len(_PAUSES) - 1)]
-            self._ends += 1
+            pause = _PAUSES[min(self._ends_in_a_row, len(_PAUSES) - 1)]
+            self._ends_in_a_row += 1
             self.start_at = time.monotonic() + pause
-            _say(f"the {self.name} process {_ended(code)}; it is started again in {pause:g} s")
-        problem = f"the {self.name} process {_ended(code)}"
+            _print(f"{problem}; it is restarted in {pause:g} s")
         return [{"node": name, "problem": problem} for name in failed]
 
 
@@ -175,14 +164,14 @@ class Supervisor:
 
     def __init__(self, plan: Run) -> None:
         self._plan = plan
-        self._ending = self._gives_way = self._is_ready = False
+        self._ending = self._yields = self._is_ready = False
         self._kill_at = math.inf
         self._servos: list[tuple[str, int, dict[str, str]]] = []
         self._keys = StopKey()
         self._lock = HeadLock(plan.arguments, simulated=plan.simulated)
-        held = self._lock.descriptors
         self._others = {
-            name: NodeProcess(name, plan.ros_arguments, held) for name in (VISION, PAGE)
+            name: RestartedProcess(name, plan.ros_arguments, self._lock.descriptors)
+            for name in (VISION, PAGE)
         }
         self._selector = selectors.DefaultSelector()
 
@@ -191,60 +180,63 @@ class Supervisor:
 
         Raises:
             RefusedError: another head runs on this machine.
-            EndRequestedError: there was a signal before anything had started.
+            EndRequestedError: a signal came before the first process was started.
         """
-        woken = _wake_on(ENDING)
-        self._selector.register(woken, selectors.EVENT_READ)
-        self._acquire(lambda seconds: bool(select.select([woken], [], [], seconds)[0]))
+        signals = _readable_signals(ENDING)
+        self._selector.register(signals, selectors.EVENT_READ)
+        self._acquire(lambda seconds: bool(select.select([signals], [], [], seconds)[0]))
         if self._keys.has_terminal:
-            _hear((signal.SIGTSTP, signal.SIGCONT))
+            _catch((signal.SIGTSTP, signal.SIGCONT))
         control = Process(CONTROL, list(self._plan.arguments), self._lock.descriptors)
         self._selector.register(control, selectors.EVENT_READ, control)
         for node in self._plan.nodes:
-            if node.process == PAGE:  # it takes the longest to start, and waits for nobody
+            if node.process == PAGE:  # first, because it takes the longest to start
                 self._others[PAGE].add({"enabled": True, **asdict(node)})
-        import head_tracking.dynamixel  # noqa: F401  now: after a crash there is no time for it
+        import head_tracking.dynamixel  # noqa: F401  now, because after a crash it would take time
 
         try:
             while control in self._selector.get_map():
-                for key, _ in self._selector.select(_LOOK_PERIOD):
-                    if key.fileobj is woken:
-                        self._on_signals(woken.recv(64), control)
+                for key, _ in self._selector.select(_POLL_PERIOD):
+                    if key.fileobj is signals:
+                        self._on_signals(signals.recv(64), control)
                     elif key.fileobj is self._keys:
-                        control.send({"key": self._keys.read()})
+                        control.channel.send({"key": self._keys.read()})
                     else:
                         self._read(key.data, control)
-                self._look(control)
+                self._update(control)
             return self._finish(control)
         finally:
             self._keys.release()
 
-    def _look(self, control: Process) -> None:
-        """Do what is due."""
-        self._start_due()
+    def _update(self, control: Process) -> None:
+        """Do what depends on time."""
+        for other in self._others.values():
+            is_due = other.start_at is not None and other.start_at <= time.monotonic()
+            if is_due and not self._ending:
+                process = other.start()
+                self._selector.register(process, selectors.EVENT_READ, process)
         self._update_keys(control)
         if self._ending and time.monotonic() > self._kill_at:
             control.kill()
         if self._lock.is_wanted and not self._ending:
-            _say(f"{self._lock.reason}; this simulated head ends")
-            self._gives_way = True
+            _print(f"{self._lock.reason}; this simulated head ends")
+            self._yields = True
             self._end(control)
 
     def _finish(self, control: Process) -> int:
-        """End the other processes, and make the servos safe if control has not; return the code."""
-        for other in self._others.values():
-            if other.running is not None:
-                other.running.ask_to_end()
+        """End the other processes; make the servos safe if control has not; return the code."""
+        running = [other.running for other in self._others.values() if other.running is not None]
+        for process in running:
+            process.channel.end_sending()
         code = control.wait()
         if self._servos or code < 0:
             self._make_safe(code)
-        for other in self._others.values():
-            if other.running is not None:
-                other.running.wait()
-        return 1 if self._gives_way or code < 0 else code
+        for process in running:
+            process.wait()
+        return 1 if self._yields or code < 0 else code
 
     def _acquire(self, wait: Callable[[float], bool]) -> None:
-        """Lock the head, unless other heads are allowed and one has it."""
+        """Lock the head; with --allow-others only if it is free."""
         if not self._plan.allow_others:
             self._lock.acquire(wait)
         elif not self._plan.simulated:
@@ -252,10 +244,10 @@ class Supervisor:
                 self._lock.acquire(wait, shared=True, patience=0.0)
 
     def _end(self, control: Process) -> None:
-        """Ask control to end, and kill it if it does not."""
+        """Ask control to end, and plan to kill it if it does not."""
         if not self._ending:
-            control.ask_to_end()
-            self._kill_at = time.monotonic() + _END_PATIENCE[CONTROL]
+            control.channel.end_sending()
+            self._kill_at = time.monotonic() + _END_TIMEOUT[CONTROL]
         self._ending = True
 
     def _on_signals(self, numbers: bytes, control: Process) -> None:
@@ -265,7 +257,7 @@ class Supervisor:
             self._end(control)
 
     def _update_keys(self, control: Process) -> None:
-        """Read keys while control can stop and the terminal is ours."""
+        """Read keys while control is ready and this program is in the foreground."""
         if not (self._keys.has_terminal and self._is_ready):
             return
         self._keys.acquire()
@@ -275,25 +267,18 @@ class Supervisor:
             self._selector.register(self._keys, selectors.EVENT_READ)
         else:
             self._selector.unregister(self._keys)
-        control.send({"keys": self._keys.works})
-
-    def _start_due(self) -> None:
-        for other in self._others.values():
-            is_due = other.start_at is not None and other.start_at <= time.monotonic()
-            if is_due and not self._ending:
-                process = other.start()
-                self._selector.register(process, selectors.EVENT_READ, process)
+        control.channel.send({"keys": self._keys.works})
 
     def _read(self, process: Process, control: Process) -> None:
-        message = process.receive()
+        message = process.channel.receive()
         if message is None:
             self._selector.unregister(process)
             if process is not control:
-                for report in self._others[process.name].ended():
-                    control.send(report)
+                for report in self._others[process.name].on_end():
+                    control.channel.send(report)
         elif process is not control:
-            self._others[process.name].received(message)
-            control.send(message)
+            self._others[process.name].on_report(message)
+            control.channel.send(message)
         elif "servos" in message:
             self._servos = message["servos"]
         elif "ready" in message:
@@ -302,11 +287,12 @@ class Supervisor:
             self._others[message["process"]].add(message)
 
     def _make_safe(self, code: int) -> None:
-        """Relax the servos, or hold them: control has ended without having done so."""
+        """Relax or hold the servos, because control has ended without doing it."""
         from head_tracking.dynamixel import DynamixelError, relax_servos
 
         hold = self._plan.hold_on_crash
-        results = [f"the control process {_ended(code)}"]
+        success = "holds" if hold else "relaxed"
+        results = [f"the control process {_describe_end(code)}"]
         for port, baud_rate, models in self._servos:
             try:
                 problems = relax_servos(
@@ -315,36 +301,34 @@ class Supervisor:
             except DynamixelError as error:
                 problems = dict.fromkeys(map(int, models), str(error))
             for servo, problem in problems.items():
-                done = (
-                    f"may have torque on: {problem}" if problem else "holds" if hold else "relaxed"
-                )
-                results.append(f"servo {servo} on {port}: {done}")
-        for result in results:  # afterwards: nobody may read what is written
-            _say(result)
+                result = f"may have torque on: {problem}" if problem else success
+                results.append(f"servo {servo} on {port}: {result}")
+        for result in results:  # printed last, because printing may block
+            _print(result)
 
 
-def _wake_on(signals: Sequence[signal.Signals]) -> socket.socket:
-    """Return a socket that can be read after one of these signals: their numbers."""
-    woken, waking = socket.socketpair()
-    waking.setblocking(False)
-    signal.set_wakeup_fd(waking.detach())
-    _hear(signals)
-    return woken
+def _readable_signals(signals: Sequence[signal.Signals]) -> socket.socket:
+    """Return a socket from which the numbers of received signals can be read."""
+    readable, writable = socket.socketpair()
+    writable.setblocking(False)
+    signal.set_wakeup_fd(writable.detach())
+    _catch(signals)
+    return readable
 
 
-def _hear(signals: Sequence[signal.Signals]) -> None:
-    """Let signals only wake; those that are ignored stay so, such as SIGHUP after nohup."""
+def _catch(signals: Sequence[signal.Signals]) -> None:
+    """Catch signals without further effect; those that are ignored stay so (SIGHUP after nohup)."""
     for number in signals:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
 
 
-def _ended(code: int) -> str:
+def _describe_end(code: int) -> str:
     if code >= 0:
         return f"has ended with exit code {code}"
     return f"was killed by {signal.Signals(-code).name}"
 
 
-def _say(text: str) -> None:
-    """Write a line above the status line of control."""
-    print(f"\r\x1b[K{text}" if sys.stderr.isatty() else text, file=sys.stderr, flush=True)
+def _print(text: str) -> None:
+    """Print a line above the status line of control."""
+    print(f"{CLEAR_LINE}{text}" if sys.stderr.isatty() else text, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Where simulated joints really are: from the process that simulates them to the camera's."""
+"""True positions of simulated joints, published by control for the simulated camera."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.topic_output import Output
+from head_tracking.ros.kit.topics import Output
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 
 _TOPIC: Final = "true_joint_states"
 _PERIOD: Final = 0.02  # s
-_LONGEST: Final = 0.05  # s that a velocity is trusted
+_MAX_EXTRAPOLATION: Final = 0.05  # s
 
 
 class TruePositionsOutput:
-    """Publishes where the joints really are, at a monotonic time, while somebody listens.
+    """Publishes the true joint positions with a monotonic stamp, while somebody subscribes.
 
     Args:
         node: publishes.
         joints: their names.
-        true_position: returns where a joint is [rad]; None: it is not simulated.
+        true_position: returns the true position of a joint [rad]; None: it is not simulated.
     """
 
     def __init__(
@@ -36,18 +36,18 @@ class TruePositionsOutput:
 
     def _publish(self) -> None:
         if self._output.wanted:
-            found = {joint: self._true_position(joint) for joint in self._joints}
-            known = {joint: where for joint, where in found.items() if where is not None}
+            every = {joint: self._true_position(joint) for joint in self._joints}
+            known = {joint: position for joint, position in every.items() if position is not None}
             message = JointState(name=list(known), position=list(known.values()))
             message.header.stamp = ns_to_stamp(time.monotonic_ns())
             self._output.publish(message)
 
 
 class TruePositions:
-    """Listens for where simulated joints really are.
+    """Subscribes to the true joint positions.
 
     Args:
-        node: listens.
+        node: subscribes.
     """
 
     def __init__(self, node: Node) -> None:
@@ -55,11 +55,11 @@ class TruePositions:
         node.create_subscription(JointState, _TOPIC, self._on_positions, 1)
 
     def now(self, joint: str) -> float | None:
-        """Return where a joint is now [rad], by its latest position and velocity, or None."""
+        """Return the present position of a joint, extrapolated [rad]; None: not known."""
         stamp, positions, velocities = self._latest
         if joint not in positions:
             return None
-        elapsed = min(1e-9 * (time.monotonic_ns() - stamp), _LONGEST)
+        elapsed = min(1e-9 * (time.monotonic_ns() - stamp), _MAX_EXTRAPOLATION)
         return positions[joint] + elapsed * velocities.get(joint, 0.0)
 
     def _on_positions(self, message: JointState) -> None:
@@ -67,8 +67,8 @@ class TruePositions:
         stamp = stamp_to_ns(message.header.stamp)
         positions = dict(zip(message.name, message.position, strict=True))
         velocities = {
-            joint: (where - before[joint]) / (1e-9 * (stamp - stamp_before))
-            for joint, where in positions.items()
+            joint: (position - before[joint]) / (1e-9 * (stamp - stamp_before))
+            for joint, position in positions.items()
             if joint in before and stamp > stamp_before
         }
         self._latest = stamp, positions, velocities

@@ -1,4 +1,4 @@
-"""A small moving scene, drawn for a simulated camera."""
+"""Scenes with moving objects, rendered for a simulated camera."""
 
 from head_tracking.scene.film import film
 from head_tracking.scene.objects import Ball, Board, Panel, Path, Scene, Swing, Thing, Wall

@@ -1,4 +1,4 @@
-"""Drawn pictures of what simulated cameras look at: markers, patterns; with alpha."""
+"""Textures of markers and patterns."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from head_tracking.vision.opencv import cv2
 
 Colour: TypeAlias = tuple[int, int, int]
 Texture: TypeAlias = npt.NDArray[np.uint8]
-"""A picture, shape (height, width, 4): blue, green, red, alpha."""
+"""An image, shape (height, width, 4): blue, green, red, alpha."""
 
 
 def marker(dictionary: str, number: int, size: int = 320) -> Texture:
-    """An ArUco or AprilTag marker with a white border one module wide.
+    """Return an ArUco or AprilTag marker with a white border of one module.
 
     Args:
         dictionary: OpenCV's name without its prefix, such as ``4X4_50`` or ``APRILTAG_36h11``.
-        number: which marker of it.
-        size: width of the whole picture in pixels.
+        number: number of the marker.
+        size: width of the texture [pixels].
     """
     family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
     modules = family.markerSize + 2
     border = size // (modules + 2)
-    # (Ubuntu 24.04 has OpenCV 4.6, which calls it drawMarker)
+    # OpenCV 4.6 (Ubuntu 24.04) calls it drawMarker
     draw = getattr(cv2.aruco, "generateImageMarker", None) or cv2.aruco.drawMarker
     black = draw(family, number, border * modules)
     framed = cv2.copyMakeBorder(black, *[border] * 4, cv2.BORDER_CONSTANT, value=255)
@@ -33,7 +33,7 @@ def marker(dictionary: str, number: int, size: int = 320) -> Texture:
 
 
 def pattern(rng: np.random.Generator, size: int = 256) -> Texture:
-    """Blobs of many greys, as a picture on a wall has corners to hold on to."""
+    """Return a random pattern with many corners."""
     coarse = rng.integers(30, 226, (12, 12, 3), np.uint8)
     texture = np.full((size, size, 4), 255, np.uint8)
     texture[..., :3] = cv2.resize(coarse, (size, size), interpolation=cv2.INTER_NEAREST)

@@ -1,4 +1,4 @@
-"""A scene as a camera without hardware films it."""
+"""Images of a scene in real time."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _SIZE = 320, 240
 def film(
     scene: str, pose: Callable[[float], Transform], rate: float = 15.0, seed: int = 1
 ) -> Iterator[tuple[float, Pixels]]:
-    """Yield pictures of 320 by 240 pixels and `DEFAULT_VIEW`, with their times [s, as time.time()].
+    """Yield images of 320 by 240 pixels and `DEFAULT_VIEW`, with their times [s, as time.time()].
 
     Args:
         scene: one of `SCENES`.
-        pose: returns the camera's pose in the scene, `T_scene_optical`, at a time.
-        rate: pictures per second.
-        seed: chooses the room.
+        pose: returns the pose of the camera, `T_scene_optical`, at a time.
+        rate: images per second.
+        seed: seed of the room.
     """
     renderer = Renderer(
         make_scene(scene, np.random.default_rng(seed)), camera_with_view(*_SIZE, DEFAULT_VIEW)

@@ -1,4 +1,4 @@
-"""What stands and moves before a simulated camera."""
+"""Objects of a scene."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from head_tracking.scene.drawings import Colour, Texture
 from head_tracking.transforms import Transform, Vector3
 
 Path: TypeAlias = Callable[[float], Vector3]
-"""Where something is [m] at a time [s]."""
+"""Returns a position [m] at a time [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """A path to and fro around a vertical axis through the origin, as seen from a head.
+    """An oscillation around the vertical axis through the origin.
 
     Attributes:
-        distance: from the axis [m].
-        height: above the origin [m].
-        amplitude: of the azimuth [rad].
+        distance: distance from the axis [m].
+        height: height above the origin [m].
+        amplitude: amplitude of the azimuth [rad].
         frequency: [Hz].
         phase: [rad].
-        middle: azimuth around which it swings [rad].
+        middle: mean azimuth [rad].
         bob: amplitude of the height, at twice the frequency [m].
     """
 
@@ -37,7 +37,7 @@ class Swing:
     bob: float = 0.0
 
     def __call__(self, time: float) -> Vector3:
-        """The point [m] at a time [s]."""
+        """Return the position [m] at a time [s]."""
         turn = math.tau * self.frequency * time + self.phase
         azimuth = self.middle + self.amplitude * math.sin(turn)
         return (
@@ -54,7 +54,7 @@ class Ball:
     Attributes:
         radius: [m].
         colour: blue, green, red.
-        path: of its middle.
+        path: path of the middle.
     """
 
     radius: float
@@ -64,14 +64,13 @@ class Ball:
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """A flat picture that always faces the axis of the scene, as people face a robot.
+    """A flat image that always faces the axis of the scene.
 
     Attributes:
-        texture: what is on it, always or at a time [s]; where alpha is 0 one sees through. All
-            have the same size.
+        texture: the image, or a function that returns it at a time [s]; alpha 0 is transparent.
         width: [m].
-        path: of the anchor.
-        anchor: the point of the picture that follows the path, as a share of its width and height.
+        path: path of the anchor.
+        anchor: point of the image that follows the path, relative to width and height.
     """
 
     texture: Texture | Callable[[float], Texture]
@@ -79,20 +78,20 @@ class Board:
     path: Path
     anchor: tuple[float, float] = (0.5, 0.5)
 
-    def look(self, time: float) -> Texture:
-        """What is on it at a time [s]."""
+    def image(self, time: float) -> Texture:
+        """Return the image at a time [s]."""
         return self.texture(time) if callable(self.texture) else self.texture
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A flat picture that stands still.
+    """A flat image at rest.
 
     Attributes:
-        texture: what is on it.
-        corner: its upper left corner [m].
-        right: from there to the upper right corner [m].
-        down: from there to the lower left corner [m].
+        texture: the image.
+        corner: upper left corner [m].
+        right: vector to the upper right corner [m].
+        down: vector to the lower left corner [m].
     """
 
     texture: Texture
@@ -100,14 +99,14 @@ class Panel:
     right: Vector3
     down: Vector3
 
-    def look(self, time: float) -> Texture:
-        """What is on it at a time [s]."""
+    def image(self, time: float) -> Texture:
+        """Return the image at a time [s]."""
         return self.texture
 
 
 @dataclass(frozen=True, slots=True)
 class Wall(Panel):
-    """A side of a room: all of them together enclose everything else, without dents."""
+    """A side of a convex room that contains all other objects."""
 
 
 Thing: TypeAlias = Ball | Board | Panel
@@ -115,22 +114,22 @@ Thing: TypeAlias = Ball | Board | Panel
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything that a camera may see, in a frame with z up.
+    """Objects in a frame with z up.
 
     Attributes:
-        things: by name.
+        things: objects by name.
     """
 
     things: dict[str, Thing]
 
     def position(self, name: str, time: float) -> Vector3:
-        """Where a ball or the anchor of a board is [m]."""
+        """Return the position of a ball, or of the anchor of a board [m]."""
         thing = self.things[name]
-        assert isinstance(thing, Ball | Board), f"{name} stands still"
+        assert isinstance(thing, Ball | Board), f"{name} is at rest"
         return thing.path(time)
 
     def seen_surface(self, name: str, time: float, T_scene_optical: Transform) -> Vector3:
-        """The point of a thing that a depth camera finds [m]: of a ball, the side it sees."""
+        """Return the point that a depth camera measures [m]; of a ball, on its visible side."""
         thing, position = self.things[name], self.position(name, time)
         if not isinstance(thing, Ball):
             return position

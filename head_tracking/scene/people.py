@@ -1,4 +1,4 @@
-"""People, drawn from the front in full height, with alpha."""
+"""Textures of people, from the front."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from head_tracking.scene.drawings import Colour, Texture, shaded
 from head_tracking.vision.opencv import cv2
 
 _SCALE = 600  # pixels per metre
-_UP, _DOWN, _HALF = 0.19, 1.53, 0.36  # m: what the picture holds around the middle of the face
+_UP, _DOWN, _HALF = 0.19, 1.53, 0.36  # m: edges of the texture around the middle of the face
 
 PERSON_WIDTH = 2 * _HALF
-"""Width of a person's picture [m]."""
+"""Width of the texture of a person [m]."""
 
 FACE_CENTRE = (0.5, _UP / (_UP + _DOWN))
-"""Where a face detector sees the middle of a drawn face, as a share of its picture."""
+"""Middle of the face for a face detector, relative to the texture."""
 
 FACE_WIDTH = 0.24
-"""Width [m] of the box that a face detector draws around such a face."""
+"""Width of the box of a face detector around the face [m]."""
 
 STEPS = 4
-"""Pictures of one stride."""
+"""Number of textures of a stride."""
 
 _CHAIR = (70, 96, 122)
 
@@ -35,7 +35,7 @@ Points = Sequence[tuple[float, float]]
 
 @dataclass(frozen=True, slots=True)
 class Looks:
-    """What a drawn person looks like; colours are blue, green, red."""
+    """Appearance of a person; colours are blue, green, red."""
 
     skin: Colour = (150, 180, 225)
     hair: Colour = (35, 45, 70)
@@ -46,13 +46,13 @@ class Looks:
 
 @lru_cache(maxsize=64)
 def person(looks: Looks, step: int | None = None, turn: float = 0.0, sits: bool = False) -> Texture:
-    """Return somebody from head to foot.
+    """Return the texture of a person.
 
     Args:
-        looks: who it is.
-        step: which picture of a stride, below `STEPS`; None: stands still.
-        turn: of the head to the picture's right, -1 to 1.
-        sits: with the thighs towards the camera.
+        looks: the appearance.
+        step: phase of the stride, below `STEPS`; None: the person stands.
+        turn: rotation of the head to the right of the image, -1 to 1.
+        sits: whether the person sits.
     """
     draw = _Painter()
     swing = 0.0 if step is None else math.sin(math.tau * step / STEPS)
@@ -63,26 +63,26 @@ def person(looks: Looks, step: int | None = None, turn: float = 0.0, sits: bool 
 
 
 class _Painter:
-    """Paints rounded parts over each other; places are in metres from the middle of the face."""
+    """Paints shaded shapes; positions are relative to the middle of the face [m]."""
 
     def __init__(self) -> None:
         size = round((_UP + _DOWN) * _SCALE), round(2 * _HALF * _SCALE)
         self.picture: Texture = np.zeros((*size, 4), np.uint8)
 
     def ellipse(self, x: float, y: float, a: float, b: float, colour: Colour, soft: float) -> None:
-        """Paints an ellipse with semi-axes a, b."""
+        """Paint an ellipse with semi-axes a, b."""
         angles = np.linspace(0.0, math.tau, 48, endpoint=False)
         self.shape([(x + a * math.cos(t), y + b * math.sin(t)) for t in angles], colour, soft)
 
     def limb(self, points: Points, widths: Sequence[float], colour: Colour) -> None:
-        """Paints a limb along points, with its half width at each."""
+        """Paint a limb along points, with its half width at each point."""
         along = np.gradient(np.array(points), axis=0)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         aside = along[:, ::-1] * (1, -1) * np.array(widths)[:, None]
         self.shape([*(points + aside), *(points - aside)[::-1]], colour, 0.035)
 
     def shape(self, points: Points, colour: Colour, soft: float = 0.0) -> None:
-        """Paints what points enclose; soft: how far from its edge it is rounded [m]."""
+        """Paint a polygon; soft: width of the shading at its edge [m]."""
         outline = (np.array(points) + np.array([_HALF, _UP])) * _SCALE
         margin = round(2 * soft * _SCALE) + 2
         left, top = np.maximum(outline.min(axis=0).astype(int) - margin, 0)
@@ -122,7 +122,7 @@ def _legs(draw: _Painter, looks: Looks, swing: float, sits: bool) -> None:
 def _body(draw: _Painter, looks: Looks, swing: float, sits: bool) -> None:
     shirt, skin = looks.shirt, looks.skin
     for side in (-1, 1):
-        forward = -side * swing  # an arm goes with the other leg
+        forward = -side * swing  # an arm moves with the opposite leg
         elbow = (0.245 * side, 0.47 - 0.02 * forward)
         hand = (0.24 * side - 0.03 * side * max(0.0, forward), 0.69 - 0.05 * max(0.0, forward))
         if sits:
@@ -149,7 +149,7 @@ def _body(draw: _Painter, looks: Looks, swing: float, sits: bool) -> None:
 
 
 def _head(draw: _Painter, looks: Looks, turn: float) -> None:
-    """Paints the head; turn: how far its middle lies to the right on it [m]."""
+    """Paint the head; turn: offset of the face to the right [m]."""
     skin, hair = looks.skin, looks.hair
     draw.ellipse(0.0, -0.042, 0.1, 0.122, hair, 0.03)
     for side in (-1, 1):

@@ -1,4 +1,4 @@
-"""Pictures and depths of a scene, by the processor alone."""
+"""Render images and depths of a scene without a graphics processor."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from head_tracking.vision.opencv import cv2
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
-_NEAR = 0.05  # m: what is closer is not drawn
-_EDGE = 2  # pixels around a texture, so that it can be interpolated at its end
+_NEAR = 0.05  # m: minimum depth
+_EDGE = 2  # pixels around a texture, for the interpolation at its edge
 _LIGHT = np.array([-0.5, 0.35, 0.8]) / np.linalg.norm([-0.5, 0.35, 0.8])
 
 
 class Rendering(NamedTuple):
-    """What a camera sees.
+    """An image with depths.
 
     Attributes:
         picture: shape (height, width, 3), blue, green, red.
-        depth: z in the optical frame [m], shape (height, width); infinite where nothing is.
+        depth: z in the optical frame [m], shape (height, width); infinite: no object.
     """
 
     picture: npt.NDArray[np.uint8]
@@ -33,11 +33,11 @@ class Rendering(NamedTuple):
 
 
 class Canvas(NamedTuple):
-    """A picture under way.
+    """Image and depths during rendering.
 
     Attributes:
-        picture: shape (height, width, 4): with alpha, because four bytes are copied faster.
-        depth: as in `Rendering`; None: not wanted.
+        picture: shape (height, width, 4), because copying four bytes is faster than three.
+        depth: as in `Rendering`; None: not requested.
     """
 
     picture: Texture
@@ -45,7 +45,7 @@ class Canvas(NamedTuple):
 
 
 class _Plane(NamedTuple):
-    """A flat picture as the camera has it before it: upper left corner and edges [m]."""
+    """A flat image in the optical frame: upper left corner and edges [m]."""
 
     texture: Texture
     corner: Array
@@ -56,18 +56,18 @@ class _Plane(NamedTuple):
     @classmethod
     def of(cls, thing: Board | Panel, T_optical_scene: Transform, time: float) -> _Plane:
         """Return the plane of a thing at a time [s]."""
-        texture = thing.look(time)
+        texture = thing.image(time)
         corner, right, down = T_optical_scene.apply_many(_corners(thing, texture, time))
         return cls(texture, corner, right - corner, down - corner, isinstance(thing, Wall))
 
-    def away(self) -> float:
-        """Return how far its farthest corner is [m]: what stands on it is drawn later."""
+    def distance(self) -> float:
+        """Return the distance of the farthest corner [m]: objects on the plane are drawn later."""
         sides = (self.right * i + self.down * j for i in (0, 1) for j in (0, 1))
         return max(float(np.linalg.norm(self.corner + side)) for side in sides)
 
 
 class Renderer:
-    """Draws a scene for one camera, from far to near. Keeps smaller copies of the textures."""
+    """Renders a scene for one camera, from far to near."""
 
     def __init__(self, scene: Scene, camera: Camera) -> None:
         self.scene = scene
@@ -77,12 +77,12 @@ class Renderer:
         self._v = np.arange(camera.height, dtype=np.float32)[:, None]
 
     def render(self, T_scene_optical: Transform, time: float, *, depth: bool = True) -> Rendering:
-        """What is seen from a pose of the camera's optical frame at a time [s].
+        """Return image and depths.
 
         Args:
-            T_scene_optical: the pose.
+            T_scene_optical: pose of the camera.
             time: [s].
-            depth: whether depths are wanted; without them, the array of depths is empty.
+            depth: whether to compute depths; otherwise their array is empty.
         """
         shape = (self.camera.height, self.camera.width)
         T_optical_scene = T_scene_optical.inverse()
@@ -97,7 +97,7 @@ class Renderer:
             if plane.is_wall:
                 walls.append(plane)
             else:
-                drawn.append((plane.away(), plane))
+                drawn.append((plane.distance(), plane))
         canvas = Canvas(np.full((*shape, 4), 120, np.uint8), self._room(walls) if depth else None)
         for wall in walls:
             self._draw_plane(canvas, wall)
@@ -111,7 +111,7 @@ class Renderer:
         return Rendering(picture, none if canvas.depth is None else canvas.depth)
 
     def _room(self, walls: list[_Plane]) -> npt.NDArray[np.float32]:
-        """How far the walls are: of a room without dents, each ray meets the nearest plane."""
+        """Return the depths of the walls; in a convex room, the nearest plane is visible."""
         nearest = np.zeros((self.camera.height, self.camera.width), np.float32)
         for wall in walls:
             np.maximum(nearest, self._inverse_depth(wall), out=nearest)
@@ -121,7 +121,7 @@ class Renderer:
     def _inverse_depth(
         self, plane: _Plane, rows: slice = slice(None), columns: slice = slice(None)
     ) -> npt.NDArray[np.float32]:
-        """Of the plane's points in a part of the image [1/m]."""
+        """Return the inverse depths of a plane in a part of the image [1/m]."""
         (a, b, c), (d, e, f), (px, py, pz) = plane.right, plane.down, plane.corner
         normal = b * f - c * e, c * d - a * f, a * e - b * d
         away = normal[0] * px + normal[1] * py + normal[2] * pz
@@ -134,7 +134,7 @@ class Renderer:
         return across + (down + np.float32(z))
 
     def _draw_plane(self, canvas: Canvas, plane: _Plane) -> None:
-        """Draws a plane over what is there; the depth of walls is known."""
+        """Draw a plane; the depths of walls are set before."""
         outline = self._outline(plane.corner, plane.right, plane.down)
         if outline is None:
             return
@@ -145,11 +145,11 @@ class Renderer:
         inside = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
         edge = np.round(outline - offset).astype(np.int32)
         cv2.fillConvexPoly(inside, edge, 255)
-        if plane.is_wall:  # its neighbour's edge may be rounded the other way
+        if plane.is_wall:  # avoid gaps between neighbouring walls
             cv2.polylines(inside, [edge], True, 255, 3)
         texture = self._fitting(plane)
         height, width = (size - 2 * _EDGE for size in texture.shape[:2])
-        # takes texture pixels to image pixels of the part that is drawn
+        # from texture pixels to image pixels of the drawn part
         to_image = c.matrix @ np.column_stack(
             (plane.right / width, plane.down / height, plane.corner)
         )
@@ -167,8 +167,8 @@ class Renderer:
             np.divide(1.0, inverse, out=canvas.depth[rows, columns], where=solid & (inverse > 0))
 
     def _fitting(self, plane: _Plane) -> Texture:
-        """The smallest copy of a plane's texture that is not coarser than the image."""
-        # the texture is kept beside its copies, so that no other gets its id
+        """Return the smallest copy of a texture that is not coarser than the image."""
+        # keeping the texture keeps its id unique
         _, sizes = self._sizes.get(id(plane.texture), (None, []))
         if not sizes:
             sizes = _sizes(plane.texture)
@@ -179,7 +179,7 @@ class Renderer:
         return next((t for t in reversed(sizes) if t.shape[1] >= 0.8 * pixels), sizes[0])
 
     def _outline(self, corner: Array, right: Array, down: Array) -> Array | None:
-        """The plane's edge in the image, shape (N, 2), without what is behind the camera."""
+        """Return the visible outline of a plane, shape (N, 2) [pixels]; None: not visible."""
         points = [corner, corner + right, corner + right + down, corner + down]
         kept: list[Array] = []
         for here, there in zip(points, points[1:] + points[:1], strict=True):
@@ -203,7 +203,7 @@ class Renderer:
         if middle[2] - ball.radius < _NEAR:
             return
         c = self.camera
-        # the box around the ball at its nearest depth holds all of it
+        # a box around the ball at its nearest depth contains its image
         radius = ball.radius * away / np.sqrt(away**2 - ball.radius**2) * 1.3
         low, high = middle - radius, middle + radius
         z = middle[2] - ball.radius
@@ -225,7 +225,7 @@ class Renderer:
         shade = 0.65 + 0.35 * np.clip(normals @ np.array(light), 0.0, 1.0)
         seen = np.full((*depth.shape, 4), 255, np.uint8)
         seen[..., :3] = np.clip(shade[..., None] * np.array(ball.colour), 0, 255)
-        # the share of a pixel at the edge that the ball covers
+        # coverage of the pixels at the edge
         width = np.sqrt(np.maximum(away**2 * squared - along**2, 0.0) / squared)
         pixel = middle[2] / c.focal_length()
         seen[..., 3] = np.clip((ball.radius - width) / pixel * 255 + 127, 0, 255)
@@ -235,7 +235,7 @@ class Renderer:
 
 
 def _corners(thing: Board | Panel, texture: Texture, time: float) -> list[Array]:
-    """Upper left, upper right and lower left corner [m]."""
+    """Return upper left, upper right and lower left corner [m]."""
     if isinstance(thing, Panel):
         corner, right, down = map(np.array, (thing.corner, thing.right, thing.down))
         return [corner, corner + right, corner + down]
@@ -258,13 +258,13 @@ def _bounds(outline: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
 
 
 def _blend(picture: Texture, seen: Texture) -> None:
-    """Puts a picture whose colours are multiplied by its alpha over another."""
+    """Draw an image with premultiplied alpha over another."""
     through = cv2.cvtColor(255 - seen[..., 3], cv2.COLOR_GRAY2BGRA)
     cv2.add(cv2.multiply(picture, through, scale=1 / 255), seen, dst=picture)
 
 
 def _premultiplied(texture: Texture) -> Texture:
-    """Return a picture with its colours multiplied by its alpha."""
+    """Return an image with its colours multiplied by its alpha."""
     if texture[..., 3].min() == 255:
         return texture
     result = texture.copy()
@@ -274,7 +274,7 @@ def _premultiplied(texture: Texture) -> Texture:
 
 
 def _sizes(texture: Texture) -> list[Texture]:
-    """Return a texture and smaller copies of it, colours multiplied by alpha, each with an edge."""
+    """Return a texture and reduced copies, with premultiplied alpha and an edge."""
     copies = [_premultiplied(texture)]
     while min(copies[-1].shape[:2]) >= 8:
         height, width = copies[-1].shape[:2]

@@ -1,4 +1,4 @@
-"""The room that a simulated camera is in, with daylight from a window."""
+"""The room of a scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from head_tracking.scene.objects import Panel, Thing, Wall
 from head_tracking.vision.opencv import cv2
 
 _X0, _X1, _Y0, _Y1, _Z0, _Z1 = -2.5, 3.5, -2.5, 2.5, -0.9, 1.7
-"""Its sides [m]: the robot stands on a table, as high as people's elbows."""
+"""Sides of the room [m]; the robot stands on a table."""
 
 _SCALE = 220  # pixels per metre
 _SOFT = 41  # pixels of a shadow's edge
@@ -42,11 +42,11 @@ def room(rng: np.random.Generator) -> dict[str, Thing]:
 
 
 def bench(distance: float, height: float) -> dict[str, Thing]:
-    """Return a white bench before the robot.
+    """Return a white bench in front of the robot.
 
     Args:
-        distance: of its middle [m].
-        height: of its top [m].
+        distance: distance of its middle [m].
+        height: height of its top [m].
     """
     top, front = _Surface(2.0, 0.3, _WHITE), _Surface(2.0, height - _Z0, shaded(_WHITE, 0.8))
     front.box(0, 0, 2.0, 0.012, shaded(_WHITE, 0.55))
@@ -60,7 +60,7 @@ def bench(distance: float, height: float) -> dict[str, Thing]:
 
 
 class _Surface:
-    """A picture of a surface, painted in metres from its upper left corner."""
+    """Texture of a surface; positions are relative to its upper left corner [m]."""
 
     def __init__(self, width: float, height: float, colour: Colour) -> None:
         size = round(height * _SCALE), round(width * _SCALE)
@@ -68,17 +68,17 @@ class _Surface:
         self.texture[..., :3] = colour
 
     def box(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
-        """Paints a rectangle."""
+        """Paint a rectangle."""
         ends = np.round(np.array([[x, y], [x + width, y + height]]) * _SCALE * 16).astype(int)
         cv2.rectangle(self.texture, *map(tuple, ends.tolist()), (*colour, 255), -1, cv2.LINE_AA, 4)
 
     def disc(self, x: float, y: float, a: float, b: float, colour: Colour) -> None:
-        """Paints an ellipse with semi-axes a, b."""
+        """Paint an ellipse with semi-axes a, b."""
         at, axes = np.round(np.array([[x, y], [a, b]]) * _SCALE).astype(int).tolist()
         cv2.ellipse(self.texture, at, axes, 0, 0, 360, (*colour, 255), -1, cv2.LINE_AA)
 
     def shade(self, x: float, y: float, width: float, height: float, by: float) -> None:
-        """Darkens a rectangle with a soft edge, or brightens it (by above 1)."""
+        """Multiply the brightness of a rectangle by a factor, with a soft edge."""
         ends = np.array([[y, x], [y + height, x + width]]) * _SCALE
         (top, left), (bottom, right) = ends.astype(int).tolist()
         margin = 2 * _SOFT
@@ -93,18 +93,18 @@ class _Surface:
         _light(part, 1.0 + seen)
 
     def light(self, factor: npt.NDArray[np.float32]) -> None:
-        """Multiplies the brightness."""
+        """Multiply the brightness."""
         _light(self.texture, factor)
 
     def corners(self, least: float = 0.72, reach: float = 0.5) -> None:
-        """Darkens towards the edges, where less light comes to."""
+        """Darken towards the edges."""
         height, width = self.texture.shape[:2]
         y, x = np.arange(height)[:, None] / _SCALE, np.arange(width) / _SCALE
         edge = np.minimum(np.minimum(x, width / _SCALE - x), np.minimum(y, height / _SCALE - y))
         self.light(least + (1 - least) * (1 - np.exp(-edge / (0.5 * reach))))
 
     def picture(self, x: float, y: float, width: float, height: float, hue: Colour) -> None:
-        """Hangs a framed landscape."""
+        """Paint a framed landscape."""
         self.shade(x + 0.03, y + 0.04, width, height, 0.72)
         self.box(x, y, width, height, (70, 82, 96))
         self.box(x + 0.025, y + 0.025, width - 0.05, height - 0.05, (240, 242, 244))
@@ -129,7 +129,7 @@ def _wall(width: float, colour: Colour, rng: np.random.Generator) -> Texture:
 
 
 def _plaster(width: float, colour: Colour, rng: np.random.Generator) -> _Surface:
-    """Return a painted wall with a skirting board; not quite of one brightness."""
+    """Return a wall with a skirting board and slight variations of brightness."""
     surface = _Surface(width, _Z1 - _Z0, colour)
     height, across = surface.texture.shape[:2]
     cloud = cv2.resize(rng.normal(0.0, 0.012, (5, 8)).astype(np.float32), (across, height))
@@ -140,7 +140,7 @@ def _plaster(width: float, colour: Colour, rng: np.random.Generator) -> _Surface
 
 
 def _front(rng: np.random.Generator) -> Texture:
-    """Return the wall with a window, which lights it."""
+    """Return the wall with a window."""
     surface = _plaster(_Y1 - _Y0, (206, 214, 218), rng)
     x, y, w, h = 0.55, 0.45, 1.5, 1.15
     surface.shade(x - 0.5, y - 0.3, w + 1.0, h + 0.7, 1.12)
@@ -209,7 +209,7 @@ def _right(rng: np.random.Generator) -> Texture:
 
 
 def _floor(rng: np.random.Generator) -> Texture:
-    """Return oak planks, a carpet, and the light of the window on them."""
+    """Return oak planks and a carpet, lit by the window."""
     surface = _Surface(_Y1 - _Y0, _X1 - _X0, (98, 128, 158))
     _planks(surface, 0.16, 1.3, (104, 134, 162), rng)
     surface.shade(0.9, 1.2, 3.2, 2.2, 0.85)

@@ -1,4 +1,4 @@
-"""The scenes that the simulated camera can show, around a robot at the origin."""
+"""Scenes of the simulated camera, with the robot at the origin."""
 
 from __future__ import annotations
 
@@ -20,45 +20,45 @@ ORANGE = (20, 110, 245)
 MAGENTA = (200, 80, 230)
 
 TARGET = "target"
-"""The scene with nothing in it but a ball where the target is, once there is one."""
+"""The empty scene with a ball at the target."""
 
 TALL_DARK = Looks((90, 120, 170), (20, 20, 20), (60, 130, 40), (92, 98, 106))
 FAIR = Looks((165, 190, 232), (70, 120, 170), (70, 62, 170), (90, 66, 48), long_hair=True)
 
 _PACE = 0.55  # s: one stride
-_GLANCE = 7.0  # s: between two looks of somebody who sits
+_GLANCE = 7.0  # s: period of the head motion of a person who sits
 
 
 def face(path: Path, looks: Looks | None = None) -> Board:
-    """Return a person who stands or walks and looks at the robot.
+    """Return a person who stands or walks and faces the robot.
 
     Args:
-        path: of the face's middle.
-        looks: who it is.
+        path: path of the middle of the face.
+        looks: appearance of the person.
     """
-    someone = looks or Looks()
+    appearance = looks or Looks()
 
-    def look(time: float) -> Texture:
+    def image(time: float) -> Texture:
         if math.dist(path(time), path(time + 0.1)) < 0.015:
-            return person(someone)
-        return person(someone, step=int(time / _PACE * STEPS) % STEPS)
+            return person(appearance)
+        return person(appearance, step=int(time / _PACE * STEPS) % STEPS)
 
-    return Board(look, PERSON_WIDTH, path, FACE_CENTRE)
+    return Board(image, PERSON_WIDTH, path, FACE_CENTRE)
 
 
 def sitter(place: Vector3, looks: Looks) -> Board:
-    """Return a person on a chair, who looks at the robot and now and then to the sides."""
+    """Return a person on a chair, who turns the head from time to time."""
 
-    def look(time: float) -> Texture:
+    def image(time: float) -> Texture:
         glance = time % _GLANCE
         turn = (1.0 if glance < 3.5 else -1.0) if glance % 3.5 < 1.2 else 0.0
         return person(looks, turn=turn, sits=True)
 
-    return Board(look, PERSON_WIDTH, lambda time: place, FACE_CENTRE)
+    return Board(image, PERSON_WIDTH, lambda time: place, FACE_CENTRE)
 
 
 def marker_board(path: Path, number: int = 7, dictionary: str = "4X4_50") -> Board:
-    """A marker on a white board."""
+    """Return a marker on a white board."""
     texture = marker(dictionary, number)
     bits = {"4X4_50": 4, "APRILTAG_36h11": 6}[dictionary]
     return Board(texture, MARKER_SIZE * (bits + 4) / (bits + 2), path)
@@ -69,7 +69,7 @@ def _moving(distance: float = 1.5, bob: float = 0.06, **swing: float) -> Swing:
 
 
 def _rolling(distance: float, height: float, frequency: float) -> dict[str, Thing]:
-    """Return a ball that rolls to and fro on a bench, its middle at a height [m]."""
+    """Return a ball that rolls on a bench, with its middle at a height [m]."""
 
     def path(time: float) -> Vector3:
         return distance, 0.5 * distance * math.sin(math.tau * frequency * time), height
@@ -78,7 +78,7 @@ def _rolling(distance: float, height: float, frequency: float) -> dict[str, Thin
 
 
 def _people(distance: float, **swing: float) -> dict[str, Thing]:
-    """Return somebody who walks to and fro, somebody who crosses behind, somebody who sits."""
+    """Return a person who walks, one who crosses behind the first, and one who sits."""
     return {
         "face": face(_moving(distance)),
         "second face": face(_moving(distance + 0.7, bob=0.0, **swing), TALL_DARK),
@@ -108,10 +108,10 @@ SCENES = tuple(_THINGS)
 
 
 def make_scene(name: str, rng: np.random.Generator) -> Scene:
-    """A room with what its name says in it."""
+    """Return a scene by its name, in a room."""
     return Scene({**room(rng), **_THINGS[name](rng)})
 
 
 def with_target(scene: Scene, point: Vector3) -> Scene:
-    """The scene with a ball at the target [m]."""
+    """Return a scene with a ball at the target [m]."""
     return Scene({**scene.things, "target": Ball(0.06, MAGENTA, lambda _: point)})

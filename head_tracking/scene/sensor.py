@@ -1,4 +1,4 @@
-"""What a sensor makes of a rendering: noise, and holes in the depth."""
+"""Noise of a camera, and missing depths."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _BANK = 64
 class SensorNoise:
     """Adds noise to pictures and depths of one size.
 
-    Noise is drawn once, over a larger field, and taken from a random place of it for each frame:
-    drawing it anew takes longer than everything else.
+    The noise is generated once, over a larger field, and cut at a random position for each image,
+    because generating it takes longer than rendering.
 
     Args:
-        size: width and height of the pictures.
-        rng: chooses the noise.
-        picture: standard deviation of a pixel's brightness, 0 to 255.
-        depth: standard deviation of a depth at 1 m [m]; it grows with the square of the depth, as
-            with structured light and stereo.
-        holes: the share of depths that are missing, besides those at the edges of things.
+        size: width and height of the images.
+        rng: source of the noise.
+        picture: standard deviation of a pixel, 0 to 255.
+        depth: standard deviation of a depth at 1 m [m]; it is proportional to the square of the
+            depth, as for structured light and stereo.
+        holes: share of missing depths, in addition to those at the edges of objects.
     """
 
     def __init__(
@@ -43,16 +43,16 @@ class SensorNoise:
         self._edges = depth > 0 or holes > 0
 
     def __call__(self, seen: Rendering) -> Rendering:
-        """The same with noise; a depth that could not be measured is NaN."""
+        """Return a rendering with noise; missing depths are NaN."""
         return Rendering(self.picture(seen.picture), self.depth(seen.depth))
 
     def picture(self, picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """A picture with noise, shape (height, width, 3)."""
+        """Return an image with noise, shape (height, width, 3)."""
         part = self._part(picture.shape)
         return np.asarray(cv2.add(picture, self._picture[part], dtype=cv2.CV_8U))
 
     def depth(self, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Depths with noise [m], NaN where they could not be measured, shape (height, width)."""
+        """Return depths with noise [m], shape (height, width); NaN: missing."""
         part = self._part(depth.shape)
         measured = depth + self._depth[part] * depth**2
         missing = self._holes[part] | ~np.isfinite(depth)
@@ -63,6 +63,6 @@ class SensorNoise:
         return measured
 
     def _part(self, shape: tuple[int, ...]) -> tuple[slice, slice]:
-        """A random place of the field."""
+        """Return a random part of the field."""
         row, column = self._rng.integers(0, _BANK + 1, 2)
         return slice(row, row + shape[0]), slice(column, column + shape[1])

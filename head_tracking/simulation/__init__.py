@@ -1,6 +1,6 @@
 """Simulated Dynamixel and Feetech servos behind a serial port that any program can open."""
 
-from head_tracking.simulation.bus import Answer, FaultInjection, SimulatedBus
+from head_tracking.simulation.bus import Answer, SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError, SimulationError, UnknownServoError
 from head_tracking.simulation.faults import LINE_FAULTS, SERVO_FAULTS, Fault, Faults
 from head_tracking.simulation.port import SimulatedJoints, SimulatedPort, mounted_servos
@@ -18,7 +18,6 @@ __all__ = [
     "SERVO_FAULTS",
     "Answer",
     "Fault",
-    "FaultInjection",
     "Faults",
     "Overlap",
     "PortLinkError",

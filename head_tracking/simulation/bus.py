@@ -1,10 +1,10 @@
-"""Simulated servos on one wire: packets in, answers out, no input or output of its own."""
+"""Servos on one bus: bytes in, answers out, without I/O."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
 from head_tracking.simulation.motion import STEP, Coupling
@@ -22,23 +22,26 @@ from head_tracking.simulation.packets import (
 from head_tracking.simulation.servo import SimulatedServo
 from head_tracking.simulation.write_log import WriteLog
 
+if TYPE_CHECKING:
+    from head_tracking.simulation.faults import Faults
+
 _BAUD_TOLERANCE: Final = 0.03
-_PING_SLOT: Final = 1_000_000  # ns between the answers to a ping of all (ours; the SDK allows 3 ms)
+_PING_SLOT: Final = 1_000_000  # ns between answers to a broadcast ping (assumed; SDK: 3 ms)
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Bytes that go back to the master.
+    """Bytes for the master.
 
     Attributes:
-        data: The bytes on the wire.
-        delay: Time from the instruction, or from the end of the turn before, to the first byte, ns.
-        turn: Servos that answer in turn wait for the end of the turn before; servos with the same
-            id have the same turn.
-        stalled: Time by which the servo itself is late, ns: it talks when others may.
-        complaint: Whether the servo says that a packet was damaged, perhaps one for somebody else.
-        late: Time by which the adapter hands the answer on too late, ns; others do not wait for it.
-        echo: Whether it is the adapter that sends back what it was sent; nothing is on the wire.
+        data: The bytes.
+        delay: Time from the instruction, or from the end of the previous turn, to the first byte,
+            ns.
+        turn: Position in the answers to a group read; servos with the same id have the same turn.
+        stalled: Additional delay of the servo, ns; it may collide with other packets.
+        complaint: Whether it reports a damaged packet, perhaps of another servo.
+        late: Additional delay of the adapter, ns; other packets do not wait for it.
+        echo: Whether the adapter returns the bytes of the master; nothing is on the wire.
     """
 
     data: bytes
@@ -50,28 +53,17 @@ class Answer:
     echo: bool = False
 
 
-class FaultInjection(Protocol):
-    """What goes wrong on a bus; see `Faults`."""
-
-    def request(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
-        """Return what the servos hear instead of `data`, and what goes back at once."""
-
-    def answer(self, answer: Answer) -> Iterable[Answer]:
-        """Return what becomes of an answer."""
-
-
 class SimulatedBus:
-    """Servos on one wire. Not thread-safe; time is passed in, as integer ns that never fall.
+    """Servos on one bus. Not thread-safe. Time is an argument: integer ns that never decrease.
 
     Args:
-        servos: The servos, of any models and both protocols. Two with the same id answer at the
-            same time, as real ones do.
-        faults: What goes wrong.
-        echo: Whether the adapter sends back whatever it is sent.
-        write_log: Is told what has really reached the servos.
+        servos: Servos of any models and both protocols; several with the same id all answer.
+        faults: Faults to inject.
+        echo: Whether the adapter returns the bytes of the master.
+        write_log: Log of accepted writes.
 
     Attributes:
-        write_log: What has really reached the servos.
+        write_log: Log of accepted writes.
 
     Raises:
         SimulationError: There is no servo.
@@ -81,7 +73,7 @@ class SimulatedBus:
         self,
         servos: Iterable[SimulatedServo],
         *,
-        faults: FaultInjection | None = None,
+        faults: Faults | None = None,
         echo: bool = False,
         write_log: WriteLog | None = None,
     ) -> None:
@@ -101,11 +93,7 @@ class SimulatedBus:
         return iter(self._servos)
 
     def __getitem__(self, servo_id: int) -> SimulatedServo:
-        """Return the servo with an id.
-
-        Raises:
-            UnknownServoError: There is none.
-        """
+        """Return a servo by its id; raise UnknownServoError if there is none."""
         for servo in self._servos:
             if servo.id == servo_id:
                 return servo
@@ -114,28 +102,28 @@ class SimulatedBus:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing will move until somebody does something."""
+        """Whether nothing moves until the next packet or disturbance."""
         return all(servo.at_rest for servo in self._servos)
 
     def advance(self, now: int) -> None:
-        """Let time pass up to `now`, ns."""
+        """Simulate up to `now`, ns."""
         if self._couplings:
             self._advance_coupled(now)
         for servo in self._servos:
             servo.advance(now)
 
     def couple(self, first: int, second: int, direction: int = -1) -> None:
-        """Join the shafts of two servos, as they stand, by a stiff bracket: they drive one joint.
+        """Couple the shafts of two servos, at their present positions, by a stiff bracket.
 
         Args:
-            first: Id of one.
-            second: Id of the other one.
-            direction: -1 if they turn against each other, face to face; else 1.
+            first: Id of one servo.
+            second: Id of the other servo.
+            direction: -1 if they turn in opposite directions (mounted face to face), else 1.
         """
         self._couplings.append(self[first].couple(self[second], direction))
 
     def _advance_coupled(self, now: int) -> None:
-        """Let shafts that are joined move in small steps, so that each follows the other."""
+        """Simulate coupled shafts in small steps."""
         time = self._now or now
         while time + STEP < now and not self.at_rest:
             time += STEP
@@ -146,13 +134,12 @@ class SimulatedBus:
         self._now = now
 
     def receive(self, data: bytes, now: int, baud_rate: int | None = None) -> list[Answer]:
-        """Take bytes from the master and return what goes back.
+        """Receive bytes from the master; return the answers.
 
         Args:
-            data: Any number of bytes; packets may be cut anywhere.
-            now: Time they arrived, ns.
-            baud_rate: Bits per second at which they came: servos with another one hear nothing.
-                None: all of them hear.
+            data: The bytes; packets may be split anywhere.
+            now: Time of their arrival, ns.
+            baud_rate: Baud rate of the master; servos with another one receive nothing. None: any.
         """
         answers = [Answer(data, 0, echo=True)] if self._echo and data else []
         if self._faults is not None:
@@ -162,17 +149,17 @@ class SimulatedBus:
             return answers
         for protocol, parser in self._parsers.items():
             for packet in parser.feed(data, now):
-                hearers = [
+                receivers = [
                     servo
                     for servo in self._servos
-                    if servo.model.protocol == protocol and _understands(servo, baud_rate)
+                    if servo.model.protocol == protocol and _has_baud_rate(servo, baud_rate)
                 ]
-                for answer in _answers(packet, protocol, hearers, now):
+                for answer in _answers(packet, protocol, receivers, now):
                     answers += (answer,) if self._faults is None else self._faults.answer(answer)
         return answers
 
 
-def _understands(servo: SimulatedServo, baud_rate: int | None) -> bool:
+def _has_baud_rate(servo: SimulatedServo, baud_rate: int | None) -> bool:
     if baud_rate is None:
         return True
     return abs(baud_rate - servo.baud_rate) < _BAUD_TOLERANCE * servo.baud_rate
@@ -181,11 +168,10 @@ def _understands(servo: SimulatedServo, baud_rate: int | None) -> bool:
 def _answers(
     packet: Packet | DamagedPacket, protocol: int, servos: Sequence[SimulatedServo], now: int
 ) -> Iterator[Answer]:
-    """Yield what servos that hear a packet send.
+    """Yield the answers of the servos that receive a packet.
 
-    In a group read each waits until the one before it in the list has answered. So if one of them
-    is missing, those behind it say nothing (as users of real servos report, DynamixelSDK issue
-    331).
+    In a group read each servo waits for the answer of the previous one in the list. If one is
+    missing, those after it do not answer (DynamixelSDK issue 331).
     """
     if isinstance(packet, Packet) and packet.id == BROADCAST:
         if packet.code == Instruction.PING and protocol == 2:
@@ -201,7 +187,7 @@ def _answers(
             yield from _read_in_turn(packet.code, reads, protocol, servos, now)
             return
     for servo in servos:
-        delay = servo.return_delay  # a new one holds from the next packet on
+        delay = servo.return_delay  # a new value applies from the next packet on
         if isinstance(packet, DamagedPacket):
             status, complaint = servo.complain(packet, now), True
         else:
@@ -211,7 +197,7 @@ def _answers(
 
 
 def _group_reads(packet: Packet, protocol: int) -> list[tuple[int, int, int]] | None:
-    """Return id, address and length of each read in a packet; None if it is no group read."""
+    """Return id, address and length of each part of a group read; None for other packets."""
     code, data = packet.code, packet.parameters
     if protocol == 1:
         if code == Instruction.SYNC_READ:
@@ -242,29 +228,29 @@ def _read_in_turn(
     now: int,
 ) -> Iterator[Answer]:
     fast = code in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
-    able = [s for s in servos if _takes_part(s, code)]
+    able = [s for s in servos if _supports(s, code)]
     shares: list[Status] = []
     first_delay = 0
     for turn, (servo_id, address, length) in enumerate(reads):
-        there = False
+        answered = False
         for servo in able:
             status = servo.answer_read(address, length, now) if servo.id == servo_id else None
             if status is None:
                 continue
             if not fast:
                 yield Answer(encode_status(protocol, status), servo.return_delay, turn)
-            elif not there:
+            elif not answered:
                 first_delay = first_delay or servo.return_delay
                 shares.append(status)
-            there = True
-        if not there:
+            answered = True
+        if not answered:
             break
     size = sum(length + 4 for _, _, length in reads)
-    if shares and size <= LONGEST[2]:  # a longer one is not a packet any more
+    if shares and size <= LONGEST[2]:  # otherwise it exceeds the maximum size of a packet
         yield Answer(encode_joint_status(shares, [length for _, _, length in reads]), first_delay)
 
 
-def _takes_part(servo: SimulatedServo, code: int) -> bool:
+def _supports(servo: SimulatedServo, code: int) -> bool:
     model = servo.model
     if model.protocol == 1:
         return model.bulk_read if code == Instruction.BULK_READ else model.control == "sts"

@@ -1,8 +1,4 @@
-"""What the simulator can raise; `SimulationError` is the root.
-
-Nothing here is ever raised by bytes from the wire: those are answered or ignored, as real servos
-do.
-"""
+"""Errors of the simulator. Bytes from the wire never raise one: servos answer or ignore them."""
 
 from __future__ import annotations
 
@@ -10,12 +6,12 @@ from head_tracking.exceptions import HeadTrackingError
 
 
 class SimulationError(HeadTrackingError):
-    """Root of the simulator's errors: it was set up or used in a wrong way."""
+    """The simulator was set up or used in a wrong way; root of its errors."""
 
 
 class UnknownServoError(SimulationError):
-    """There is no simulated servo with that id."""
+    """No simulated servo has that id."""
 
 
 class PortLinkError(SimulationError):
-    """The link to the simulated port cannot be made."""
+    """The symbolic link to the simulated port cannot be created."""

@@ -1,4 +1,4 @@
-"""What goes wrong on a serial bus, drawn from a random generator."""
+"""Random faults of a serial bus and its servos."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from head_tracking.simulation.servo import SimulatedServo
 
 
 class Fault(Enum):
-    """Something that goes wrong."""
+    """A kind of fault."""
 
     DROP = "an answer is lost"
     CORRUPT = "a byte of an answer is changed"
@@ -38,26 +38,26 @@ LINE_FAULTS: Final = (
     Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.STALL, Fault.DUPLICATE,
     Fault.FOREIGN, Fault.GARBAGE,
 )  # fmt: skip
-"""Faults of answers."""
+"""Faults of status packets."""
 
 SERVO_FAULTS: Final = (Fault.POWER_LOSS, Fault.LOW_VOLTAGE, Fault.OVERLOAD, Fault.OVERHEATING)
-"""Faults of a servo."""
+"""Faults of servos."""
 
 
 class Faults:
-    """Strikes a simulated bus at random: `SimulatedBus(servos, faults=Faults(Random(1), 0.05))`.
+    """Injects faults at random: `SimulatedBus(servos, faults=Faults(Random(1), 0.05))`.
 
     Args:
-        random: Draws when what goes wrong.
-        rate: Probability that something befalls an answer, and likewise what is sent.
-        kinds: What can go wrong.
-        late: Shortest and longest delay of DELAY and STALL, s.
-        pause: Shortest and longest time after which a servo's trouble ends, s.
+        random: Source of random numbers.
+        rate: Probability of a fault for each request and for each answer.
+        kinds: The faults to inject.
+        late: Minimum and maximum delay of DELAY and STALL, s.
+        pause: Minimum and maximum duration of a fault of a servo, s.
 
     Attributes:
-        rate: May be changed at any time; 0 for peace.
-        counts: How often each fault has struck.
-        last: When the last fault struck, or a servo's trouble ended, ns.
+        rate: May be changed at any time.
+        counts: Number of injected faults by kind.
+        last: Time of the last fault, or of the end of a fault of a servo, ns.
     """
 
     def __init__(
@@ -74,32 +74,32 @@ class Faults:
         self.last = 0
         self._random = random
         kinds = tuple(kinds)
-        self._of_answers = [kind for kind in kinds if kind in LINE_FAULTS]
-        self._of_sending = [kind for kind in kinds if kind not in LINE_FAULTS]
+        self._answer_kinds = [kind for kind in kinds if kind in LINE_FAULTS]
+        self._request_kinds = [kind for kind in kinds if kind not in LINE_FAULTS]
         self._late, self._pause = late, pause
         self._repairs: list[tuple[int, SimulatedServo, Callable[[], None]]] = []
         self._now = 0
 
     @property
     def trouble(self) -> bool:
-        """Whether a servo's trouble has still to end."""
+        """Whether a fault of a servo is active."""
         return bool(self._repairs)
 
     def answer(self, answer: Answer) -> Iterable[Answer]:
-        """Return what becomes of an answer; see `FaultInjection`."""
-        if not self._of_answers or self._random.random() >= self.rate:
+        """Return what the master receives instead of an answer."""
+        if not self._answer_kinds or self._random.random() >= self.rate:
             return (answer,)
-        kind = self._random.choice(self._of_answers)
+        kind = self._random.choice(self._answer_kinds)
         self._note(kind)
         return self._spoil(answer, kind)
 
     def request(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
-        """Let something happen to what the master sends, or to a servo; see `FaultInjection`."""
+        """Return what the servos receive instead of a request, and immediate answers."""
         self._now = now
         self._repair(now)
-        if not self._of_sending or not data or self._random.random() >= self.rate:
+        if not self._request_kinds or not data or self._random.random() >= self.rate:
             return data, []
-        kind = self._random.choice(self._of_sending)
+        kind = self._random.choice(self._request_kinds)
         if kind in SERVO_FAULTS:
             self._strike(self._random.choice(tuple(bus)), kind, now)
             return data, []
@@ -139,7 +139,7 @@ class Faults:
         return bytes(changed)
 
     def _foreign(self, data: bytes) -> bytes:
-        """Return a sound answer of another servo, with as much data."""
+        """Return a valid answer of another servo, of the same size."""
         for protocol in (2, 1):
             own = decode_status(protocol, data)
             if own is not None:
@@ -156,7 +156,7 @@ class Faults:
             self._note(kind)
             servo.overload()
             return
-        if any(sufferer is servo for _, sufferer, _ in self._repairs):
+        if any(affected is servo for _, affected, _ in self._repairs):
             return
         self._note(kind)
         end = now + self._time(self._pause)

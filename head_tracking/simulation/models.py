@@ -1,7 +1,7 @@
-"""What servos of each model are like: data of the simulator's own, in `facts/`.
+"""Properties and registers of each servo model, read from `facts/`.
 
-Nothing is shared with the driver: an address that the driver has wrong is right here. Sources: the
-ROBOTIS e-manual page of each model; ftservo-wiki 9522ce1, memory tables of STS and SCS.
+The driver has its own tables, so that a wrong address in one of them is detected. Sources: ROBOTIS
+e-manual page of each model; ftservo-wiki 9522ce1, memory tables of STS and SCS.
 """
 
 from __future__ import annotations
@@ -22,16 +22,14 @@ RPM: Final = 2.0 * math.pi / 60.0
 ByteOrder = Literal["little", "big"]
 
 _FACTS: Final = Path(__file__).parent / "facts"
-_SIGN_BIT: Final = 1024
-_LARGEST: Final = 1023
 
 
 class Named(Protocol):
-    """Anything that has a model's name, such as the driver's model."""
+    """An object with the name of a model, such as the driver's `ServoModel`."""
 
     @property
     def name(self) -> str:
-        """The name."""
+        """Name of the model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,15 +38,15 @@ class Register:
 
     Attributes:
         name: The vendor's name.
-        address: First byte.
-        size: Bytes.
+        address: Address of the first byte.
+        size: Number of bytes.
         writable: Whether a packet may write it.
-        eeprom: Whether it survives power-off.
+        eeprom: Whether it keeps its value without power.
         signed: Whether it holds two's complement.
-        initial: Factory value, or value at power-on; None where the vendor prints none.
-        lowest: Lowest value that a write may carry.
-        highest: Highest value that a write may carry.
-        order: Of its bytes.
+        initial: Factory value, or value at power-on; None if the vendor does not state one.
+        lowest: Lowest value that a packet may write.
+        highest: Highest value that a packet may write.
+        order: Byte order.
     """
 
     name: str
@@ -68,35 +66,35 @@ class Register:
         return self.address + self.size
 
     def decode(self, data: bytes) -> int:
-        """Return the value of its bytes; sign and magnitude stay together."""
+        """Return the value of the register's bytes; a sign bit stays part of the value."""
         return int.from_bytes(data, self.order, signed=self.signed)
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedModel:
-    """A model, as the simulator knows it.
+    """A servo model.
 
     Attributes:
         name: The vendor's name.
         number: Contents of its Model Number register.
-        protocol: 1 or 2; Feetech's packets are those of 1.
-        control: How it follows a goal: "compliance" (margin and slope), "gain", "profile", or as
-            Feetech's families, "sts" and "scs".
+        protocol: 1 or 2; Feetech servos use the packets of 1.
+        control: Control law: "compliance" (margin and slope), "gain", "profile", or the Feetech
+            families "sts" and "scs".
         ticks: Number of positions.
-        endless: Whether they go round a whole turn.
+        endless: Whether the positions cover a whole turn.
         center: The tick in the middle.
         radians_per_tick: rad.
         speed_unit: One count of speed, rad/s.
-        speed_maximum: Highest goal speed in joint mode.
+        speed_maximum: Highest goal speed in joint mode, in counts.
         load_maximum: Register value of full load, or of the stall current.
         no_load_speed: rad/s, at `nominal_voltage`.
         stall_torque: N m, at `nominal_voltage`.
         nominal_voltage: V.
-        voltage_error: Bit of its error state.
-        heat_error: Bit of its error state.
-        overload_error: Bit of its error state.
-        bulk_read: Whether it takes part in a bulk read of protocol 1.0.
-        fast_sync_read: First firmware that knows fast sync read; None: none does.
+        voltage_error: Bit of the error state.
+        heat_error: Bit of the error state.
+        overload_error: Bit of the error state.
+        bulk_read: Whether it supports the bulk read of protocol 1.0.
+        fast_sync_read: First firmware that supports fast sync read; None: not supported.
         baud_rates: Bits per second by the value of the Baud Rate register.
     """
 
@@ -123,7 +121,7 @@ class SimulatedModel:
 
     @property
     def is_feetech(self) -> bool:
-        """Whether it is one of Feetech's."""
+        """Whether Feetech makes it."""
         return self.control in ("sts", "scs")
 
 
@@ -165,22 +163,24 @@ def _model(row: Mapping[str, str]) -> SimulatedModel:
 
 
 def simulated_model(model: str | Named) -> SimulatedModel:
-    """Return the model of that name.
+    """Return a model by its name.
 
     Raises:
-        SimulationError: There is none.
+        SimulationError: The model is unknown.
     """
     name = model if isinstance(model, str) else model.name
     try:
         return _models()[name.upper()]
     except KeyError:
         known = ", ".join(each.name for each in _models().values())
-        raise SimulationError(f"no servo {name!r} can be simulated; known are {known}") from None
+        raise SimulationError(
+            f"the servo model {name!r} cannot be simulated; known models: {known}"
+        ) from None
 
 
 @cache
 def registers_of(name: str, firmware: int) -> tuple[Register, ...]:
-    """Return the registers of a model with a version of its firmware, by address."""
+    """Return the registers of a model and firmware version, ordered by address."""
     found: list[Register] = []
     for row in _rows("registers.csv"):
         since, until = int(row["since"] or 0), int(row["until"] or 255)
@@ -213,13 +213,13 @@ def registers_of(name: str, firmware: int) -> tuple[Register, ...]:
     return tuple(sorted(found, key=lambda register: register.address))
 
 
-def encode_sign_magnitude(value: int) -> int:
-    """Return a number, of at most 1023 either way, with its sign in bit 10."""
-    magnitude = min(abs(value), _LARGEST)
-    return magnitude + _SIGN_BIT if value < 0 else magnitude
+def to_sign_magnitude(value: int, bit: int) -> int:
+    """Return a number with its sign in a bit; the magnitude is limited to the bits below."""
+    magnitude = min(abs(value), (1 << bit) - 1)
+    return magnitude | 1 << bit if value < 0 else magnitude
 
 
-def decode_sign_magnitude(raw: int) -> int:
-    """Return the number whose sign is in bit 10."""
-    magnitude = raw % _SIGN_BIT
-    return -magnitude if raw & _SIGN_BIT else magnitude
+def from_sign_magnitude(raw: int, bit: int) -> int:
+    """Return the number whose sign is in a bit."""
+    magnitude = raw & (1 << bit) - 1
+    return -magnitude if raw >> bit & 1 else magnitude

@@ -1,9 +1,9 @@
-"""How a simulated servo moves: reference, control law, motor, gear and shaft, a millisecond a step.
+"""Motion of a simulated servo: profile, control law, motor, gear and shaft, in steps of 1 ms.
 
-Margin, slope and punch are the vendor's (e-manual page AX-12A, "compliance"), and so are the
-proportional gain of other models, which is a slope without margin and punch, and the X profiles:
-step, rectangle, triangle or trapezoid of velocity. The vendor publishes no dynamics: what is marked
-"ours" is plausible.
+Margin, slope and punch are those of the e-manual (AX-12A, "compliance"). The proportional gain of
+other models is a slope without margin and punch. Profiles of X servos are steps, rectangles,
+triangles or trapezoids of velocity. The vendor does not publish dynamics: values marked "assumed"
+are estimates.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ STEP: Final = 1_000_000
 """Period of the servo's control loop, ns."""
 
 _DT: Final = STEP * 1e-9
-_TIME_CONSTANT: Final = 0.04  # s in which the free rotor reaches 63 % of its final speed (ours)
-_STICTION: Final = 0.028  # of the stall torque: a little under the AX punch of 32/1023 (ours)
-_SLIDING: Final = 0.023  # Coulomb friction of the moving gear, of the stall torque (ours)
-_FINE: Final = 0.3  # of that stiction have servos whose control law has no punch (ours)
-_VISCOSITY: Final = 0.02  # of the back-EMF: what slows a shaft without power (ours)
-_GOVERNOR: Final = 4.0  # drive per rad/s above the moving speed (ours)
-_STRAIN: Final = 0.8  # current of a servo that cannot cope, of what the limit allows (ours)
-_DAMPING_RATIO: Final = 0.9  # of servos with a proportional gain (ours)
-_AX_DAMPING: Final = 0.17  # drive per rad/s: a ratio of 0.83 with the default slope (ours)
-_SLOPES: Final = (128, 64, 32, 16, 8, 4)  # steps of a slope register: the highest not above it
+_TIME_CONSTANT: Final = 0.04  # s until the unloaded rotor reaches 63 % of its final speed (assumed)
+_STICTION: Final = 0.028  # of the stall torque: a little under the AX punch of 32/1023 (assumed)
+_SLIDING: Final = 0.023  # Coulomb friction of the moving gear, of the stall torque (assumed)
+_FINE: Final = 0.3  # factor of the stiction of servos without punch (assumed)
+_VISCOSITY: Final = 0.3  # of the back-EMF: friction of a gear that is back-driven (assumed)
+_GOVERNOR: Final = 4.0  # drive per rad/s above the moving speed (assumed)
+_STRAIN: Final = 0.8  # share of the current limit that counts as overload (assumed)
+_DAMPING_RATIO: Final = 0.9  # of servos with a proportional gain (assumed)
+_AX_DAMPING: Final = 0.17  # drive per rad/s: a ratio of 0.83 with the default slope (assumed)
+_SLOPES: Final = (128, 64, 32, 16, 8, 4)  # effective slopes: the highest one not above the register
 
 
 class Control(Enum):
-    """What the loop controls."""
+    """Controlled variable."""
 
     POSITION = "position"
     VELOCITY = "velocity"
@@ -42,13 +42,13 @@ class Control(Enum):
 
 
 class Profile(NamedTuple):
-    """How fast a goal is approached.
+    """Velocity profile towards a goal.
 
     Attributes:
-        velocity: Highest speed, rad/s; 0 is no limit.
-        acceleration: rad/s^2; 0 is at once.
-        duration: Time for the whole way, s; 0: `velocity` and `acceleration` hold instead.
-        ramp: The part of `duration` in which speed rises, s.
+        velocity: Maximum speed, rad/s; 0: no limit.
+        acceleration: rad/s^2; 0: no limit.
+        duration: Duration of the motion, s; 0: `velocity` and `acceleration` apply instead.
+        ramp: Part of `duration` with acceleration, s.
     """
 
     velocity: float
@@ -57,7 +57,7 @@ class Profile(NamedTuple):
     ramp: float = 0.0
 
     def over(self, distance: float) -> Profile:
-        """Return the profile by velocity that takes the duration for a distance, rad."""
+        """Return the velocity-based profile with this duration for a distance, rad."""
         if self.duration <= 0.0:
             return self
         ramp = min(self.ramp, self.duration / 2.0)
@@ -71,13 +71,13 @@ class ControlLaw(NamedTuple):
     """Drive as a function of the errors of position and speed.
 
     Attributes:
-        cw_margin: Error without drive where the shaft must turn clockwise (falling angle), rad.
-        cw_slope: Further error up to full drive, rad; inf for a gain of 0.
-        ccw_margin: The same counter-clockwise.
-        ccw_slope: The same counter-clockwise.
+        cw_margin: Clockwise (falling angle) error without drive, rad.
+        cw_slope: Further clockwise error up to full drive, rad; inf: gain 0.
+        ccw_margin: Counter-clockwise error without drive, rad.
+        ccw_slope: Further counter-clockwise error up to full drive, rad.
         punch: Drive at the edge of the margin, 0 to 1.
-        limit: Highest drive, 0 to 1.
-        damping: Drive taken away per rad/s of speed error.
+        limit: Maximum drive, 0 to 1.
+        damping: Reduction of the drive per rad/s of speed error.
     """
 
     cw_margin: float
@@ -93,7 +93,7 @@ class ControlLaw(NamedTuple):
 def compliance_law(
     unit: float, margins: tuple[int, int], slopes: tuple[int, int], punch: float, limit: float
 ) -> ControlLaw:
-    """Return the law of an AX from its registers, clockwise first; `unit` is rad per tick."""
+    """Return the law of an AX servo; register pairs are clockwise first, `unit` is rad per tick."""
     cw, ccw = (next((step for step in _SLOPES if slope >= step), 2) for slope in slopes)
     return ControlLaw(
         margins[0] * unit, cw * unit, margins[1] * unit, ccw * unit, punch, limit, _AX_DAMPING
@@ -106,21 +106,21 @@ def proportional_law(
 ) -> ControlLaw:
     """Return the law of a proportional gain; `slope` is the error at full drive, rad."""
     frequency = math.sqrt(no_load_speed / (_TIME_CONSTANT * slope))
-    wanted = 2.0 * _DAMPING_RATIO * frequency - 1.0 / _TIME_CONSTANT  # the motor damps too
+    wanted = 2.0 * _DAMPING_RATIO * frequency - 1.0 / _TIME_CONSTANT  # less that of the motor
     damping = max(0.0, wanted * _TIME_CONSTANT / no_load_speed)
     return ControlLaw(0.0, slope, 0.0, slope, punch, limit, damping)
 
 
 class DriveSettings(NamedTuple):
-    """What the control loop needs to know from the registers.
+    """Settings of the control loop, from the registers.
 
     Attributes:
-        torque: Whether the motor is powered.
-        control: What it controls.
+        torque: Whether torque is enabled.
+        control: Controlled variable.
         goal: Goal angle, rad; or speed, rad/s; or drive, -1 to 1.
-        profile: How fast a goal is approached.
-        law: How an error becomes drive.
-        governed: Whether drive is taken away above the profile's velocity.
+        profile: Velocity profile.
+        law: Control law.
+        governed: Whether the drive is reduced above the velocity of the profile.
     """
 
     torque: bool
@@ -132,25 +132,24 @@ class DriveSettings(NamedTuple):
 
     @property
     def powered(self) -> bool:
-        """Whether there is any drive."""
+        """Whether the motor can drive."""
         return self.torque and self.law.limit > 0.0
 
 
 @dataclass(slots=True)
 class Mechanics:
-    """A motor with its gear as one rigid rotor, seen at the output shaft.
+    """Motor and gear as one rigid rotor, with values at the output shaft.
 
     Attributes:
-        stall_torque: At standstill with full drive, N m.
-        free_speed: Speed at which the back-EMF equals full drive, rad/s. With friction the
-            unloaded servo reaches its no-load speed.
-        inertia: Of the rotor with its gear and all that they turn, kg m^2.
-        stiction: Torque up to which a standing shaft does not move, N m.
-        sliding: Friction of the moving shaft, N m.
-        scale_end: Half the angle that the encoder measures, rad, of one that counts no turns; the
-            rest of a turn is dead.
-        gear_play: Play before the encoder, between rotor and shaft, rad from side to side.
-        link_play: Play behind the encoder, between shaft and link, rad from side to side.
+        stall_torque: Torque at standstill with full drive, N m.
+        free_speed: Speed at which the back-EMF equals full drive, rad/s. Friction reduces it to the
+            no-load speed.
+        inertia: Inertia of rotor, gear and load, kg m^2.
+        stiction: Static friction, N m.
+        sliding: Sliding friction, N m.
+        scale_end: Half the range of the encoder, rad; inf for an encoder that counts turns.
+        gear_play: Play between rotor and encoder, rad from side to side.
+        link_play: Play between encoder and link, rad from side to side.
     """
 
     stall_torque: float
@@ -164,7 +163,7 @@ class Mechanics:
 
     @classmethod
     def of(cls, model: SimulatedModel) -> Mechanics:
-        """Return the constants that give a model its no-load speed and stall torque."""
+        """Return the constants for the no-load speed and stall torque of a model."""
         counts_turns = model.control == "profile"
         stiction = _STICTION if model.control == "compliance" else _FINE * _STICTION
         return cls(
@@ -178,14 +177,14 @@ class Mechanics:
 
 
 class Hand(NamedTuple):
-    """A hand that leads the shaft from one angle to another and then lets go.
+    """A hand that moves the shaft from one angle to another and releases it.
 
     Attributes:
-        start: When it takes hold, ns.
-        duration: Time for the way, ns.
+        start: Start of the motion, ns.
+        duration: Duration of the motion, ns.
         origin: Angle at the start, rad.
         target: Angle at the end, rad.
-        strength: Highest torque, N m.
+        strength: Maximum torque, N m.
     """
 
     start: int
@@ -195,25 +194,25 @@ class Hand(NamedTuple):
     strength: float
 
     def holds(self, now: int) -> bool:
-        """Return whether the hand is still on the shaft: it rests at the target for 0.2 s."""
+        """Return whether the hand holds the shaft: until 0.2 s after the motion."""
         return now < self.start + self.duration + 200_000_000
 
     def torque(self, angle: float, speed: float, now: int) -> float:
         """Return the torque on the shaft, N m: a spring of 20 N m/rad, damped by 0.8 N m s/rad."""
-        way = min(1.0, (now - self.start) / self.duration) if self.duration else 1.0
-        wanted = self.origin + way * (self.target - self.origin)
-        pace = (self.target - self.origin) / (self.duration * 1e-9) if way < 1.0 else 0.0
-        torque = 20.0 * (wanted - angle) + 0.8 * (pace - speed)
+        part = min(1.0, (now - self.start) / self.duration) if self.duration else 1.0
+        wanted = self.origin + part * (self.target - self.origin)
+        velocity = (self.target - self.origin) / (self.duration * 1e-9) if part < 1.0 else 0.0
+        torque = 20.0 * (wanted - angle) + 0.8 * (velocity - speed)
         return max(-self.strength, min(self.strength, torque))
 
 
 class Coupling:
-    """A stiff bracket by which two shafts turn together: a spring of 20 N m/rad, damped (ours).
+    """A stiff bracket between two shafts: a damped spring of 20 N m/rad (assumed).
 
     Args:
         first: One shaft.
-        second: The other one; as they stand now, the bracket is not strained.
-        direction: -1 if they are mounted face to face and turn against each other, else 1.
+        second: The other shaft; the spring is unloaded at the present positions.
+        direction: -1 if they turn in opposite directions (mounted face to face), else 1.
     """
 
     def __init__(self, first: Drive, second: Drive, direction: int) -> None:
@@ -222,20 +221,20 @@ class Coupling:
 
     @property
     def twist(self) -> float:
-        """By how much the shafts are apart, rad; which turn a servo counts makes no difference."""
-        apart = self._second.angle - self._direction * self._first.angle - self._offset
-        return math.remainder(apart, 2.0 * math.pi)
+        """Difference of the shafts, rad, without whole turns."""
+        difference = self._second.angle - self._direction * self._first.angle - self._offset
+        return math.remainder(difference, 2.0 * math.pi)
 
     def pull(self) -> None:
-        """Load both shafts with what strains the bracket."""
-        pace = self._second.speed - self._direction * self._first.speed
-        torque = 20.0 * self.twist + 0.2 * pace
+        """Apply the torque of the bracket to both shafts."""
+        speed = self._second.speed - self._direction * self._first.speed
+        torque = 20.0 * self.twist + 0.2 * speed
         self._first.pull(self._direction * torque)
         self._second.pull(-torque)
 
 
 class Temperature:
-    """A slow thermal model: one heat capacity that cools to the surroundings (ours).
+    """Thermal model with one heat capacity (assumed).
 
     Attributes:
         celsius: Temperature inside the servo.
@@ -251,7 +250,7 @@ class Temperature:
         self.celsius = self._AMBIENT + self._IDLE * self._RESISTANCE
 
     def heat(self, current: float, seconds: float) -> None:
-        """Pass some time with a current, as its root mean square, 0 to 1 of the stall current."""
+        """Advance by some time with a root-mean-square current, 0 to 1 of the stall current."""
         power = self._IDLE + self._STALL * current * current
         final = self._AMBIENT + power * self._RESISTANCE
         decay = math.exp(-seconds / (self._CAPACITY * self._RESISTANCE))
@@ -259,38 +258,35 @@ class Temperature:
 
 
 class Drive:
-    """Motor, gear, shaft and their control loop. Time is passed in, as ns that never fall.
+    """Motor, gear, shaft and control loop. Time is an argument: ns that never decrease.
 
-    What happens depends on when settings change, rounded to `STEP`, and not on how often
-    `advance` is called.
+    The result depends on the times at which settings change, rounded to `STEP`, and not on the
+    times at which `advance` is called.
 
-    The reference moves to the goal as the profile says, and the control law holds the shaft to it.
-    It never runs further ahead of the shaft than the law can use, so that a shaft that was blocked
-    does not jump when it comes free.
-
-    Friction holds the shaft, and then the link, wherever the play lets it: each is dragged along by
-    the edge of its play.
+    The reference follows the profile to the goal, and the control law holds the shaft to it. The
+    distance between reference and shaft is limited to the range of the law, so that a blocked shaft
+    does not jump when it is released. With play, the driven part follows at the edge of the play.
 
     Args:
-        model: The servo's model.
-        angle: Where the shaft stands at first, rad, counter-clockwise.
-        settings: Settings at first.
-        start_delay: Time from a new goal to the begin of the motion, ns.
-        mechanics: Motor and gear; None: as the model is built.
+        model: Model of the servo.
+        angle: Initial angle of the shaft, rad, counter-clockwise.
+        settings: Initial settings.
+        start_delay: Time from a new goal to the start of the motion, ns.
+        mechanics: Motor and gear; None: those of the model.
 
     Attributes:
-        angle: Of the shaft, where the encoder sits, rad, counter-clockwise; 0 at the middle of the
-            servo's range. No end stop keeps a servo's shaft from turning all round.
-        link: Angle of what the shaft carries, rad, counter-clockwise.
-        speed: Of the rotor, seen at the shaft, rad/s.
-        reference: Where the shaft should be, rad.
-        reference_speed: How fast it should move, rad/s.
-        temperature: Inside the servo.
+        angle: Angle of the shaft at the encoder, rad, counter-clockwise; 0 in the middle of the
+            range. The shaft has no end stops.
+        link: Angle of the link, rad, counter-clockwise.
+        speed: Speed of the rotor at the shaft, rad/s.
+        reference: Set-point of the angle, rad.
+        reference_speed: Set-point of the speed, rad/s.
+        temperature: Temperature of the servo.
         mechanics: Motor and gear.
         output: Drive of the last step, -1 to 1, counter-clockwise positive.
         current: Motor current of the last step, -1 to 1 of the stall current.
-        strain: For how long the servo has not been able to cope with its load, ns.
-        at_rest: Whether nothing will move until something changes.
+        strain: Duration of the present overload, ns.
+        at_rest: Whether nothing moves until a setting or torque changes.
     """
 
     def __init__(
@@ -318,7 +314,7 @@ class Drive:
         self._time: int | None = None
 
     def impede(self, share: float) -> None:
-        """Give the gear a friction of so much of the stall torque; 1 jams it, 0 is as built."""
+        """Set the friction to a share of the stall torque; 1 blocks the shaft, 0: the model's."""
         built = self._built
         friction = share * built.stall_torque
         self.mechanics.stiction = max(built.stiction, friction)
@@ -327,18 +323,18 @@ class Drive:
 
     @property
     def measured(self) -> float:
-        """Angle of the shaft as the encoder sees it, rad."""
+        """Angle of the shaft in the range of the encoder, rad."""
         return self._measure(self.angle)
 
     def _measure(self, angle: float) -> float:
-        """Return what the encoder sees: in the dead angle, the nearer end of its scale."""
+        """Return the angle that the encoder measures; outside its range, the nearer end."""
         end = self.mechanics.scale_end
         if end == math.inf:
             return angle
         return max(-end, min(end, math.remainder(angle, 2.0 * math.pi)))
 
     def configure(self, settings: DriveSettings) -> None:
-        """Use other settings from now on, or from when the servo reacts to a new goal."""
+        """Apply settings, after the start delay if the motor is driving."""
         if self._start_delay and settings.powered and self._settings.powered:
             self._coming.append(((self._time or 0) + self._start_delay, settings))
         else:
@@ -351,8 +347,8 @@ class Drive:
             self._profile = settings.profile.over(settings.goal - self.reference)
         self._settings = settings
 
-    def turn_back(self, turns: int) -> None:
-        """Count the shaft's angle as so many turns less."""
+    def subtract_turns(self, turns: int) -> None:
+        """Subtract whole turns from the angles."""
         angle = turns * 2.0 * math.pi
         self._rotor, self.angle, self.link = (
             self._rotor - angle, self.angle - angle, self.link - angle,
@@ -360,25 +356,25 @@ class Drive:
         self.reference, self.reference_speed = self.angle, 0.0
 
     def push(self, torque: float) -> None:
-        """Load the shaft from outside until the next call, N m, counter-clockwise."""
+        """Apply an external torque until the next call, N m, counter-clockwise."""
         self._pushed = torque
         self.at_rest = False
 
     def pull(self, torque: float) -> None:
-        """Load the shaft by what it is coupled to, until the next call, N m."""
+        """Apply the torque of a coupling until the next call, N m."""
         if torque != self._pulled:
             self._pulled = torque
             self.at_rest = False
 
     def lead(self, angle: float, duration: float, strength: float) -> None:
-        """Let a hand lead the shaft to an angle, rad, within `duration` seconds, and let go."""
+        """Move the shaft by hand to an angle, rad, within `duration` seconds, and release it."""
         time = round(duration * 1e9)
         self._hand = Hand(self._time or 0, time, self.angle, angle, strength)
         self.at_rest = False
 
     @property
     def approaching(self) -> bool:
-        """Whether the reference is on its way."""
+        """Whether the reference has not reached the goal."""
         settings = self._settings
         return settings.powered and (
             bool(self._coming)
@@ -398,11 +394,11 @@ class Drive:
         return abs(way) > (settings.law.ccw_margin if way > 0.0 else settings.law.cw_margin)
 
     def advance(self, now: int, voltage: float) -> None:
-        """Let time pass up to `now`, ns; time at rest costs nothing.
+        """Simulate up to `now`, ns; time at rest needs no computation.
 
         Args:
             now: Time, ns.
-            voltage: Supply in that time, in parts of the nominal one.
+            voltage: Supply voltage, relative to the nominal one.
         """
         if self._time is None:
             self._time = now
@@ -426,12 +422,12 @@ class Drive:
         self._time += steps * STEP
 
     def _move(self, time: int, steps: int, voltage: float) -> tuple[int, float]:
-        """Move on by at most so many steps with the same settings, until nothing moves any more.
+        """Simulate at most `steps` steps with constant settings; stop early at rest.
 
-        All that a step needs is in local names, because it is most of the simulator's work.
+        The values are in local variables because this loop is most of the simulator's work.
 
         Returns:
-            How many steps, and the sum of the squares of the current.
+            Number of steps, and the sum of the squared current.
         """
         torque_on, control, goal, _, law, governed = self._settings
         cw_margin, cw_slope, ccw_margin, ccw_slope, punch, limit, damping = law
@@ -511,7 +507,7 @@ class Drive:
             if speed != 0.0 or abs(torque) > stiction:
                 moved = (speed + torque * rate) / slowing
                 if abs(moved) <= brake or moved * speed < 0.0:
-                    speed = 0.0  # friction stops the shaft before it turns back
+                    speed = 0.0  # friction stops the shaft before it reverses
                 else:
                     speed = moved - brake if moved > 0.0 else moved + brake
                 rotor += speed * _DT
@@ -539,5 +535,5 @@ class Drive:
 
 
 def _drag(angle: float, driver: float, half: float) -> float:
-    """Return where something stands that a driver drags along by half a play to either side."""
+    """Return the angle of a part that a driver moves with half a play to either side."""
     return max(driver - half, min(driver + half, angle))

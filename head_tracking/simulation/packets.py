@@ -1,10 +1,10 @@
-"""Packets as servos hear and send them: nothing is shared with the driver, lest its errors hide.
+"""Packets as servos receive and send them; independent of the driver's codec.
 
     1.0   FF FF ID LENGTH CODE PARAMETERS CHECKSUM
     2.0   FF FF FD 00 ID LENGTH_L LENGTH_H CODE PARAMETERS CRC_L CRC_H
 
-The code is an instruction; in a status packet of protocol 1.0 the error byte, in one of 2.0 the
-number 55, with the error byte as first parameter. Source: ROBOTIS e-manual, protocols 1.0 and 2.0.
+CODE is the instruction. In a status packet of protocol 1.0 it is the error byte; in one of protocol
+2.0 it is 0x55, and the error byte is the first parameter. Source: ROBOTIS e-manual, protocols.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _PRELUDE: Final = {1: b"\xff\xff", 2: b"\xff\xff\xfd\x00"}
 _HIGHEST_ID: Final = {1: 253, 2: 252}
 _POLYNOMIAL: Final = 0x18005
 _LONGEST_GAP: Final = 100_000_000
-"""Pause within a packet after which servos forget it, ns (e-manual, protocol 1.0; in protocol 2.0
-1.5 ms, but a pause of this machine is none on the wire)."""
+"""Pause within a packet after which a servo discards it, ns (e-manual, protocol 1.0). Protocol 2.0
+states 1.5 ms, but the scheduler of this computer may cause longer pauses."""
 
 
 class Instruction(IntEnum):
-    """What the master asks for."""
+    """Instruction codes."""
 
     PING = 1
     READ = 2
@@ -41,7 +41,7 @@ class Instruction(IntEnum):
 
 
 class Packet(NamedTuple):
-    """An undamaged packet: the servo's id or BROADCAST, the code, what follows, not stuffed."""
+    """An undamaged packet: id of the servo or BROADCAST, code, parameters without byte stuffing."""
 
     id: int
     code: int
@@ -49,13 +49,13 @@ class Packet(NamedTuple):
 
 
 class DamagedPacket(NamedTuple):
-    """A packet whose checksum does not fit, with the id that it seems to be for."""
+    """A packet with a wrong checksum, and the id in it."""
 
     id: int
 
 
 class Status(NamedTuple):
-    """What a servo answers: its id, its error byte, its data, not stuffed."""
+    """A status packet: id of the servo, error byte, data without byte stuffing."""
 
     id: int
     error: int
@@ -83,7 +83,7 @@ def crc(data: bytes) -> int:
 
 
 def encode(protocol: int, packet: Packet) -> bytes:
-    """Return the bytes of a packet."""
+    """Return a packet as bytes."""
     servo_id, code, parameters = packet
     if protocol == 1:
         body = bytes([servo_id, (len(parameters) + 2) % 256, code, *parameters])
@@ -95,19 +95,20 @@ def encode(protocol: int, packet: Packet) -> bytes:
 
 
 def encode_status(protocol: int, status: Status) -> bytes:
-    """Return the bytes of a status packet."""
+    """Return a status packet as bytes."""
     if protocol == 1:
         return encode(1, Packet(status.id, status.error, status.data))
     return encode(2, Packet(status.id, STATUS, bytes([status.error]) + status.data))
 
 
 def encode_joint_status(shares: Sequence[Status], lengths: Sequence[int]) -> bytes:
-    """Return the one answer of several servos to a fast sync or bulk read; it is not stuffed.
+    """Return the common status packet of several servos to a fast sync or bulk read.
+
+    It has no byte stuffing; each share ends with the CRC of all bytes before.
 
     Args:
-        shares: What each servo says, as far as they are there. Each ends with the CRC of all that
-            was sent so far.
-        lengths: Bytes of data of each servo that was asked.
+        shares: Status of each servo that answers.
+        lengths: Bytes of data of each requested servo.
     """
     size = 1 + sum(length + 4 for length in lengths)
     packet = b"\xff\xff\xfd\x00\xfe" + size.to_bytes(2, "little") + b"\x55"
@@ -118,7 +119,7 @@ def encode_joint_status(shares: Sequence[Status], lengths: Sequence[int]) -> byt
 
 
 def decode(protocol: int, data: bytes) -> Packet | None:
-    """Return the packet that these bytes are; None if they are none, or a damaged one."""
+    """Return the packet in these bytes; None if they are not exactly one undamaged packet."""
     if size_of_packet(protocol, data) != len(data):
         return None
     if protocol == 1:
@@ -131,7 +132,7 @@ def decode(protocol: int, data: bytes) -> Packet | None:
 
 
 def decode_status(protocol: int, data: bytes) -> Status | None:
-    """Return the status packet that these bytes are; None if they are none."""
+    """Return the status packet in these bytes; None if they are not exactly one."""
     packet = decode(protocol, data)
     if packet is None:
         return None
@@ -143,10 +144,10 @@ def decode_status(protocol: int, data: bytes) -> Status | None:
 
 
 def size_of_packet(protocol: int, data: bytes) -> int:
-    """Return how long the packet is that begins here, as far as one can see.
+    """Return the size of the packet that begins here.
 
     Returns:
-        Its size in bytes; 0 if more bytes must come to tell; -1 if no packet begins here.
+        Size in bytes; 0 if more bytes are needed to know it; -1 if no packet begins here.
     """
     prelude = _PRELUDE[protocol]
     if data[: len(prelude)] != prelude:
@@ -162,9 +163,9 @@ def size_of_packet(protocol: int, data: bytes) -> int:
 
 
 class PacketParser:
-    """Finds packets in a stream of bytes, however it is cut, as a servo does.
+    """Finds packets in a stream of bytes as a servo does.
 
-    A damaged packet is reported; whatever its length, right or damaged, covers is lost with it.
+    A damaged packet is reported; the bytes that its length field covers are lost with it.
 
     Args:
         protocol: 1 or 2.
@@ -179,8 +180,8 @@ class PacketParser:
         """Return the packets that these bytes complete.
 
         Args:
-            data: Any number of bytes.
-            now: Time they arrived, ns.
+            data: Received bytes.
+            now: Time of their arrival, ns.
         """
         held = self._held + data if now - self._last <= _LONGEST_GAP else data
         self._last = now

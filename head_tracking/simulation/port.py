@@ -1,4 +1,4 @@
-"""A serial port that does not exist: a simulated bus behind a pseudo-terminal."""
+"""Simulated servos behind a pseudo-terminal that any program can open as a serial port."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import tty
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from hashlib import sha256
 from typing import TYPE_CHECKING, Final, Protocol, TypeVar
+from zlib import crc32
 
 from head_tracking.simulation.bus import SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-_LOOK: Final = 30_000_000  # ns between looks at a moving servo that nobody asks
+_STEP: Final = 30_000_000  # ns between simulation steps of moving servos without requests
 _CHUNK: Final = 4096
-_SPIN: Final = 150_000  # ns before the end of a wait
+_SPIN: Final = 150_000  # ns of busy waiting at the end of a wait
 _PTYS: Final = "/dev/pts/"
 _PR_SET_TIMERSLACK: Final = 29
 _TCGETS2: Final = 0x802C542A
@@ -39,21 +39,21 @@ _SPEED_OFFSET: Final = 40  # its c_ospeed
 
 
 class PseudoTerminal:
-    """A device that programs may open and close as often as they like.
+    """A pseudo-terminal; programs may open and close its device repeatedly.
 
     Args:
-        link: Path of a symbolic link to the device; None for none.
+        link: Path of a symbolic link to the device; None: no link.
 
     Attributes:
-        descriptor: The end behind the device, non-blocking.
-        name: The device.
+        descriptor: File descriptor of the controlling end, non-blocking.
+        name: Path of the device.
 
     Raises:
-        PortLinkError: The link cannot be made.
+        PortLinkError: The link cannot be created.
     """
 
     def __init__(self, link: str | None = None) -> None:
-        # The slave stays open here too: else the master reads EIO whenever a client closes it.
+        # While the other end is open here, a client that closes it causes no EIO.
         self.descriptor, self._slave = os.openpty()
         self._claim = socket.socket(socket.AF_UNIX)
         self.link = link
@@ -69,25 +69,25 @@ class PseudoTerminal:
 
     @property
     def baud_rate(self) -> int:
-        """Bits per second that the program has set."""
+        """Baud rate that the program has set, bits per second."""
         settings = fcntl.ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2))
         rate: int = struct.unpack_from("I", settings, _SPEED_OFFSET)[0]
         return rate or 38_400
 
     def read(self) -> bytes:
-        """Return what the program has written."""
+        """Return the bytes that the program has written."""
         with suppress(BlockingIOError):
             return os.read(self.descriptor, _CHUNK)
         return b""
 
     def write(self, data: bytes) -> None:
-        """Write as much as the program has room for; the rest is lost, as on a wire."""
+        """Write what fits into the buffer of the program; the rest is lost."""
         with suppress(BlockingIOError):
             os.write(self.descriptor, data)
 
     def close(self) -> None:
-        """Remove the device: a program that has it open sees it vanish."""
-        # Only if the link is still ours: somebody may have put another one there.
+        """Remove the device, like an unplugged adapter."""
+        # another program may have replaced the link
         with suppress(OSError):
             if self.link is not None and os.readlink(self.link) == self.name:
                 os.unlink(self.link)
@@ -101,12 +101,12 @@ class PseudoTerminal:
     def _make_link(self, link: str) -> None:
         if os.path.lexists(link) and not os.path.islink(link):
             raise PortLinkError(
-                f"cannot make the link {link}: something else has that name; remove it or "
-                "choose another path"
+                f"cannot create the link {link}: another file has this name; remove it or choose "
+                "another path"
             )
         target = os.path.realpath(link)
-        # Where a link of ours leads tells nothing: the system gives a killed program's pty out
-        # again. The name in the kernel ends with whoever holds it, however they end.
+        # The target of a link does not show whether its simulator still runs: the kernel assigns
+        # the pseudo-terminal of a killed program again. An abstract socket ends with its process.
         taken = os.path.exists(target) and os.path.islink(link) and not target.startswith(_PTYS)
         try:
             self._claim.bind(_claim_of(link))
@@ -114,8 +114,8 @@ class PseudoTerminal:
             taken = True
         if taken:
             raise PortLinkError(
-                f"cannot make the link {link}: it leads to {target}, which is in use, "
-                "perhaps by another simulated bus; end that one, or choose another path"
+                f"cannot create the link {link}: its target {target} is in use, perhaps by another "
+                "simulated bus; end that program, or choose another path"
             )
         try:
             if os.path.islink(link):
@@ -123,38 +123,38 @@ class PseudoTerminal:
             os.symlink(self.name, link)
         except OSError as cause:
             raise PortLinkError(
-                f"cannot make the link {link}: {cause.strerror}; choose a path in a "
-                "directory you may write to"
+                f"cannot create the link {link}: {cause.strerror}; choose a path in a writable "
+                "directory"
             ) from cause
 
 
 def _claim_of(link: str) -> bytes:
-    """Return the abstract socket address of whoever serves a link."""
+    """Return the abstract socket address that reserves a link."""
     directory, name = os.path.split(link)
     path = os.path.join(os.path.realpath(directory), name)
-    return b"\0head_tracking " + sha256(os.fsencode(path)).hexdigest().encode()
+    # hashlib would load OpenSSL, 3 MB; a name is at most 107 bytes long
+    encoded = os.fsencode(path)
+    return b"\0head_tracking %08x " % crc32(encoded) + encoded[-80:]
 
 
 class SimulatedPort:
-    """Serves a simulated bus on a pty, which any Dynamixel program can open by `port_name`.
+    """Serves a simulated bus on a pseudo-terminal; programs open it by `port_name`.
 
-    A context manager. Programs may open and close the device as often as they like; what nobody
-    reads is lost, as on a wire. `close` is how the adapter is unplugged, and `open` how it is
-    plugged in again: the servos keep their supply. The bus belongs to the server's thread: look at
-    it and touch it through the methods here, from any thread.
+    A context manager. Programs may open and close the device repeatedly. `close` acts like
+    unplugging the adapter, `open` like plugging it in again; the servos keep their supply. A thread
+    of this object owns the bus: access it by the methods here, which are thread-safe.
 
     Args:
         bus: The servos, or a bus.
-        link: Path at which a symbolic link to the pty is made, so that it has a stable name, also
-            when it is unplugged and plugged in again.
-        paced: Whether bytes take the time that they take at the baud rate the program has set.
-        latency: Period at which the adapter hands on what it received, s; 0: at once.
-        match_baud_rate: Whether only servos that are set to the program's baud rate hear it.
-        spinning: Burn a core at the end of each wait, to be exact to some microseconds.
-        on_failure: Called, in the server's thread, if the simulator itself fails.
+        link: Path of a symbolic link to the device; None: no link.
+        paced: Whether bytes take the time of the baud rate that the program has set.
+        latency: Latency timer of the adapter, s.
+        match_baud_rate: Whether only servos with the baud rate of the program receive it.
+        spinning: Use busy waiting for an accuracy of some microseconds.
+        on_failure: Called in the thread of the bus after an internal error of the simulator.
 
     Attributes:
-        failure: What the simulator failed of: the port has vanished then; None: it has not.
+        failure: The internal error that has ended the simulation; None: it works.
     """
 
     def __init__(
@@ -189,16 +189,12 @@ class SimulatedPort:
 
     @property
     def port_name(self) -> str:
-        """Device to open: the link if there is one, else the pty; empty while there is none."""
+        """Path to open: the link or the device; empty while it is closed."""
         terminal = self._terminal
         return "" if terminal is None else terminal.link or terminal.name
 
     def open(self) -> None:
-        """Make the pty, by another name than before, and the link, and start to serve it.
-
-        Raises:
-            PortLinkError: The link cannot be made.
-        """
+        """Create the device and the link; raise PortLinkError if the link is impossible."""
         if self._thread is not None:
             return
         self._terminal = terminal = PseudoTerminal(self._link)
@@ -212,7 +208,7 @@ class SimulatedPort:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop serving and remove the pty: a program that has it open sees its port vanish."""
+        """Remove the device and the link."""
         thread, self._thread = self._thread, None
         if thread is None:
             return
@@ -235,42 +231,38 @@ class SimulatedPort:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # From any thread
-
     def use(self, function: Callable[[SimulatedBus], _T]) -> _T:
-        """Call a function with the bus at the present time, while the server waits."""
+        """Call a function with the bus, simulated up to the present, and return its result."""
         with self._lock:
             self._bus.advance(self._clock())
-            slept = self._bus.at_rest
+            was_at_rest = self._bus.at_rest
             result = function(self._bus)
-            if slept and not self._bus.at_rest and self._wake_writer >= 0:
+            if was_at_rest and not self._bus.at_rest and self._wake_writer >= 0:
                 self._wake()
         return result
 
     def true_ticks(self, servo_id: int) -> float:
-        """Return the true angle of a shaft, in fractions of a tick; see `SimulatedServo`."""
+        """Return the true angle of a link in fractional ticks; see `SimulatedServo`."""
         return self.use(lambda bus: bus[servo_id].true_ticks)
 
     @property
     def overlaps(self) -> Counter[Overlap]:
-        """How often two spoke at the same time; only a paced port can tell, but for twins."""
+        """Number of collisions; see `SerialLine`."""
         return self._line.overlaps
 
     def push(self, servo_id: int, torque: float) -> None:
-        """Load a shaft from outside until the next call, N m, counter-clockwise."""
+        """Apply an external torque to a shaft; see `SimulatedServo.push`."""
         self.use(lambda bus: bus[servo_id].push(torque))
 
     def lead(self, servo_id: int, ticks: float, duration: float) -> None:
-        """Let a hand lead a shaft to a tick within `duration` seconds and let go there."""
+        """Move a shaft by hand; see `SimulatedServo.lead`."""
         self.use(lambda bus: bus[servo_id].lead(ticks, duration))
 
     def _wake(self) -> None:
         os.write(self._wake_writer, b"w")
 
-    # Server's thread
-
     def _serve(self, terminal: PseudoTerminal) -> None:
-        with suppress(OSError, AttributeError):  # waits end in time, not up to 50 us later
+        with suppress(OSError, AttributeError):  # more accurate waits: the default slack is 50 us
             ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
         try:
             while not self._stopping:
@@ -289,7 +281,7 @@ class SimulatedPort:
     def _exchange(self, terminal: PseudoTerminal, ready: list[int]) -> None:
         now = self._clock()
         with self._lock:
-            arrived = self._line.take(now)
+            arrived = self._line.receive(now)
             if arrived:
                 terminal.write(arrived)
             if terminal.descriptor in ready:
@@ -299,12 +291,12 @@ class SimulatedPort:
                 self._bus.advance(now)
 
     def _wait(self, terminal: PseudoTerminal) -> list[int]:
-        """Wait until there is something to do; return the descriptors that have something."""
+        """Wait for the next event; return the readable descriptors."""
         watched = [self._wake_reader, terminal.descriptor]
         with self._lock:
             due = self._line.due
             if due is None and not self._bus.at_rest:
-                due = self._clock() + _LOOK
+                due = self._clock() + _STEP
         if due is None:
             return select.select(watched, (), ())[0]
         ready: list[int] = []
@@ -314,74 +306,57 @@ class SimulatedPort:
         return ready
 
 
-class Mount(Protocol):
-    """How one servo drives its joint, such as the driver's `ServoCalibration`."""
+class _Mount(Protocol):
+    """A servo of a joint; see `ServoCalibration` of the driver."""
 
     @property
-    def id(self) -> int:
-        """Servo id."""
+    def id(self) -> int: ...
+    @property
+    def model(self) -> Named: ...
+    @property
+    def init(self) -> int: ...
+    @property
+    def direction(self) -> int: ...
+    @property
+    def offset(self) -> int | None: ...
+    @property
+    def reverse(self) -> bool | None: ...
+
+
+class _Joint(Protocol):
+    """A joint and its servos; see `JointConfiguration` of the driver."""
 
     @property
-    def model(self) -> Named:
-        """Its model."""
-
+    def joint_name(self) -> str: ...
     @property
-    def init(self) -> int:
-        """Tick of position 0."""
-
-    @property
-    def direction(self) -> int:
-        """-1 if rising ticks are falling positions, else 1."""
-
-    @property
-    def offset(self) -> int | None:
-        """What its memory adds to its position, ticks; None: nothing."""
-
-    @property
-    def reverse(self) -> bool | None:
-        """Whether its Drive Mode counts ticks in reverse; None: it does not."""
-
-
-class Mounting(Protocol):
-    """How servos drive a joint, such as the driver's `JointConfiguration`."""
-
-    @property
-    def joint_name(self) -> str:
-        """The joint."""
-
-    @property
-    def calibrations(self) -> Sequence[Mount]:
-        """Its servos."""
-
-    def position(self, ticks: float) -> float:
-        """Return the position of the joint, rad."""
+    def calibrations(self) -> Sequence[_Mount]: ...
+    def position(self, ticks: float) -> float: ...
 
 
 class SimulatedJoints:
-    """The servos of a configuration, simulated: a port to open, and the truth about the joints.
+    """Simulated servos for configured joints, with the true joint positions.
 
-    They stand at position 0 at first, on a wire that takes its time. A context manager. A stiff
-    bracket joins two servos on one joint.
+    A context manager. Joints start at position 0. Two servos of one joint are coupled.
 
     Args:
-        joints: as they are configured.
-        link_play: behind each encoder; see `SimulatedServo` [rad].
+        joints: The `JointConfiguration` of each joint.
+        link_play: Play behind each encoder, rad; see `SimulatedServo`.
 
     Attributes:
-        port: the port of the bus that they share.
+        port: The port of the bus.
     """
 
-    def __init__(self, joints: Iterable[Mounting], link_play: float = 0.0) -> None:
+    def __init__(self, joints: Iterable[_Joint], link_play: float = 0.0) -> None:
         self._joints = {joint.joint_name: joint for joint in joints}
         self.port = SimulatedPort(mounted_servos(self._joints.values(), link_play), paced=True)
 
     @property
     def port_name(self) -> str:
-        """What a driver opens."""
+        """Path for the driver to open."""
         return self.port.port_name
 
     def true_position(self, joint_name: str) -> float:
-        """Where the joint really is [rad], finer than any encoder tells."""
+        """Return the exact position of a joint, rad."""
         joint = self._joints[joint_name]
         return joint.position(self.port.true_ticks(joint.calibrations[0].id))
 
@@ -393,19 +368,19 @@ class SimulatedJoints:
         self.port.close()
 
 
-def mounted_servos(joints: Iterable[Mounting], link_play: float = 0.0) -> SimulatedBus:
+def mounted_servos(joints: Iterable[_Joint], link_play: float = 0.0) -> SimulatedBus:
     """Return a bus with the servos of joints, each joint at position 0."""
     pairs = [joint.calibrations for joint in joints]
     bus = SimulatedBus([_servo(mount, link_play) for mounts in pairs for mount in mounts])
     for mounts in pairs:
         if len(mounts) == 2:
             one, other = mounts
-            bus.couple(one.id, other.id, _turns(one) * _turns(other))
+            bus.couple(one.id, other.id, _rotation(one) * _rotation(other))
     return bus
 
 
-def _servo(mount: Mount, link_play: float) -> SimulatedServo:
-    """Return a servo that stands at its joint's position 0, with the memory that it needs."""
+def _servo(mount: _Mount, link_play: float) -> SimulatedServo:
+    """Return a servo at position 0 of its joint, with the configured EEPROM."""
     model, init = simulated_model(mount.model), mount.init
     if mount.offset and model.is_feetech:
         init = (init + mount.offset) % model.ticks
@@ -420,6 +395,6 @@ def _servo(mount: Mount, link_play: float) -> SimulatedServo:
     return servo
 
 
-def _turns(mount: Mount) -> int:
-    """Return 1 if the shaft turns counter-clockwise for rising positions, else -1."""
+def _rotation(mount: _Mount) -> int:
+    """Return 1 if the shaft turns counter-clockwise for rising joint positions, else -1."""
     return -mount.direction if mount.reverse else mount.direction

@@ -1,4 +1,4 @@
-"""The registers of a simulated servo: their bytes, what a packet may write, what they mean.
+"""Registers of a simulated servo: their bytes, which writes are accepted, and their effect.
 
 Sources: ROBOTIS e-manual, page of each model: angle limits, control and operating modes, profiles,
 gains, indirect addresses, bus watchdog.
@@ -15,9 +15,9 @@ from head_tracking.simulation.models import (
     RPM,
     Register,
     SimulatedModel,
-    decode_sign_magnitude,
-    encode_sign_magnitude,
+    from_sign_magnitude,
     registers_of,
+    to_sign_magnitude,
 )
 from head_tracking.simulation.motion import (
     Control,
@@ -32,15 +32,16 @@ from head_tracking.simulation.motion import (
 MX_ACCELERATION: Final = math.radians(8.583)
 X_ACCELERATION: Final = 214.577 * RPM / 60.0
 X_SPEED: Final = 0.229 * RPM
+_SIGN: Final = 10  # bit of the sign of speed and load
 _HIGHEST: Final = 1023
 _STALL: Final = 911  # counts of the MX Current register at stall: 4.1 A
 _MX_GAIN_SLOPE: Final = 1024.0 * math.radians(300.0 / 1024.0)
-"""Slope of a P Gain of 1, rad: slope 32 of an AX and gain 32 of an MX do the same (e-manual)."""
+"""Slope of a P Gain of 1, rad: slope 32 of an AX equals gain 32 of an MX (e-manual)."""
 
 _REVERSE, _TIME_BASED, _TORQUE_BY_GOAL = 1, 4, 8  # bits of Drive Mode
 _CURRENT, _VELOCITY, _POSITION, _EXTENDED, _CURRENT_POSITION, _PWM = 0, 1, 3, 4, 5, 16
 _FULL_PWM: Final = 885
-_X_GAIN: Final = 128.0  # of a Position P Gain that gives one count of PWM for each tick
+_X_GAIN: Final = 128.0  # Position P Gain of one count of PWM per tick
 _GOALS: Final = ("Goal PWM", "Goal Current", "Goal Velocity", "Goal Position")
 _LIMITS: Final = {
     "Goal PWM": "PWM Limit",
@@ -51,24 +52,24 @@ WATCHDOG_TRIPPED: Final = 255
 
 
 class Refusal(Enum):
-    """Why a servo does not do what a packet asks: its error byte in protocol 1.0 and 2.0."""
+    """Reason for refusing a packet: the error byte in protocol 1.0 and in protocol 2.0."""
 
-    ACCESS = 8, 7  # no register there, or one that cannot be written now
+    ACCESS = 8, 7  # no such register, or it cannot be written now
     LENGTH = 64, 5  # a part of a register, or a packet that is too short
-    RANGE = 8, 4  # a value that the register never takes
-    LIMIT = 2, 6  # a value that another register forbids now
-    INSTRUCTION = 64, 2  # an instruction that it does not know
+    RANGE = 8, 4  # outside the range of the register
+    LIMIT = 2, 6  # outside the limits that another register sets
+    INSTRUCTION = 64, 2  # unknown instruction
 
 
 class Registers:
-    """The bytes of a control table, with the checks a servo makes before it takes new values.
+    """Bytes of a control table, with the checks that a servo makes before it accepts a write.
 
-    What the registers mean for the motion is told by the kinds of them, `JointRegisters`,
-    `XRegisters` and `FeetechRegisters`.
+    The subclasses `JointRegisters`, `XRegisters` and `FeetechRegisters` define the effect of the
+    registers on the motion.
 
     Args:
-        model: The servo's model.
-        firmware: Version of its firmware.
+        model: Model of the servo.
+        firmware: Version of the firmware.
     """
 
     def __init__(self, model: SimulatedModel, firmware: int) -> None:
@@ -76,7 +77,7 @@ class Registers:
         table = registers_of(model.name, firmware)
         self.table = {register.name: register for register in table}
         size = table[-1].end
-        self._whole = model.protocol == 2  # protocol 2.0 writes registers as a whole
+        self._whole = model.protocol == 2  # protocol 2.0 does not write parts of registers
         self._bytes = bytearray(size)
         self._values = {register.name: 0 for register in table}
         self._places = {r.name: (r.address, r.end, r.size, r.signed, r.order) for r in table}
@@ -88,14 +89,14 @@ class Registers:
             for r in table
             if r.name.startswith("Indirect Address")
         }
-        """Names of the registers that say what stands at the address of an Indirect Data."""
+        """Name of the Indirect Address register by the address of its Indirect Data register."""
         self._first_alias = min(self._aliases, default=size)
         self.load_initial_values(eeprom=True)
         self.load_initial_values(eeprom=False)
         self["Firmware Version"] = firmware
 
     def load_initial_values(self, *, eeprom: bool) -> None:
-        """Set the registers of EEPROM or RAM to the vendor's values, where there are any."""
+        """Set the registers of EEPROM or of RAM to the values that the vendor states."""
         for register in self.table.values():
             if register.eeprom is eeprom and register.initial is not None:
                 self[register.name] = register.initial
@@ -104,21 +105,21 @@ class Registers:
         return self._values[name]
 
     def get(self, name: str, default: int = 0) -> int:
-        """Return a register that not all models have."""
+        """Return a register, or a default if the model does not have it."""
         return self._values.get(name, default)
 
     def __contains__(self, name: str) -> bool:
         return name in self._values
 
     def __setitem__(self, name: str, value: int) -> None:
-        """Set a register from inside the servo, whatever a packet may do."""
+        """Set a register without checks."""
         if self._values[name] != value:
             start, end, size, signed, order = self._places[name]
             self._bytes[start:end] = value.to_bytes(size, order, signed=signed)
             self._values[name] = value
 
     def read(self, address: int, length: int) -> bytes | None:
-        """Return bytes, or None when some of them are behind the table."""
+        """Return bytes; None if some of them are beyond the table."""
         if length < 1 or address + length > len(self._bytes):
             return None
         if address + length <= self._first_alias:
@@ -126,7 +127,7 @@ class Registers:
         return b"".join(bytes(self._bytes[start:end]) for start, end in self._runs(address, length))
 
     def changes(self, address: int, data: bytes) -> dict[str, int] | Refusal:
-        """Return the new values that a packet's write gives to registers, or why it may not."""
+        """Return the register values that a write would set, or the reason for refusing it."""
         if not data:
             return Refusal.LENGTH if self._whole else Refusal.ACCESS
         changes: dict[str, int] = {}
@@ -154,14 +155,26 @@ class Registers:
                 place = register.end
         return changes
 
+    def apply(self, changes: Mapping[str, int], drive: Drive) -> dict[str, int]:
+        """Write values to registers, with all side effects; return the former values."""
+        before = {name: self[name] for name in changes}
+        for name, value in changes.items():
+            self[name] = value
+        if self.enables_torque(changes):
+            before.setdefault("Torque Enable", self["Torque Enable"])
+            self["Torque Enable"] = 1
+        if any(self[name] != value for name, value in before.items()):
+            self.after_write(before, drive)
+        return before
+
     @property
     def first_measured(self) -> int:
-        """Address of the first register that the servo itself keeps up to date."""
+        """Address of the first register that holds a measurement."""
         own = (r for r in self.table.values() if r.name.startswith(("Present", "Realtime Tick")))
         return min(register.address for register in own)
 
     def _runs(self, address: int, length: int) -> Iterator[tuple[int, int]]:
-        """Yield begin and end of the bytes meant, after Indirect Data has been looked up."""
+        """Yield begin and end of the addressed bytes, with Indirect Data resolved."""
         end = address + length
         if end <= self._first_alias:
             yield address, end
@@ -176,17 +189,15 @@ class Registers:
             last = place + 1
         yield first, last
 
-    # What they mean
-
     def ticks(self, angle: float) -> float:
-        """Return the position of the shaft at an angle, rad, as the servo counts it."""
+        """Return the position that the servo counts at an angle of the shaft, rad."""
         turned = self._direction * angle / self.model.radians_per_tick
         return self.model.center + turned + self._offset
 
     def shut_down(self) -> bool:
-        """Switch off because of an error; return whether something was on.
+        """Shut down because of an error; return whether torque was available before.
 
-        Protocol 1.0 takes the torque limit away, 2.0 switches off.
+        Protocol 1.0 sets the torque limit to 0, protocol 2.0 disables torque.
         """
         name = "Torque Limit" if self.model.protocol == 1 else "Torque Enable"
         on = bool(self[name])
@@ -194,30 +205,40 @@ class Registers:
         return on
 
     def answers(self, is_read: bool) -> bool:
-        """Return whether it answers reads, or what is neither read nor ping."""
+        """Return whether the servo answers reads, or other instructions (except ping)."""
         return self["Status Return Level"] >= (1 if is_read else 2)
 
     def error_byte(self, refusal: Refusal | None) -> int:
-        """Return what the error byte of an answer says about the packet."""
+        """Return the bits of the error byte that concern the packet."""
         return 0 if refusal is None else refusal.value[self.model.protocol - 1]
 
-    def carry_out(self, code: int, parameters: bytes, drive: Drive) -> bool:
-        """Carry out an instruction that only servos of this kind know; return whether it is one."""
+    def execute(self, code: int, parameters: bytes, drive: Drive) -> bool:
+        """Execute an instruction of this family; return whether the code is known."""
         return False
 
     def refusal(self, register: Register, value: int) -> Refusal | None:
-        """Return why another register forbids a value; None: nothing does."""
+        """Return the reason for refusing a value because of another register; None: accepted."""
         return None
 
-    def written(self, before: Mapping[str, int], drive: Drive) -> None:
-        """Do what a write does besides; `before` has the old values of what was written."""
+    def after_write(self, before: Mapping[str, int], drive: Drive) -> None:
+        """Apply the side effects of a write; `before` has the former values."""
 
-    def fold(self, drive: Drive) -> None:
-        """Count the present position within one turn from now on, where turns are counted."""
+    def enables_torque(self, names: Collection[str]) -> bool:
+        """Return whether a write of these registers enables torque."""
+        raise NotImplementedError
+
+    def reset_turns(self, drive: Drive) -> None:
+        """Reset the count of turns, if the model has one."""
+
+    def _in_range(self, ticks: float) -> int:
+        """Return the tick that an encoder without a count of turns reads."""
+        if self.model.endless:
+            return round(ticks) % self.model.ticks
+        return max(0, min(self.model.ticks - 1, round(ticks)))
 
     @property
     def _offset(self) -> int:
-        """What the servo adds to its position, ticks."""
+        """Offset that the servo adds to its position, ticks."""
         return 0
 
     @property
@@ -226,26 +247,26 @@ class Registers:
 
 
 class JointRegisters(Registers):
-    """AX, RX, MX with protocol 1.0 and XL-320: a moving speed; wheel and joint by angle limits."""
+    """AX, RX, MX with protocol 1.0, and XL-320; the angle limits select joint or wheel mode."""
 
     @property
     def goal_speed(self) -> int:
-        """Speed at which a goal is approached, or at which the servo turns, in its counts."""
+        """Goal speed, or profile speed of the goal position, in counts."""
         return self["Moving Speed"]
 
     def start(self, ticks: float) -> None:
-        """Set what power-on sets, with the shaft at a tick."""
+        """Initialise RAM at power-on, with the shaft at a tick."""
         self["Goal Position"] = self._in_range(ticks)
         self["Torque Limit"] = self["Max Torque"]
 
     def settings(self) -> DriveSettings:
-        """Return what the control loop must know."""
+        """Return the settings of the control loop."""
         model, speed, wheel = self.model, self["Moving Speed"], self._is_wheel
         control, goal = Control.POSITION, self._angle(self["Goal Position"])
         if wheel and model.endless:
-            control, goal = Control.VELOCITY, decode_sign_magnitude(speed) * model.speed_unit
+            control, goal = Control.VELOCITY, from_sign_magnitude(speed, _SIGN) * model.speed_unit
         elif wheel:
-            control, goal = Control.OUTPUT, decode_sign_magnitude(speed) / model.speed_maximum
+            control, goal = Control.OUTPUT, from_sign_magnitude(speed, _SIGN) / model.speed_maximum
         ramp = self.get("Goal Acceleration") * MX_ACCELERATION
         return DriveSettings(
             torque=bool(self["Torque Enable"]),
@@ -273,18 +294,18 @@ class JointRegisters(Registers):
                 return Refusal.LIMIT
         return None
 
-    def stiffens(self, names: Collection[str]) -> bool:
-        """Return whether a write of these registers switches torque on: users see it happen."""
+    def enables_torque(self, names: Collection[str]) -> bool:
+        """Return whether a goal or a speed is written (reported by users)."""
         return "Goal Position" in names or "Moving Speed" in names
 
     def measure(self, drive: Drive, noise: float) -> None:
-        """Take over what the servo measures; `noise` is the encoder's, ticks."""
+        """Set the measured registers; `noise` is that of the encoder, ticks."""
         model, sign = self.model, self._direction
         speed = round(sign * drive.speed / model.speed_unit)
         self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
-        self["Present Speed"] = encode_sign_magnitude(max(-_HIGHEST, min(_HIGHEST, speed)))
-        self["Present Load"] = encode_sign_magnitude(
-            round(sign * drive.output * model.load_maximum)
+        self["Present Speed"] = to_sign_magnitude(speed, _SIGN)
+        self["Present Load"] = to_sign_magnitude(
+            round(sign * drive.output * model.load_maximum), _SIGN
         )
         self["Moving"] = int(drive.moving)
         if "Current" in self:
@@ -295,11 +316,6 @@ class JointRegisters(Registers):
         if "Control Mode" in self:
             return self["Control Mode"] == 1
         return self["CW Angle Limit"] == self["CCW Angle Limit"] == 0
-
-    def _in_range(self, ticks: float) -> int:
-        if self.model.endless:
-            return round(ticks) % self.model.ticks
-        return max(0, min(self.model.ticks - 1, round(ticks)))
 
     def _angle(self, ticks: int) -> float:
         return self._direction * (ticks - self.model.center) * self.model.radians_per_tick
@@ -324,18 +340,18 @@ class XRegisters(Registers):
 
     @property
     def goal_speed(self) -> int:
-        """Speed at which a goal is approached, or at which the servo turns, in its counts."""
+        """Goal speed, or profile speed of the goal position, in counts."""
         return self["Goal Velocity" if self["Operating Mode"] == _VELOCITY else "Profile Velocity"]
 
     def start(self, ticks: float) -> None:
-        """Set what power-on sets, with the shaft at a tick."""
+        """Initialise RAM at power-on, with the shaft at a tick."""
         self["Goal Position"] = round(ticks)
         self._reset_goals()
         if "Startup Configuration" in self:
             self["Torque Enable"] = self["Startup Configuration"] & 1
 
     def settings(self) -> DriveSettings:
-        """Return what the control loop must know."""
+        """Return the settings of the control loop."""
         mode, sign, full = self["Operating Mode"], self._direction, self.model.load_maximum
         if mode == _VELOCITY:
             control, goal = Control.VELOCITY, sign * self["Goal Velocity"] * X_SPEED
@@ -378,21 +394,21 @@ class XRegisters(Registers):
         limited = name == "Goal Position" and self["Operating Mode"] == _POSITION
         return Refusal.LIMIT if limited and not low <= value <= high else None
 
-    def stiffens(self, names: Collection[str]) -> bool:
-        """Return whether a write of these registers may switch torque on."""
+    def enables_torque(self, names: Collection[str]) -> bool:
+        """Return whether a goal is written and Drive Mode enables torque by goals."""
         return bool(self["Drive Mode"] & _TORQUE_BY_GOAL) and any(n in _GOALS for n in names)
 
-    def written(self, before: Mapping[str, int], drive: Drive) -> None:
+    def after_write(self, before: Mapping[str, int], drive: Drive) -> None:
         """See `Registers`."""
         if before.get("Operating Mode", self["Operating Mode"]) != self["Operating Mode"]:
             self._reset_goals()
-            self.fold(drive)
+            self.reset_turns(drive)
         switched_on = self["Torque Enable"] and not before.get("Torque Enable", 1)
         if switched_on and self["Operating Mode"] == _POSITION:
-            self.fold(drive)
+            self.reset_turns(drive)
 
     def measure(self, drive: Drive, noise: float) -> None:
-        """Take over what the servo measures; `noise` is the encoder's, ticks."""
+        """Set the measured registers; `noise` is that of the encoder, ticks."""
         model, sign = self.model, self._direction
         velocity = round(sign * drive.speed / X_SPEED)
         self["Present Position"] = round(self.ticks(drive.angle) + noise)
@@ -404,18 +420,18 @@ class XRegisters(Registers):
             self["Present Load"] = round(sign * drive.output * model.load_maximum)
         self["Velocity Trajectory"] = round(sign * drive.reference_speed / X_SPEED)
         self["Position Trajectory"] = round(self.ticks(drive.reference))
-        on_the_way = drive.approaching
-        self["Moving"] = int(on_the_way or abs(velocity) > self["Moving Threshold"])
+        approaching = drive.approaching
+        self["Moving"] = int(approaching or abs(velocity) > self["Moving Threshold"])
         form = 0 if not self["Profile Velocity"] else 3 if self["Profile Acceleration"] else 1
-        self["Moving Status"] = (not drive.moving) | on_the_way << 1 | form << 4
+        self["Moving Status"] = (not drive.moving) | approaching << 1 | form << 4
 
-    def fold(self, drive: Drive) -> None:
+    def reset_turns(self, drive: Drive) -> None:
         """See `Registers`."""
         turns = math.floor(self.ticks(drive.angle) / self.model.ticks)
-        drive.turn_back(self._direction * turns)
+        drive.subtract_turns(self._direction * turns)
 
     def hold(self, drive: Drive) -> None:
-        """Stop where the shaft stands: the watchdog has tripped."""
+        """Stop at the present position because the bus watchdog has tripped."""
         self["Bus Watchdog"] = WATCHDOG_TRIPPED
         self["Goal Velocity"] = 0
         self["Goal PWM"] = 0 if self["Operating Mode"] == _PWM else self["PWM Limit"]

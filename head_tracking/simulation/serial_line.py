@@ -1,8 +1,7 @@
-"""The serial line between master and servos, in time: one wire, on which one can speak at a time.
+"""Timing of the half-duplex serial line between master and servos, with collisions.
 
-Bytes that overlap garble each other. Servos with the same id that send the same bytes at the same
-time are understood all the same; other bytes at the same time pull the wire low together; and bytes
-that overlap by a part are heard as something else altogether.
+Bytes that start at the same time are combined by AND; bytes that overlap partly are corrupted. So
+equal packets of servos with the same id, sent at the same time, are received correctly.
 """
 
 from __future__ import annotations
@@ -15,28 +14,28 @@ from typing import Final
 
 from head_tracking.simulation.bus import Answer, SimulatedBus
 
-_GARBLED: Final = 0x55  # bits by which a byte that is overlapped by a part is heard differently
-_NOMINAL: Final = 10_000  # ns for a byte where bytes take no time
+_GARBLED: Final = 0x55  # bits that change in a byte that another one overlaps partly
+_NOMINAL: Final = 10_000  # ns for a byte on a line without transmission times
 
 
 class Overlap(Enum):
-    """Two speakers at the same time."""
+    """A collision of two senders."""
 
     REQUEST = "the master over a status packet"
     STATUS = "status packets of different requests"
     TWINS = "servos with the same id"
-    FAULT = "a servo that a fault made late, or answer what it misheard, over anything"
+    FAULT = "a servo delayed by an injected fault, or an answer to a damaged packet"
 
 
 class _Transmission:
-    """Bytes on the wire, or of the adapter, on their way to the master.
+    """Bytes in transmission to the master.
 
     Attributes:
-        start: When the first byte begins, ns.
-        data: The bytes, as the master will hear them.
-        byte_time: Time of one, ns.
-        late: Time by which the adapter hands them on late, ns.
-        fault: Whether a fault made the servo send them, or send them late.
+        start: Start of the first byte, ns.
+        data: The bytes, as the master will receive them.
+        byte_time: Duration of one byte, ns.
+        late: Additional delay of the adapter, ns.
+        fault: Whether an injected fault caused or delayed them.
     """
 
     def __init__(
@@ -47,16 +46,16 @@ class _Transmission:
 
     @property
     def end(self) -> int:
-        """When the last byte ends, ns."""
+        """End of the last byte, ns."""
         return self.start + len(self.data) * self.byte_time
 
     def covered(self, start: int, end: int) -> range:
-        """Return the numbers of its bytes that share a moment with a span of time."""
+        """Return the indices of the bytes that overlap an interval."""
         first = max(0, (start - self.start) // self.byte_time)
         return range(first, min(len(self.data), -(-(end - self.start) // self.byte_time)))
 
     def absorb(self, other: _Transmission) -> bool:
-        """Hear one that begins later at the same time; return whether it mattered."""
+        """Merge a later transmission into this one; return whether bytes were corrupted."""
         offset = other.start - self.start
         first = offset // self.byte_time
         changed = False
@@ -78,19 +77,18 @@ class _Transmission:
 
 
 class SerialLine:
-    """The way from the master to the servos and back. Not thread-safe; times are integer ns.
+    """Half-duplex line between master and servos. Not thread-safe; times are integer ns.
 
     Args:
         bus: The servos.
-        paced: Whether bytes take the time that they take at the baud rate. If not, answers are
-            there as soon as the servo begins, and only servos with the same id can overlap.
-        latency: Period at which the adapter hands on what it received, ns; 0: at once. FTDI chips
-            have 16 ms from the factory.
-        match_baud_rate: Whether only servos that are set to the master's baud rate hear it.
+        paced: Whether bytes take the time of the baud rate. If not, answers arrive when the servo
+            starts to send, and only servos with the same id can collide.
+        latency: Latency timer of the adapter, ns; 0: none. The default of FTDI chips is 16 ms.
+        match_baud_rate: Whether only servos with the baud rate of the master receive it.
 
     Attributes:
         bus: The servos.
-        overlaps: How often two spoke at the same time, so that something was garbled.
+        overlaps: Number of collisions that corrupted bytes.
     """
 
     def __init__(
@@ -104,25 +102,25 @@ class SerialLine:
         self.bus = bus
         self.overlaps: Counter[Overlap] = Counter()
         self._paced, self._latency, self._match = paced, latency, match_baud_rate
-        self._sent = 0  # when the master's last byte ends
-        self._coming: list[_Transmission] = []
+        self._sent = 0  # end of the last byte of the master
+        self._pending: list[_Transmission] = []
 
     def send(self, data: bytes, now: int, baud_rate: int) -> None:
-        """Take bytes from the master."""
+        """Send bytes of the master."""
         byte_time = 10_000_000_000 // baud_rate if self._paced else 0
         for sent in _pieces(data):
             start = max(now, self._sent)
             self._sent = start + len(sent) * byte_time
-            alone = not byte_time or not self._coming
-            heard = sent if alone else self._speak_over(sent, start, byte_time)
+            alone = not byte_time or not self._pending
+            heard = sent if alone else self._collide(sent, start, byte_time)
             answers = self.bus.receive(heard, self._sent, baud_rate if self._match else None)
             if answers:
                 self._answer(answers, byte_time)
 
-    def _speak_over(self, piece: bytes, start: int, byte_time: int) -> bytes:
-        """Let the master talk while others may; return what servos hear."""
+    def _collide(self, piece: bytes, start: int, byte_time: int) -> bytes:
+        """Send while servos may be sending; return the bytes that the servos receive."""
         heard = _Transmission(start, piece, byte_time)
-        for status in self._coming:
+        for status in self._pending:
             if status.start >= self._sent or status.end <= start:
                 continue
             self.overlaps[Overlap.FAULT if status.fault else Overlap.REQUEST] += 1
@@ -132,12 +130,12 @@ class SerialLine:
         return bytes(heard.data)
 
     def _answer(self, answers: list[Answer], byte_time: int) -> None:
-        """Put the answers to one piece on the wire."""
+        """Schedule the answers to one packet."""
         turn, turn_start, turn_end = 0, self._sent, self._sent
         mine: list[_Transmission] = []
         for answer in answers:
             if answer.echo:
-                self._coming.append(_Transmission(self._sent, answer.data, 0))
+                self._pending.append(_Transmission(self._sent, answer.data, 0))
                 continue
             if answer.turn != turn:
                 turn, turn_start = answer.turn, turn_end
@@ -145,13 +143,13 @@ class SerialLine:
             fault = answer.stalled > 0 or answer.complaint
             spoken = _Transmission(start, answer.data, byte_time or _NOMINAL, answer.late, fault)
             turn_end = max(turn_end, spoken.end if self._paced else start)
-            for other in list(self._coming if self._paced else mine):
+            for other in list(self._pending if self._paced else mine):
                 if other.start < spoken.end and spoken.start < other.end:
                     spoken = self._merged(spoken, other, twins=other in mine)
-                    self._coming.remove(other)
+                    self._pending.remove(other)
                     mine = [one for one in mine if one is not other]
             mine.append(spoken)
-            self._coming.append(spoken)
+            self._pending.append(spoken)
 
     def _merged(self, one: _Transmission, other: _Transmission, *, twins: bool) -> _Transmission:
         first, second = sorted((one, other), key=lambda spoken: spoken.start)
@@ -167,24 +165,24 @@ class SerialLine:
 
     @property
     def due(self) -> int | None:
-        """When the next bytes arrive at the master, ns; None if none are under way."""
-        return min(map(self._due, self._coming)) if self._coming else None
+        """Arrival time of the next bytes at the master, ns; None: nothing is pending."""
+        return min(map(self._due, self._pending)) if self._pending else None
 
-    def take(self, now: int) -> bytes:
-        """Return what has arrived at the master."""
-        if not self._coming:
+    def receive(self, now: int) -> bytes:
+        """Return the bytes that have arrived at the master."""
+        if not self._pending:
             return b""
-        arrived = [spoken for spoken in self._coming if self._due(spoken) <= now]
-        self._coming = [spoken for spoken in self._coming if spoken not in arrived]
+        arrived = [spoken for spoken in self._pending if self._due(spoken) <= now]
+        self._pending = [spoken for spoken in self._pending if spoken not in arrived]
         return b"".join(bytes(spoken.data) for spoken in sorted(arrived, key=self._due))
 
     def clear(self) -> None:
-        """Forget what is under way."""
-        self._coming.clear()
+        """Discard pending bytes."""
+        self._pending.clear()
 
 
 def _pieces(data: bytes) -> Iterator[bytes]:
-    """Cut what was sent at once where packets seem to end: each is heard at its own time."""
+    """Split bytes at the ends of packets: each packet is received at its own time."""
     while data:
         length = len(data)
         if data[:4] == b"\xff\xff\xfd\x00" and len(data) > 6:
@@ -196,7 +194,7 @@ def _pieces(data: bytes) -> Iterator[bytes]:
 
 
 class SimulatedClock:
-    """Time that passes only when somebody waits.
+    """A clock that advances only while a caller waits.
 
     Attributes:
         now: ns.
@@ -210,23 +208,23 @@ class SimulatedClock:
         return self.now * 1e-9
 
     def pass_until(self, time: float) -> None:
-        """Let time pass up to `time`, s; does nothing if that has been."""
+        """Advance to `time`, s, unless it is in the past."""
         self.now = max(self.now, round(time * 1e9))
 
 
 class SimulatedLine:
-    """A serial line in simulated time: a stand-in for an open serial device, without waiting.
+    """A serial device in simulated time: waiting advances the clock.
 
     Args:
         bus: The servos.
-        clock: Waiting for an answer lets its time pass.
+        clock: The simulated time.
         baud_rate: Bits per second.
         paced: See `SerialLine`.
-        latency: Period at which the adapter hands on what it received, s; 0: at once.
+        latency: Latency timer of the adapter, s.
         match_baud_rate: See `SerialLine`.
 
     Attributes:
-        plugged: While it is false, all methods raise OSError, as of a device that has gone.
+        plugged: False: all methods raise OSError, as for a removed device.
     """
 
     def __init__(
@@ -248,32 +246,32 @@ class SimulatedLine:
 
     @property
     def overlaps(self) -> Counter[Overlap]:
-        """How often two spoke at the same time."""
+        """Number of collisions."""
         return self._line.overlaps
 
     def discard_input(self) -> None:
-        """Forget everything received so far."""
+        """Discard received bytes."""
         self._check()
-        self._line.take(self._clock.now)
+        self._line.receive(self._clock.now)
         self._received = b""
 
     def write(self, data: bytes, timeout: float = 0.0) -> None:
-        """Write all bytes; takes no time. `timeout` is not needed."""
+        """Write all bytes, without waiting."""
         self._check()
         self._line.send(data, self._clock.now, self._baud_rate)
 
     def read(self, limit: int, deadline: float) -> bytes:
-        """Return at most `limit` bytes, waiting for the first one until the deadline, s."""
+        """Return at most `limit` bytes; wait for the first one until the deadline, s."""
         self._check()
         if not self._received:
             due = self._line.due
             self._clock.pass_until(deadline if due is None else min(deadline, due * 1e-9))
             if due is not None and due * 1e-9 <= deadline:
                 self._clock.now = max(self._clock.now, due)
-            self._received = self._line.take(self._clock.now)
+            self._received = self._line.receive(self._clock.now)
         data, self._received = self._received[:limit], self._received[limit:]
         return data
 
     def _check(self) -> None:
         if not self.plugged:
-            raise OSError(errno.EIO, "the device has gone")
+            raise OSError(errno.EIO, "the device is gone")

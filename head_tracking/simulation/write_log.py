@@ -1,37 +1,26 @@
-"""What has really reached the servos: every goal, every speed and every switch, in order."""
+"""Log of the writes that servos accepted: goals, speeds, torque and watchdog."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
-_WATCHED: Final = frozenset(
+_LOGGED: Final = frozenset(
     ("Goal Position", "Torque Enable", "Moving Speed", "Profile Velocity", "Goal Velocity",
      "Bus Watchdog")
 )  # fmt: skip
 
 
-class Watched(Protocol):
-    """The registers of a servo."""
-
-    @property
-    def goal_speed(self) -> int:
-        """Speed at which a goal is approached, in the servo's counts."""
-
-    def __getitem__(self, name: str) -> int: ...
-
-
 class Write(NamedTuple):
-    """Something that a servo took from a packet.
+    """A write that a servo accepted.
 
     Attributes:
         time: ns.
-        id: The servo.
+        id: Id of the servo.
         goal: Goal Position after the write.
         speed: Moving Speed or Profile Velocity after the write; Goal Velocity in velocity mode.
-        torque: Whether torque was on after the write.
-        names: The registers that were written.
+        torque: Whether torque was enabled after the write.
+        names: The written registers.
     """
 
     time: int
@@ -43,25 +32,24 @@ class Write(NamedTuple):
 
 
 class WriteLog:
-    """Keeps every goal, speed and switch of torque and watchdog that servos took from packets.
+    """The latest writes to registers that affect the motion.
 
     Args:
-        keep: How many it keeps at most; the oldest are forgotten first.
+        keep: Maximum number of writes.
 
     Attributes:
-        writes: Newest last.
+        writes: Latest last.
     """
 
     def __init__(self, keep: int = 10_000) -> None:
         self.writes: deque[Write] = deque(maxlen=keep)
 
-    def note(self, time: int, servo_id: int, registers: Watched, names: Iterable[str]) -> None:
-        """Keep a write, if it has to do with motion."""
-        told = tuple(name for name in names if name in _WATCHED)
-        if told:
-            goal, torque = registers["Goal Position"], bool(registers["Torque Enable"])
-            self.writes.append(Write(time, servo_id, goal, registers.goal_speed, torque, told))
+    def add(self, write: Write) -> None:
+        """Add a write if it affects the motion."""
+        names = tuple(name for name in write.names if name in _LOGGED)
+        if names:
+            self.writes.append(write._replace(names=names))
 
     def goals(self, servo_id: int) -> list[int]:
-        """Return the goal positions that a servo took, oldest first."""
+        """Return the goal positions that a servo accepted, oldest first."""
         return [w.goal for w in self.writes if w.id == servo_id and "Goal Position" in w.names]

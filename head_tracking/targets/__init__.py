@@ -1,4 +1,4 @@
-"""Where targets come from: frames, people's skeletons, and several sources at once."""
+"""Sources of targets: frames, joints of skeletons, and a choice among several sources."""
 
 from head_tracking.targets.frame_target import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.targets.mux import MuxParameters, Source, TargetMux

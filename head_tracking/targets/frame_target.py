@@ -1,4 +1,4 @@
-"""A frame as the target: a gripper, what another program publishes on /tf, a person's hand."""
+"""A frame as the target: a gripper, a frame of another program on /tf, a hand of a person."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from head_tracking.transforms import LATEST, TransformBuffer, TransformException
 
 @dataclass(frozen=True, slots=True)
 class FrameTargetParameters:
-    """Which frame to look at, and how old it may be."""
+    """The frame to look at, and its maximum age."""
 
     frame: str = parameter(
         "", "The frame to look at, or a skeleton's joint: head, left_hand, right_knee, ..."
@@ -24,14 +24,14 @@ class FrameTargetParameters:
         "base_link", "The frame in which the target is published; it must not move with the head."
     )
     max_age: float = parameter(
-        0.5, "What was seen longer ago is not published.", unit="s", minimum=0.01, maximum=60.0
+        0.5, "Older transforms are not published.", unit="s", minimum=0.01, maximum=60.0
     )
     mirror_skeleton: bool = parameter(
         False, "Swap left and right of a skeleton's joints, for trackers that see a mirror image."
     )
     skeleton_user: int = parameter(
         0,
-        "Number of the person whose joint is meant; 0: whoever was seen last.",
+        "Number of the person whose joint is meant; 0: the person seen last.",
         minimum=0,
         maximum=1000,
     )
@@ -42,11 +42,11 @@ class FrameTargetParameters:
 
 
 class StaleFrameError(Exception):
-    """The frame is known, but nobody has said for too long where it is."""
+    """The latest transform of the frame is too old."""
 
 
 class FrameTarget:
-    """Looks where the frame is; `parameters` may change on the way."""
+    """The origin of a frame, with an offset; `parameters` may change at any time."""
 
     def __init__(self, buffer: TransformBuffer, parameters: FrameTargetParameters) -> None:
         self._buffer = buffer
@@ -54,12 +54,12 @@ class FrameTarget:
         self._sent = LATEST
 
     def newest(self, now: int) -> Target | None:
-        """The target, with the time of its newest transform; None if that was given already.
+        """Return the target at its latest transform; None if that was returned already.
 
-        Where nothing on the way to the frame ever moves, the time is `now` [ns].
+        The stamp of a frame with static transforms only is `now` [ns].
 
         Raises:
-            StaleFrameError: the newest transform is older than `max_age`.
+            StaleFrameError: the latest transform is older than `max_age`.
             TransformException: the frame is not known, or nothing connects it.
         """
         p = self.parameters

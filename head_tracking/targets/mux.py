@@ -1,4 +1,4 @@
-"""Several targets at once: which of them the head looks at."""
+"""Choose one of several sources of targets."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from head_tracking.parameters import ParameterError, parameter
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where targets come from.
+    """A source of targets.
 
     Attributes:
-        name: what people call it.
-        priority: of several sources with a target the one with the highest wins.
-        timeout: how long a target counts after it came [s].
+        name: name of the source.
+        priority: the source with the highest priority that has a target is chosen.
+        timeout: how long a target is valid after its arrival [s].
     """
 
     name: str
@@ -26,11 +26,11 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class MuxParameters:
-    """When to change from one source to another."""
+    """Hysteresis of the choice."""
 
     take_over_time: float = parameter(
         0.5,
-        "A more important source has to have a target for so long before the head turns to it.",
+        "A source of higher priority must have a target for this time to be chosen.",
         unit="s",
         minimum=0.0,
         maximum=60.0,
@@ -38,11 +38,11 @@ class MuxParameters:
 
 
 class TargetMux:
-    """Chooses among sources by priority, with time-outs and hysteresis.
+    """Choose a source by priority, with time-outs and hysteresis.
 
-    A source that has the head keeps it while it has targets, unless one of higher priority has had
-    targets for the take-over time. When it has none any more, the most important one that has
-    takes over at once. Times are in seconds, on any clock.
+    The chosen source stays chosen while it has a target, unless a source of higher priority has had
+    one for the take-over time. When it has no target any more, the source of the highest priority
+    that has one is chosen at once. Times are in seconds, on any clock.
 
     Raises:
         ParameterError: there is no source, or two have one name.
@@ -63,7 +63,7 @@ class TargetMux:
         self.pinned: str | None = None
 
     def pin(self, name: str | None) -> None:
-        """Looks at one source only, whether it has a target or not; None: chooses again.
+        """Choose one source only, whether it has a target or not; None: choose by priority.
 
         Raises:
             ValueError: there is no such source.
@@ -73,18 +73,18 @@ class TargetMux:
         self.pinned = name
 
     def offer(self, name: str, now: float) -> bool:
-        """Notes that a source has a target; whether it is the one to look at."""
+        """Record a target of a source; return whether this source is chosen."""
         if not self._fresh(name, now):
             self._first[name] = now
         self._last[name] = now
         return self.select(now) == name
 
     def withdraw(self, name: str) -> None:
-        """The source has no target any more."""
+        """Record that a source has no target any more."""
         self._last[name] = -math.inf
 
     def select(self, now: float) -> str | None:
-        """The source to look at; None if none has a target."""
+        """Return the chosen source; None: no source has a target."""
         if self.pinned is not None:
             self._selected = self.pinned if self._fresh(self.pinned, now) else None
             return self._selected
@@ -104,7 +104,7 @@ class TargetMux:
         return self._selected
 
     def _fresh(self, name: str, now: float) -> bool:
-        # (what lies in the future came before the clock jumped back)
+        # below 0: the clock has jumped back
         return 0.0 <= now - self._last[name] <= self.sources[name].timeout
 
     def _priority(self, name: str) -> int:

@@ -1,4 +1,4 @@
-"""The joints of a person, as skeleton trackers name their frames on /tf."""
+"""Joints of a person, by the names that skeleton trackers give to their frames."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ SKELETON_JOINTS = (
         for joint in ("shoulder", "elbow", "hand", "hip", "knee", "foot")
     ),
 )
-"""The fifteen joints of openni_tracker, which tutorial part 2 follows."""
+"""The fifteen joints of openni_tracker, as in part 2 of the tutorial."""
 
 
 def mirrored(joint: str) -> str:
-    """The same joint of the other side; one in the middle stays itself."""
+    """Return the same joint of the other side; one in the middle is returned unchanged."""
     side, _, rest = joint.partition("_")
     if side not in _SIDES or not rest:
         return joint
@@ -35,19 +35,19 @@ def skeleton_frame(
     mirror: bool = False,
     user: int = 0,
 ) -> str:
-    """The frame that a person means by `name`.
+    """Return the frame of a skeleton's joint.
 
-    Trackers that follow several people put their number behind the joint: ``left_hand_1``.
+    Trackers of several people append the number of the person: ``left_hand_1``.
 
     Args:
         name: any frame, or one of `SKELETON_JOINTS`.
-        frames: all that are known.
-        newest: the stamp of a frame's newest transform [ns].
+        frames: all known frames.
+        newest: returns the stamp of a frame's latest transform [ns].
         mirror: left and right are swapped, if `name` is a skeleton's joint.
-        user: the number of the person; 0: whoever was seen last.
+        user: number of the person; 0: the person seen last.
 
     Returns:
-        A frame that is known, or else the one that was asked for.
+        A known frame, or else the joint's own name.
     """
     if name not in SKELETON_JOINTS:
         return name

@@ -1,4 +1,4 @@
-"""From one target to the next without a jump."""
+"""Smooth transition of the gaze from one target to the next."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from head_tracking.transforms import Vector3
 
 
 class Transition:
-    """Leads the gaze from one point to another on a way around the head.
+    """Move the gaze from one point to another on a path around the head.
 
-    The way goes in azimuth, elevation and distance seen from a centre, and past the front: never
-    through the head, and never behind the robot, where a head can't look.
+    Azimuth, elevation and distance from a centre are interpolated, so that the path passes in front
+    of the robot, and not through the head.
     """
 
     def __init__(self) -> None:
@@ -20,25 +20,25 @@ class Transition:
         self._duration = 0.0
 
     def begin(self, start: Vector3, now: float, duration: float) -> None:
-        """Leaves `start` [m] at the time `now`, to arrive after `duration` [s]."""
+        """Start from `start` [m] at the time `now`, to arrive after `duration` [s]."""
         self._start, self._since, self._duration = start, now, duration
 
     def under_way(self, now: float) -> bool:
-        """Whether the new target is not yet reached."""
+        """Return whether the transition has not ended yet."""
         return self._start is not None and now - self._since < self._duration
 
     def at(self, end: Vector3, now: float, centre: Vector3) -> Vector3:
-        """Where to look now on the way to `end`.
+        """Return the point to look at now.
 
         Args:
             end: the new target [m].
             now: the time [s].
-            centre: where the head is [m].
+            centre: position of the head [m].
         """
         if self._start is None or not self.under_way(now):
             return end
         ratio = (now - self._since) / self._duration
-        ratio = ratio * ratio * (3.0 - 2.0 * ratio)  # without a jolt at either end
+        ratio = ratio * ratio * (3.0 - 2.0 * ratio)  # velocity 0 at both ends
         here, there = _spherical(self._start, centre), _spherical(end, centre)
         return _point(tuple(a + ratio * (b - a) for a, b in zip(here, there, strict=True)), centre)
 

@@ -1,20 +1,11 @@
-"""The ROS face of `head_tracking.transforms`: tf2_ros's names and words, messages in and out."""
+"""`head_tracking.transforms` for ROS messages, with the names and arguments of tf2_ros."""
 
 from head_tracking.tf.broadcaster import (
     StaticTransformBroadcaster,
     TransformBroadcaster,
     broadcasting_possible,
 )
-from head_tracking.tf.buffer import Buffer, BufferCore
-from head_tracking.tf.buffer_interface import (
-    BufferInterface,
-    ConvertRegistration,
-    NotImplementedException,
-    Stamped,
-    TransformRegistration,
-    TypeException,
-    convert,
-)
+from head_tracking.tf.buffer import Buffer, BufferCore, BufferInterface, NotImplementedException
 from head_tracking.tf.do_transform import (
     do_transform_cloud,
     do_transform_point,
@@ -34,6 +25,13 @@ from head_tracking.tf.listener import (
     StaticTransformListener,
     TransformListener,
     listening_buffer,
+)
+from head_tracking.tf.registration import (
+    ConvertRegistration,
+    Stamped,
+    TransformRegistration,
+    TypeException,
+    convert,
 )
 from head_tracking.transforms.exceptions import (
     ConnectivityException,

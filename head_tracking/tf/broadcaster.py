@@ -1,4 +1,4 @@
-"""Sends transforms to other programs, on `/tf` and `/tf_static`; needs tf2_msgs."""
+"""Publishers of transforms on `/tf` and `/tf_static`; they need tf2_msgs."""
 
 from __future__ import annotations
 
@@ -10,61 +10,67 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from head_tracking.ros.kit.qos import LATCHED, TF
-from head_tracking.tf.tf2_messages import TFMessage, require_tf2_msgs
+from head_tracking.tf.tf2_messages import TFMessage
 
 Transforms: TypeAlias = TransformStamped | Iterable[TransformStamped]
 
 
 def broadcasting_possible() -> bool:
-    """Whether tf2_msgs is installed; it is not among the ROS wheels."""
+    """Return whether tf2_msgs is installed; it is not among the ROS wheels."""
     return TFMessage is not None
 
 
 class TransformBroadcaster:
-    """Sends measured transforms.
+    """Publishes measured transforms.
 
     Args:
-        node: sends.
+        node: publishes.
         qos: of `/tf`.
 
     Raises:
         ImportError: tf2_msgs is not installed.
     """
 
+    _TOPIC, _QOS = "/tf", TF
+
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
-        require_tf2_msgs()
-        self.pub_tf = node.create_publisher(TFMessage, "/tf", TF if qos is None else qos)
+        if TFMessage is None:
+            raise ImportError(
+                "tf2_msgs is not installed; it comes with a ROS 2 installation (ros-jazzy-tf2-msgs)"
+            )
+        self.pub_tf = node.create_publisher(
+            TFMessage, self._TOPIC, self._QOS if qos is None else qos
+        )
 
     def sendTransform(self, transform: Transforms) -> None:
-        """Sends one transform or several."""
+        """Publish one transform or several."""
         self.pub_tf.publish(TFMessage(transforms=_listed(transform)))
 
 
-class StaticTransformBroadcaster:
-    """Sends transforms that never change; who comes later gets all of them.
+class StaticTransformBroadcaster(TransformBroadcaster):
+    """Publishes transforms that never change; later subscribers receive all of them.
 
     Args:
-        node: sends.
+        node: publishes.
         qos: of `/tf_static`.
 
     Raises:
         ImportError: tf2_msgs is not installed.
     """
 
+    _TOPIC, _QOS = "/tf_static", LATCHED
+
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
-        require_tf2_msgs()
-        self.pub_tf = node.create_publisher(
-            TFMessage, "/tf_static", LATCHED if qos is None else qos
-        )
+        super().__init__(node, qos)
         self._sent: dict[str, TransformStamped] = {}
 
     def sendTransform(self, transform: Transforms) -> None:
-        """Sends one transform or several, with all those sent before."""
+        """Publish one transform or several, and again all those sent before."""
         self._sent |= {sent.child_frame_id: sent for sent in _listed(transform)}
-        self.pub_tf.publish(TFMessage(transforms=list(self._sent.values())))
+        super().sendTransform(self._sent.values())
 
     def forget(self) -> None:
-        """The transforms sent so far are not sent again, as after another robot model."""
+        """Do not send the transforms so far again, for example with another robot model."""
         self._sent.clear()
 
 

@@ -1,10 +1,14 @@
-"""The transform buffer with messages in and out, by tf2_ros's names and with its arguments."""
+"""The transform buffer for ROS messages, with the names and arguments of tf2_ros and tf2_py.
+
+`head_tracking.transforms.TransformBuffer` documents arguments and errors of the lookups.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
+from builtin_interfaces.msg import Time as TimeMsg
 from geometry_msgs.msg import TransformStamped, Twist, VelocityStamped
 from geometry_msgs.msg import Vector3 as Vector3Msg
 from rclpy.clock import Clock, JumpThreshold, TimeJump
@@ -14,25 +18,141 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.time import Time
 
-from head_tracking.tf.buffer_interface import AnyTime, BufferInterface, convert, why_not
 from head_tracking.tf.conversions import seconds, stamp_to_ns
 from head_tracking.tf.do_transform import MAKERS
 from head_tracking.tf.messages import header, read, transform_stamped
+from head_tracking.tf.registration import TransformRegistration, convert
 from head_tracking.tf.tf2_messages import FrameGraph
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.transforms.history import DEFAULT_CACHE_TIME
 
-VelocityCore = tuple[Vector3, Vector3]
+AnyTime: TypeAlias = Time | TimeMsg
+VelocityCore: TypeAlias = tuple[Vector3, Vector3]
+"""Linear [m/s] and angular velocity [rad/s]."""
+
+
+class NotImplementedException(Exception):
+    """A buffer does not implement its lookups."""
+
+    def __init__(self) -> None:
+        self.errstr = "can_transform or lookup_transform is not implemented"
+        super().__init__(self.errstr)
+
+
+class BufferInterface:
+    """Base class of buffers, for programs that implement lookups of their own.
+
+    Attributes:
+        registration: the function that transforms each type of message.
+    """
+
+    def __init__(self) -> None:
+        self.registration = TransformRegistration()
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
+    ) -> TransformStamped:
+        """Return the transform that takes points from source to target."""
+        raise NotImplementedException
+
+    def lookup_transform_full(
+        self,
+        target_frame: str,
+        target_time: AnyTime,
+        source_frame: str,
+        source_time: AnyTime,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+    ) -> TransformStamped:
+        """Return the transform from source at one time to target at another time."""
+        raise NotImplementedException
+
+    def can_transform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: AnyTime,
+        timeout: Duration | None = None,
+        return_debug_tuple: bool = False,
+    ) -> bool | tuple[bool, str]:
+        """Return whether `lookup_transform` succeeds; with `return_debug_tuple` also why not."""
+        return _can(
+            lambda: self.lookup_transform(target_frame, source_frame, time, timeout),
+            return_debug_tuple,
+        )
+
+    def can_transform_full(
+        self,
+        target_frame: str,
+        target_time: AnyTime,
+        source_frame: str,
+        source_time: AnyTime,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+        return_debug_tuple: bool = False,
+    ) -> bool | tuple[bool, str]:
+        """Return whether `lookup_transform_full` succeeds; see `can_transform`."""
+        return _can(
+            lambda: self.lookup_transform_full(
+                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
+            ),
+            return_debug_tuple,
+        )
+
+    def transform(
+        self,
+        object_stamped: Any,
+        target_frame: str,
+        timeout: Duration | None = None,
+        new_type: type | None = None,
+    ) -> Any:
+        """Transform a stamped message to `target_frame`, at its own stamp.
+
+        Args:
+            object_stamped: the message.
+            target_frame: the frame of the result.
+            timeout: how long to wait for the transform.
+            new_type: convert the result to this type.
+
+        Raises:
+            TypeException: the message cannot be transformed or converted.
+            TransformException: see `lookup_transform`.
+        """
+        at = object_stamped.header
+        moved = self.registration.get(type(object_stamped))(
+            object_stamped,
+            self.lookup_transform(target_frame, at.frame_id, at.stamp, timeout or Duration()),
+        )
+        return moved if new_type is None else convert(moved, new_type)
+
+    def transform_full(
+        self,
+        object_stamped: Any,
+        target_frame: str,
+        target_time: AnyTime,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+        new_type: type | None = None,
+    ) -> Any:
+        """Transform a stamped message to `target_frame` at another time; see `transform`."""
+        at = object_stamped.header
+        moved = self.registration.get(type(object_stamped))(
+            object_stamped,
+            self.lookup_transform_full(
+                target_frame, target_time, at.frame_id, at.stamp, fixed_frame, timeout or Duration()
+            ),
+        )
+        return moved if new_type is None else convert(moved, new_type)
 
 
 class BufferCore:
-    """All frames over time, without waiting; tf2_py's names.
+    """All frames over time; lookups do not wait. The names are those of tf2_py.
 
     Args:
         cache_time: how much of the past is kept; 10 s by default.
 
     Attributes:
-        core: the buffer itself, without messages.
+        core: the buffer without messages.
     """
 
     def __init__(self, cache_time: Duration | None = None) -> None:
@@ -43,10 +163,10 @@ class BufferCore:
     def set_transform(
         self, transform: TransformStamped, authority: str = "default_authority"
     ) -> None:
-        """Takes a measured transform.
+        """Record a measured transform.
 
         Raises:
-            InvalidArgumentException: it makes no sense; nothing is taken. (tf2 only logs it.)
+            InvalidArgumentException: it is not valid. (tf2 only logs that.)
         """
         stamp, parent, child, numbers = read(transform)
         self.core.set_transform(stamp, parent, child, numbers, authority=authority)
@@ -54,24 +174,21 @@ class BufferCore:
     def set_transform_static(
         self, transform: TransformStamped, authority: str = "default_authority"
     ) -> None:
-        """Takes a transform that never changes; see `set_transform`."""
+        """Record a transform that never changes; see `set_transform`."""
         stamp, parent, child, numbers = read(transform)
         self.core.set_transform(stamp, parent, child, numbers, static=True, authority=authority)
 
     def clear(self) -> None:
-        """Forgets everything recorded; static transforms and the robot model stay."""
+        """Discard all samples; static transforms and the robot model stay."""
         self.core.clear()
 
     def lookup_transform_core(
         self, target_frame: str, source_frame: str, time: AnyTime
     ) -> TransformStamped:
-        """The transform that takes points from source to target, if it is known now.
-
-        Raises:
-            TransformException: see `TransformBuffer.lookup_transform`.
-        """
-        found = self.core.lookup_transform(target_frame, source_frame, stamp_to_ns(time))
-        return transform_stamped(found)
+        """Return the transform that takes points from source to target."""
+        return transform_stamped(
+            self.core.lookup_transform(target_frame, source_frame, stamp_to_ns(time))
+        )
 
     def lookup_transform_full_core(
         self,
@@ -80,23 +197,24 @@ class BufferCore:
         source_frame: str,
         source_time: AnyTime,
         fixed_frame: str,
+        timeout: Duration | None = None,
     ) -> TransformStamped:
-        """From source at one time to target at another, if it is known now.
-
-        Raises:
-            TransformException: see `TransformBuffer.lookup_transform_full`.
-        """
-        times = stamp_to_ns(target_time), stamp_to_ns(source_time)
+        """Return the transform from source at one time to target at another time."""
         return transform_stamped(
             self.core.lookup_transform_full(
-                target_frame, times[0], source_frame, times[1], fixed_frame
+                target_frame,
+                stamp_to_ns(target_time),
+                source_frame,
+                stamp_to_ns(source_time),
+                fixed_frame,
+                seconds(timeout),
             )
         )
 
     def can_transform_core(
         self, target_frame: str, source_frame: str, time: AnyTime
     ) -> tuple[bool, str]:
-        """Whether `lookup_transform_core` would answer, and why not."""
+        """Return whether `lookup_transform_core` succeeds, and why not."""
         reason = self.core.why_not(target_frame, source_frame, stamp_to_ns(time))
         return not reason, reason
 
@@ -108,8 +226,8 @@ class BufferCore:
         source_time: AnyTime,
         fixed_frame: str,
     ) -> tuple[bool, str]:
-        """Whether `lookup_transform_full_core` would answer, and why not."""
-        reason = why_not(
+        """Return whether `lookup_transform_full_core` succeeds, and why not."""
+        reason = _why_not(
             lambda: self.lookup_transform_full_core(
                 target_frame, target_time, source_frame, source_time, fixed_frame
             )
@@ -117,11 +235,7 @@ class BufferCore:
         return not reason, reason
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
-        """The newest time at which both frames are known; zero if nothing ever changes.
-
-        Raises:
-            TransformException: there is none.
-        """
+        """Return the latest time at which both frames are known; 0 if they never move."""
         return Time(nanoseconds=self.core.get_latest_common_time(target_frame, source_frame))
 
     def lookupVelocityCore(
@@ -131,11 +245,16 @@ class BufferCore:
         time: AnyTime,
         averaging_interval: Duration,
     ) -> VelocityCore:
-        """Linear and angular velocity [m/s, rad/s]; see `TransformBuffer.lookup_velocity`."""
-        found = self.core.lookup_velocity(
-            tracking_frame, observation_frame, stamp_to_ns(time), averaging_interval.nanoseconds
+        """Return linear and angular velocity of `tracking_frame` in `observation_frame`."""
+        return self.lookupVelocityFullCore(
+            tracking_frame,
+            observation_frame,
+            observation_frame,
+            (0.0, 0.0, 0.0),
+            tracking_frame,
+            time,
+            averaging_interval,
         )
-        return found.linear, found.angular
 
     def lookupVelocityFullCore(
         self,
@@ -147,7 +266,7 @@ class BufferCore:
         time: AnyTime,
         averaging_interval: Duration,
     ) -> VelocityCore:
-        """Linear and angular velocity [m/s, rad/s]; see `TransformBuffer.lookup_velocity`."""
+        """Return linear and angular velocity; see `TransformBuffer.lookup_velocity`."""
         found = self.core.lookup_velocity(
             tracking_frame,
             observation_frame,
@@ -160,11 +279,11 @@ class BufferCore:
         return found.linear, found.angular
 
     def all_frames_as_string(self) -> str:
-        """A sentence a frame."""
+        """Return a sentence for each frame."""
         return self.core.all_frames_as_string()
 
     def all_frames_as_yaml(self, time: AnyTime | None = None) -> str:
-        """What is known of each frame; with delays if the time is given."""
+        """Return parent, rate and stamps of each frame; with delays if the time is given."""
         return self.core.all_frames_as_yaml(0 if time is None else stamp_to_ns(time))
 
     def _frameExists(self, frame_id: str) -> bool:
@@ -177,16 +296,16 @@ class BufferCore:
 class Buffer(BufferCore, BufferInterface):
     """All frames over time; a replacement for tf2_ros.Buffer.
 
-    ``Time()`` asks for the latest common time. With a timeout a lookup waits for what is not known
-    yet; that has to come from another thread than the one that waits.
+    ``Time()`` is the latest common time. A lookup with a timeout waits for missing data, which
+    must come from another thread.
 
     Args:
         cache_time: how much of the past is kept; 10 s by default.
-        node: for its clock: a jump back clears the buffer. Offers the service `tf2_frames` where
+        node: if its clock jumps back, the buffer is cleared. Offers the service `tf2_frames` where
             tf2_msgs is installed.
 
     Attributes:
-        core: the buffer itself, without messages.
+        core: the buffer without messages.
     """
 
     def __init__(self, cache_time: Duration | None = None, node: Node | None = None) -> None:
@@ -202,41 +321,15 @@ class Buffer(BufferCore, BufferInterface):
         if node is not None and FrameGraph is not None:
             self.srv = node.create_service(FrameGraph, "tf2_frames", self._on_frame_graph)
 
+    lookup_transform_full = BufferCore.lookup_transform_full_core
+
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
     ) -> TransformStamped:
-        """The transform that takes points from source to target.
-
-        Raises:
-            TransformException: see `TransformBuffer.lookup_transform`.
-        """
-        patience = 0.0 if timeout is None else seconds(timeout)
+        """Return the transform that takes points from source to target."""
         return transform_stamped(
-            self.core.lookup_transform(target_frame, source_frame, stamp_to_ns(time), patience)
-        )
-
-    def lookup_transform_full(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-        timeout: Duration | None = None,
-    ) -> TransformStamped:
-        """From source at one time to target at another, through a frame that stands still.
-
-        Raises:
-            TransformException: see `TransformBuffer.lookup_transform_full`.
-        """
-        return transform_stamped(
-            self.core.lookup_transform_full(
-                target_frame,
-                stamp_to_ns(target_time),
-                source_frame,
-                stamp_to_ns(source_time),
-                fixed_frame,
-                seconds(timeout),
+            self.core.lookup_transform(
+                target_frame, source_frame, stamp_to_ns(time), seconds(timeout)
             )
         )
 
@@ -248,8 +341,8 @@ class Buffer(BufferCore, BufferInterface):
         timeout: Duration | None = None,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
-        """Whether `lookup_transform` would answer; with the reason if `return_debug_tuple`."""
-        stamp, patience = stamp_to_ns(time), 0.0 if timeout is None else seconds(timeout)
+        """Return whether `lookup_transform` succeeds; with `return_debug_tuple` also why not."""
+        stamp, patience = stamp_to_ns(time), seconds(timeout)
         if not return_debug_tuple:
             return self.core.can_transform(target_frame, source_frame, stamp, patience)
         reason = self.core.why_not(target_frame, source_frame, stamp, patience)
@@ -262,11 +355,7 @@ class Buffer(BufferCore, BufferInterface):
         time: AnyTime,
         averaging_interval: Duration,
     ) -> VelocityStamped:
-        """How a frame moves as seen from another; see `TransformBuffer.lookup_velocity`.
-
-        Raises:
-            TransformException: it is not known.
-        """
+        """Return the velocity of `tracking_frame` in `observation_frame`."""
         found = self.core.lookup_velocity(
             tracking_frame,
             observation_frame,
@@ -288,22 +377,21 @@ class Buffer(BufferCore, BufferInterface):
         timeout: Duration | None = None,
         new_type: type | None = None,
     ) -> Any:
-        """As `BufferInterface.transform`."""
+        """Transform a stamped message; see `BufferInterface.transform`."""
         make = MAKERS.get(self.registration.get(type(object_stamped)))
         if make is None:
             return super().transform(object_stamped, target_frame, timeout, new_type)
         at = object_stamped.header
-        patience = 0.0 if timeout is None else seconds(timeout)
-        moved = make(
-            object_stamped,
-            self.core.lookup_transform(target_frame, at.frame_id, stamp_to_ns(at.stamp), patience),
+        found = self.core.lookup_transform(
+            target_frame, at.frame_id, stamp_to_ns(at.stamp), seconds(timeout)
         )
+        moved = make(object_stamped, found)
         return moved if new_type is None else convert(moved, new_type)
 
     def wait_for_transform_async(
         self, target_frame: str, source_frame: str, time: AnyTime
     ) -> Future:
-        """A future that gets the transform as soon as it is there."""
+        """Return a future of `lookup_transform`, which is done when the lookup succeeds."""
         return self._future(lambda: self.lookup_transform(target_frame, source_frame, time))
 
     def wait_for_transform_full_async(
@@ -314,7 +402,7 @@ class Buffer(BufferCore, BufferInterface):
         source_time: AnyTime,
         fixed_frame: str,
     ) -> Future:
-        """A future that gets the transform as soon as it is there."""
+        """Return a future of `lookup_transform_full`; see `wait_for_transform_async`."""
         return self._future(
             lambda: self.lookup_transform_full(
                 target_frame, target_time, source_frame, source_time, fixed_frame
@@ -324,7 +412,7 @@ class Buffer(BufferCore, BufferInterface):
     async def lookup_transform_async(
         self, target_frame: str, source_frame: str, time: AnyTime
     ) -> TransformStamped:
-        """The transform, as soon as it is there."""
+        """Await the transform; see `lookup_transform`."""
         return await self.wait_for_transform_async(target_frame, source_frame, time)
 
     async def lookup_transform_full_async(
@@ -335,7 +423,7 @@ class Buffer(BufferCore, BufferInterface):
         source_time: AnyTime,
         fixed_frame: str,
     ) -> TransformStamped:
-        """The transform, as soon as it is there."""
+        """Await the transform; see `lookup_transform_full`."""
         return await self.wait_for_transform_full_async(
             target_frame, target_time, source_frame, source_time, fixed_frame
         )
@@ -351,15 +439,28 @@ class Buffer(BufferCore, BufferInterface):
             return True
 
         request = self.core.when(possible, lambda: future.set_result(found[-1]))
-        # who cancels the future is not called any more
-        future.add_done_callback(lambda _: self.core.withdraw(request))
+        future.add_done_callback(lambda _: self.core.withdraw(request))  # also if it is cancelled
         return future
 
     def time_jump_callback(self, _: TimeJump) -> None:
-        """Forgets what was recorded before the clock jumped."""
+        """Clear the buffer."""
         get_logger("head_tracking.tf").warning("time jumped back: the transform buffer is cleared")
         self.clear()
 
     def _on_frame_graph(self, _: Any, response: Any) -> Any:
         response.frame_yaml = self.all_frames_as_yaml()
         return response
+
+
+def _why_not(lookup: Callable[[], object]) -> str:
+    """Return why a lookup fails; empty if it succeeds."""
+    try:
+        lookup()
+    except TransformException as error:
+        return str(error)
+    return ""
+
+
+def _can(lookup: Callable[[], object], with_reason: bool) -> bool | tuple[bool, str]:
+    reason = _why_not(lookup)
+    return (not reason, reason) if with_reason else not reason

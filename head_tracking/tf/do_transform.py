@@ -1,4 +1,4 @@
-"""Messages taken from one frame to another: tf2_geometry_msgs's and tf2_sensor_msgs's names."""
+"""Transforming messages: the functions of tf2_geometry_msgs and tf2_sensor_msgs."""
 
 from __future__ import annotations
 
@@ -27,100 +27,94 @@ from geometry_msgs.msg import (
 )
 from sensor_msgs.msg import PointCloud2, PointField
 
-from head_tracking.tf.buffer_interface import (
+from head_tracking.tf import conversions
+from head_tracking.tf.conversions import rotation, stamp_to_ns, transform, vector
+from head_tracking.tf.messages import header, pose, quaternion, stamped, transform_stamped, xyz
+from head_tracking.tf.registration import (
     ConvertRegistration,
     DoTransform,
     TransformRegistration,
     TypeException,
 )
-from head_tracking.tf.conversions import rotation, stamp_to_ns, transform, vector
-from head_tracking.tf.messages import header, pose, quaternion, stamped, transform_stamped, xyz
 from head_tracking.transforms import Rotation, StampedTransform, Transform
 
 Maker: TypeAlias = Callable[[Any, StampedTransform], Any]
-"""A message and a lookup's answer to the message in the frame and at the time of the answer."""
+"""Transforms a message by the result of a lookup."""
 
 MAKERS: dict[DoTransform, Maker] = {}
-"""For lookups in this process: the same without a message in between."""
+"""The same functions for lookups of this process, without a TransformStamped in between."""
 
 
 def to_msg_msg(msg: Any) -> Any:
-    """A message is a message."""
+    """Return the message itself."""
     return msg
 
 
-def from_msg_msg(msg: Any) -> Any:
-    """A message is a message."""
-    return msg
+from_msg_msg = to_msg_msg
 
 
 def transform_covariance(cov_in: npt.ArrayLike, transform: TransformStamped) -> npt.NDArray[Any]:
-    """A covariance of position and orientation, 36 numbers, turned by a transform."""
-    return _turned_covariance(cov_in, rotation(transform.transform.rotation))
+    """Rotate a covariance of position and orientation, 36 numbers."""
+    return _rotated_covariance(cov_in, rotation(transform.transform.rotation))
 
 
 def transform_points(
     point_cloud: npt.ArrayLike, transform: TransformMsg | TransformStamped
 ) -> npt.NDArray[np.float64]:
-    """Many points, shape (N, 3) [m], in the target frame, shape (N, 3)."""
-    numbers = transform.transform if isinstance(transform, TransformStamped) else transform
-    moved = Transform(vector(numbers.translation), rotation(numbers.rotation))
-    return moved.apply_many(point_cloud)
+    """Transform points, shape (N, 3) [m]."""
+    message = transform.transform if isinstance(transform, TransformStamped) else transform
+    return conversions.transform(message).apply_many(point_cloud)
 
 
 def do_transform_pose(pose: Pose, transform_stamped: TransformStamped) -> Pose:
-    """A pose without a header in the frame of the transform."""
-    return _moved(pose, transform(transform_stamped))
+    """Transform a pose that has no header."""
+    return _moved(pose, transform(transform_stamped.transform))
 
 
 def _point(message: PointStamped, found: StampedTransform) -> PointStamped:
     moved = found.transform.apply(vector(message.point))
-    return stamped(PointStamped, found.stamp, found.target_frame, "_point", xyz(Point, moved))
+    return stamped(PointStamped, found, "_point", xyz(Point, moved))
 
 
 def _vector(message: Vector3Stamped, found: StampedTransform) -> Vector3Stamped:
-    turned = found.transform.rotation.apply(vector(message.vector))
-    return stamped(Vector3Stamped, found.stamp, found.target_frame, "_vector", xyz(Vector3, turned))
+    rotated = found.transform.rotation.apply(vector(message.vector))
+    return stamped(Vector3Stamped, found, "_vector", xyz(Vector3, rotated))
 
 
 def _quaternion(message: QuaternionStamped, found: StampedTransform) -> QuaternionStamped:
-    turned = found.transform.rotation @ rotation(message.quaternion)
-    value = quaternion(turned)
-    return stamped(QuaternionStamped, found.stamp, found.target_frame, "_quaternion", value)
+    rotated = found.transform.rotation @ rotation(message.quaternion)
+    return stamped(QuaternionStamped, found, "_quaternion", quaternion(rotated))
 
 
 def _pose(message: PoseStamped, found: StampedTransform) -> PoseStamped:
-    value = _moved(message.pose, found.transform)
-    return stamped(PoseStamped, found.stamp, found.target_frame, "_pose", value)
+    return stamped(PoseStamped, found, "_pose", _moved(message.pose, found.transform))
 
 
 def _pose_with_covariance(
     message: PoseWithCovarianceStamped, found: StampedTransform
 ) -> PoseWithCovarianceStamped:
-    return PoseWithCovarianceStamped(
-        header=_header(found),
-        pose=PoseWithCovariance(
-            pose=_moved(message.pose.pose, found.transform),
-            covariance=_turned_covariance(message.pose.covariance, found.transform.rotation),
-        ),
+    value = PoseWithCovariance(
+        pose=_moved(message.pose.pose, found.transform),
+        covariance=_rotated_covariance(message.pose.covariance, found.transform.rotation),
     )
+    return stamped(PoseWithCovarianceStamped, found, "_pose", value)
 
 
 def _polygon(message: PolygonStamped, found: StampedTransform) -> PolygonStamped:
     moved = [found.transform.apply(vector(corner)) for corner in message.polygon.points]
-    points = [Point32(x=x, y=y, z=z) for x, y, z in moved]
-    return PolygonStamped(header=_header(found), polygon=Polygon(points=points))
+    value = Polygon(points=[Point32(x=x, y=y, z=z) for x, y, z in moved])
+    return stamped(PolygonStamped, found, "_polygon", value)
 
 
 def _transform(message: TransformStamped, found: StampedTransform) -> TransformStamped:
-    moved = found.transform @ transform(message)
+    moved = found.transform @ transform(message.transform)
     return transform_stamped(
         StampedTransform(found.stamp, found.target_frame, message.child_frame_id, moved)
     )
 
 
 def _cloud(message: PointCloud2, found: StampedTransform) -> PointCloud2:
-    """x, y and z are moved; all other fields stay as they are."""
+    """Transform x, y and z of each point and keep its other fields."""
     data = bytearray(message.data)
     columns = _coordinates(message, data)
     points = np.stack([columns[name].ravel().astype(float) for name in "xyz"], axis=1)
@@ -128,7 +122,7 @@ def _cloud(message: PointCloud2, found: StampedTransform) -> PointCloud2:
     for name, column in zip("xyz", moved.T, strict=True):
         columns[name] = column.reshape(columns.shape)
     return PointCloud2(
-        header=_header(found),
+        header=header(found.stamp, found.target_frame),
         height=message.height,
         width=message.width,
         fields=message.fields,
@@ -141,7 +135,7 @@ def _cloud(message: PointCloud2, found: StampedTransform) -> PointCloud2:
 
 
 def _coordinates(cloud: PointCloud2, data: bytearray) -> npt.NDArray[Any]:
-    """x, y, z of a cloud, shape (height, width), as a view of its data."""
+    """Return a view of x, y, z in the data of a cloud, shape (height, width)."""
     floats = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
     order = ">" if cloud.is_bigendian else "<"
     fields = {field.name: field for field in cloud.fields if field.name in ("x", "y", "z")}
@@ -166,30 +160,26 @@ def _coordinates(cloud: PointCloud2, data: bytearray) -> npt.NDArray[Any]:
 
 
 def _moved(message: Pose, by: Transform) -> Pose:
-    """The pose, with the quaternion whose w is not below 0, as tf2_geometry_msgs gives it."""
+    """Transform a pose; of the two quaternions return the one with w >= 0, as tf2 does."""
     x, y, z, i, j, k, w = by @ Transform(vector(message.position), rotation(message.orientation))
     sign = -1.0 if w < 0.0 else 1.0
     return pose(Transform((x, y, z), Rotation(sign * i, sign * j, sign * k, sign * w)))
 
 
-def _turned_covariance(covariance: npt.ArrayLike, by: Rotation) -> npt.NDArray[Any]:
-    turn = np.kron(np.eye(2), by.as_matrix())
-    return np.asarray((turn @ np.reshape(covariance, (6, 6)) @ turn.T).ravel())
-
-
-def _header(found: StampedTransform) -> Any:
-    return header(found.stamp, found.target_frame)
+def _rotated_covariance(covariance: npt.ArrayLike, by: Rotation) -> npt.NDArray[Any]:
+    both = np.kron(np.eye(2), by.as_matrix())
+    return np.asarray((both @ np.reshape(covariance, (6, 6)) @ both.T).ravel())
 
 
 def _registered(kind: type, make: Maker) -> DoTransform:
-    """The maker for a lookup's answer that comes as a message."""
+    """Return and register the function for messages of a type."""
 
     def do_transform(message: Any, transform_stamped: TransformStamped) -> Any:
         at, child = transform_stamped.header, transform_stamped.child_frame_id
-        numbers = transform(transform_stamped)
+        numbers = transform(transform_stamped.transform)
         return make(message, StampedTransform(stamp_to_ns(at.stamp), at.frame_id, child, numbers))
 
-    do_transform.__doc__ = f"A {kind.__name__} in the frame and at the time of a transform."
+    do_transform.__doc__ = f"Transform a {kind.__name__} to the target frame of a transform."
     MAKERS[do_transform] = make
     TransformRegistration().add(kind, do_transform)
     ConvertRegistration().add_to_msg(kind, to_msg_msg)

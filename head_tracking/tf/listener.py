@@ -1,23 +1,19 @@
-"""Feeds a buffer from the robot's topics."""
+"""Fills a buffer from the topics of a robot."""
 
 from __future__ import annotations
 
-import atexit
-import contextlib
-import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from head_tracking.ros.kit.node_thread import NodeThread
 from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
@@ -33,32 +29,30 @@ DEFAULT_TF_TOPIC = "/tf"
 DEFAULT_STATIC_TF_TOPIC = "/tf_static"
 
 CLOCK_JUMP = 1_000_000_000
-"""Joint states farther back than this [ns] are late, or their clock jumped."""
-PATIENCE = 2.0
-"""So long is a callback waited for when the program ends [s]."""
+"""Joint states older than the latest ones by this [ns] are late, or their clock has jumped back."""
 
 
 class TransformListener:
-    """Listens on `robot_description` and `joint_states`; and on `/tf` where tf2_msgs exists.
+    """Subscribes to `robot_description` and `joint_states`; to `/tf` where tf2_msgs is installed.
 
-    The frames of the robot are computed from its joints when somebody asks; nothing is broadcast
-    or stored per frame. A bad message is reported and changes nothing.
+    The frames of the robot are computed from its joints in a lookup. An invalid message is logged
+    and changes nothing.
 
     Args:
-        buffer: to be fed; one that is not this package's, tf2_ros's for example, gets `/tf` only.
-        node: listens; its executor must spin. None: a node of its own in a thread of its own.
-        spin_thread: spin the node in a thread of its own, with all of its callbacks.
+        buffer: is filled. A buffer of another package, such as tf2_ros, receives `/tf` only.
+        node: subscribes; an executor must spin it. None: a node and a thread of its own.
+        spin_thread: spin the node, with all its callbacks, in a thread of its own.
         qos: of `/tf`.
         static_qos: of `/tf_static`.
         tf_topic: instead of `/tf`.
         tf_static_topic: instead of `/tf_static`.
-        static_only: listen on `/tf_static` only.
+        static_only: subscribe to `/tf_static` only.
         frame_prefix: put before the names of the robot's links.
-        on_joints: called with every message of `joint_states` that the buffer has taken.
+        on_joints: called with each message of `joint_states` that the buffer has accepted.
 
     Attributes:
         tf_sub: the subscription of `/tf`; tf_static_sub: that of `/tf_static`.
-        executor: what spins the node, and dedicated_listener_thread: where, if this is asked for.
+        executor: spins the node in `dedicated_listener_thread`, if there is one.
     """
 
     def __init__(
@@ -76,63 +70,55 @@ class TransformListener:
         on_joints: Callable[[JointState], object] = lambda _: None,
     ) -> None:
         self.buffer = buffer
-        self._prefix = frame_prefix
-        self._joints_taken = on_joints
-        self._newest = 0
-        self._own_node = node is None
         self.node = node or _own_node(self)
+        self._prefix = frame_prefix
+        self._joints_accepted = on_joints
+        self._latest = 0
         self._log = self.node.get_logger()
-        # waiting for a transform in one callback must not keep the others from bringing it
+        # a callback that waits for a transform must not block the callbacks that bring it
         self.group = ReentrantCallbackGroup()
         self._subscriptions: list[Any] = []
         core = getattr(buffer, "core", None)
         if isinstance(core, TransformBuffer) and not static_only:
             self._core = core
-            self._listen(String, "robot_description", self._on_description, LATCHED)
-            self._listen(JointState, "joint_states", self._on_joints, MEASUREMENT)
+            self._subscribe(String, "robot_description", self._on_description, LATCHED)
+            self._subscribe(JointState, "joint_states", self._on_joints, MEASUREMENT)
         if TFMessage is not None:
             if not static_only:
-                self.tf_sub = self._listen(TFMessage, tf_topic, self.callback, qos or TF)
-            self.tf_static_sub = self._listen(
+                self.tf_sub = self._subscribe(TFMessage, tf_topic, self.callback, qos or TF)
+            self.tf_static_sub = self._subscribe(
                 TFMessage, tf_static_topic, self.static_callback, static_qos or TF_STATIC
             )
-        self._clock_watch = _watch_clock(self.node)
-        self.dedicated_listener_thread: threading.Thread | None = None
-        if spin_thread or self._own_node:
-            self._stopped = threading.Event()
-            self.executor = SingleThreadedExecutor(context=self.node.context)
-            self.executor.add_node(self.node)
-            self.dedicated_listener_thread = threading.Thread(
-                target=self._spin, name="transform listener", daemon=True
-            )
-            self.dedicated_listener_thread.start()
-            # a thread inside rclpy when the interpreter goes would abort the process
-            atexit.register(self._stop)
+        self._clock_check = _check_clock(self.node)
+        self._own_thread: NodeThread | None = None
+        if spin_thread or node is None:
+            self._own_thread = NodeThread(self.node, owns_node=node is None)
+            self.executor = self._own_thread.executor
+            self.dedicated_listener_thread = self._own_thread.thread
+            self._own_thread.start()
 
     def unregister(self) -> None:
-        """Stops listening."""
-        self._stop()
-        for subscription in self._subscriptions:
-            self.node.destroy_subscription(subscription)
-        self._subscriptions.clear()
-        if self._clock_watch is not None:
-            self.node.destroy_timer(self._clock_watch)
-            self._clock_watch = None
-        if self._own_node:
-            self.node.destroy_node()
+        """Unsubscribe from all topics; may be called twice."""
+        if self._own_thread is not None:
+            self._own_thread.close()
+        while self._subscriptions:
+            self.node.destroy_subscription(self._subscriptions.pop())
+        if self._clock_check is not None:
+            self.node.destroy_timer(self._clock_check)
+            self._clock_check = None
 
     def callback(self, data: Any) -> None:
-        """Takes a message of `/tf`."""
-        self._take("/tf", data, self.buffer.set_transform)
+        """Accept a message of `/tf`."""
+        self._accept("/tf", data, self.buffer.set_transform)
 
     def static_callback(self, data: Any) -> None:
-        """Takes a message of `/tf_static`."""
-        self._take("/tf_static", data, self.buffer.set_transform_static)
+        """Accept a message of `/tf_static`."""
+        self._accept("/tf_static", data, self.buffer.set_transform_static)
 
-    def _take(self, topic: str, data: Any, put: Callable[[Any, str], object]) -> None:
+    def _accept(self, topic: str, data: Any, record: Callable[[Any, str], object]) -> None:
         for transform in data.transforms:
             try:
-                put(transform, "default_authority")
+                record(transform, "default_authority")
             except InvalidArgumentException as error:
                 self._log.error(f"{topic}: {error}", throttle_duration_sec=1.0)
 
@@ -143,7 +129,7 @@ class TransformListener:
         try:
             model = parse_robot_model(message.data)
         except RobotModelError as error:
-            self._log.error(f"robot_description is not used: {error}")
+            self._log.error(f"robot_description is ignored: {error}")
             return
         self._core.set_model(model.prefixed(self._prefix))
 
@@ -152,30 +138,27 @@ class TransformListener:
         if len(names) != len(positions):
             if positions:
                 self._log.error(
-                    f"joint_states: {len(names)} names and {len(positions)} positions; there must "
-                    "be one position for each name",
+                    f"joint_states has {len(names)} names and {len(positions)} positions; one "
+                    "position for each name is needed",
                     throttle_duration_sec=1.0,
                 )
             return
         stamp = stamp_to_ns(message.header.stamp)
-        if stamp < self._newest - CLOCK_JUMP:
-            self._start_anew(stamp)
-        self._newest = max(stamp, self._newest)
+        if stamp < self._latest - CLOCK_JUMP:
+            now = self.node.get_clock().now().nanoseconds
+            if now < self._latest:  # else the message is late
+                self._log.warning("time jumped back: the transform buffer is cleared")
+                self._core.clear()
+                self._latest = stamp
+        self._latest = max(stamp, self._latest)
         try:
             self._core.set_joint_positions(stamp, dict(zip(names, positions, strict=True)))
         except InvalidArgumentException as error:
             self._log.error(f"joint_states: {error}", throttle_duration_sec=1.0)
         else:
-            self._joints_taken(message)
+            self._joints_accepted(message)
 
-    def _start_anew(self, stamp: int) -> None:
-        """Forgets what a clock stamped that has jumped back since; not for a late message."""
-        if self.node.get_clock().now().nanoseconds < self._newest:
-            self._log.warning("time jumped back: the transform buffer is cleared")
-            self._core.clear()
-            self._newest = stamp
-
-    def _listen(
+    def _subscribe(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile | int
     ) -> Any:
         subscription = self.node.create_subscription(
@@ -184,41 +167,16 @@ class TransformListener:
         self._subscriptions.append(subscription)
         return subscription
 
-    def _spin(self) -> None:
-        while not self._stopped.is_set() and self.node.context.ok():
-            try:
-                self.executor.spin_once(timeout_sec=0.1)
-            except Exception as error:  # whatever a callback of the node's owner may raise
-                if not self._stopped.is_set() and self.node.context.ok():
-                    self._log.error(f"a callback of {self.node.get_name()} failed: {error!r}")
-                    time.sleep(0.01)
-
-    def _stop(self) -> None:
-        """Ends the thread; at the end of the program however it ends."""
-        thread = self.dedicated_listener_thread
-        if thread is None or thread is threading.current_thread() or self._stopped.is_set():
-            return
-        atexit.unregister(self._stop)
-        self._stopped.set()
-        self.executor.wake()
-        deadline = time.monotonic() + PATIENCE
-        while thread.is_alive() and (left := deadline - time.monotonic()) > 0.0:
-            with contextlib.suppress(KeyboardInterrupt):  # an impatient second Ctrl-C
-                thread.join(left)
-        if not thread.is_alive():
-            self.executor.remove_node(self.node)
-            self.executor.shutdown()
-
 
 class StaticTransformListener(TransformListener):
-    """Listens on `/tf_static` only; else as `TransformListener`."""
+    """Subscribes to `/tf_static` only; see `TransformListener`."""
 
     def __init__(self, buffer: Buffer, node: Node | None = None, **options: Any) -> None:
         super().__init__(buffer, node, static_only=True, **options)
 
 
 def listening_buffer(node: Node) -> Buffer:
-    """A buffer on a node's clock, fed by what the node hears; its executor must spin."""
+    """Return a buffer on a node's clock, filled by its subscriptions; an executor must spin it."""
     buffer = Buffer(node=node)
     TransformListener(buffer, node)
     return buffer
@@ -233,20 +191,20 @@ def _own_node(listener: TransformListener) -> Node:
     )
 
 
-def _watch_clock(node: Node) -> Any:
-    """Says so if a node takes the time from /clock and nobody sends it: nothing would ever move."""
+def _check_clock(node: Node) -> Any:
+    """Warn every 5 s while a node uses the time of /clock and nothing publishes it."""
     clock = node.get_clock()
     if not clock.ros_time_is_active:
         return None
 
-    def look() -> None:
+    def check() -> None:
         if clock.now().nanoseconds:
-            watch.cancel()
+            timer.cancel()
         else:
             node.get_logger().warning(
-                "use_sim_time is set, and there is no time on /clock yet: time stands still and "
-                "nothing moves; start what sends /clock, or set use_sim_time to false"
+                "use_sim_time is true, but nothing publishes /clock: time stands still; start the "
+                "publisher of /clock, or set use_sim_time to false"
             )
 
-    watch = node.create_timer(5.0, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    return watch
+    timer = node.create_timer(5.0, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    return timer

@@ -1,8 +1,8 @@
-"""Messages made and read quickly.
+"""Fast construction of messages.
 
-The constructors of ROS's message classes set every field several times over: a TransformStamped
-takes longer than the lookup that it tells of. Here the fields are put where the classes keep
-them; the tests compare the outcome with what the constructors make.
+The constructors of ROS message classes set each field several times: a TransformStamped takes
+longer than the lookup of its values. These functions set the slots of the classes; tests compare
+the results with those of the constructors.
 """
 
 from __future__ import annotations
@@ -16,29 +16,28 @@ from geometry_msgs.msg import Transform as TransformMsg
 from geometry_msgs.msg import Vector3 as Vector3Msg
 from std_msgs.msg import Header
 
-from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tf.conversions import NANOSECONDS, stamp_to_ns
 from head_tracking.transforms import StampedTransform, Transform, Vector3
 
 _new = object.__new__
-_SECOND = 1_000_000_000
 Message = TypeVar("Message")
 
 
-def stamped(kind: type[Message], stamp: int, frame_id: str, field: str, value: Any) -> Message:
-    """A message of a header and one more field, `_field`."""
+def stamped(kind: type[Message], found: StampedTransform, field: str, value: Any) -> Message:
+    """Return a message of a header, with stamp and target frame of a lookup, and one more field."""
     result: Any = _new(kind)
     result._check_fields = False
-    result._header = header(stamp, frame_id)
+    result._header = header(found.stamp, found.target_frame)
     setattr(result, field, value)
     message: Message = result
     return message
 
 
 def header(stamp: int, frame_id: str) -> Header:
-    """A header with a stamp given in nanoseconds."""
+    """Return a header; the stamp is in nanoseconds."""
     time = _new(Time)
     time._check_fields = False
-    time._sec, time._nanosec = divmod(stamp, _SECOND)
+    time._sec, time._nanosec = divmod(stamp, NANOSECONDS)
     result = _new(Header)
     result._check_fields = False
     result._stamp = time
@@ -47,7 +46,7 @@ def header(stamp: int, frame_id: str) -> Header:
 
 
 def xyz(kind: type[Message], numbers: Vector3) -> Message:
-    """A Point or a Vector3."""
+    """Return a Point or a Vector3."""
     result: Any = _new(kind)
     result._check_fields = False
     result._x, result._y, result._z = numbers
@@ -56,7 +55,7 @@ def xyz(kind: type[Message], numbers: Vector3) -> Message:
 
 
 def quaternion(numbers: Sequence[float]) -> Quaternion:
-    """A Quaternion of x, y, z, w."""
+    """Return a Quaternion of x, y, z, w."""
     result = _new(Quaternion)
     result._check_fields = False
     result._x, result._y, result._z, result._w = numbers
@@ -64,7 +63,7 @@ def quaternion(numbers: Sequence[float]) -> Quaternion:
 
 
 def pose(numbers: Transform) -> Pose:
-    """A Pose of a transform's numbers."""
+    """Return a Pose."""
     result = _new(Pose)
     result._check_fields = False
     result._position = xyz(Point, numbers[:3])
@@ -73,18 +72,12 @@ def pose(numbers: Transform) -> Pose:
 
 
 def transform_stamped(found: StampedTransform) -> TransformStamped:
-    """target_frame as header.frame_id, source_frame as child_frame_id."""
-    stamp, target_frame, source_frame, (x, y, z, qx, qy, qz, qw) = found
-    translation = _new(Vector3Msg)
-    translation._check_fields = False
-    translation._x, translation._y, translation._z = x, y, z
-    rotation = _new(Quaternion)
-    rotation._check_fields = False
-    rotation._x, rotation._y, rotation._z, rotation._w = qx, qy, qz, qw
+    """Return the message of a lookup: its target frame is header.frame_id."""
+    stamp, target_frame, source_frame, numbers = found
     transform = _new(TransformMsg)
     transform._check_fields = False
-    transform._translation = translation
-    transform._rotation = rotation
+    transform._translation = xyz(Vector3Msg, numbers[:3])
+    transform._rotation = quaternion(numbers[3:])
     result = _new(TransformStamped)
     result._check_fields = False
     result._header = header(stamp, target_frame)
@@ -94,7 +87,7 @@ def transform_stamped(found: StampedTransform) -> TransformStamped:
 
 
 def read(message: TransformStamped) -> tuple[int, str, str, Transform]:
-    """Stamp [ns], parent, child and transform of a message, taken as they are."""
+    """Return stamp [ns], parent, child and transform of a message, not checked."""
     at, numbers = message._header, message._transform
     p, q = numbers._translation, numbers._rotation
     transform = tuple.__new__(Transform, (p._x, p._y, p._z, q._x, q._y, q._z, q._w))

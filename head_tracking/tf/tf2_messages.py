@@ -1,4 +1,4 @@
-"""tf2's messages, where they are installed: they are not among the ROS wheels."""
+"""Messages of tf2_msgs where it is installed; it is not among the ROS wheels."""
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -6,17 +6,4 @@ try:
 except ImportError:
     TFMessage = FrameGraph = None
 
-__all__ = ["FrameGraph", "TFMessage", "require_tf2_msgs"]
-
-
-def require_tf2_msgs() -> None:
-    """Refuses what cannot be done without them.
-
-    Raises:
-        ImportError: tf2_msgs is not installed.
-    """
-    if TFMessage is None:
-        raise ImportError(
-            "tf2_msgs is not installed, so there is no /tf; it comes "
-            "with a ROS 2 installation (ros-jazzy-tf2-msgs)"
-        )
+__all__ = ["FrameGraph", "TFMessage"]

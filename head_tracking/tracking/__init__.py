@@ -10,7 +10,7 @@ from head_tracking.tracking.estimator import (
 )
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
 from head_tracking.tracking.following import FollowingWatch, NotFollowing
-from head_tracking.tracking.joint_readings import JointReading
+from head_tracking.tracking.joint_readings import JointReading, JointReadings
 from head_tracking.tracking.laws import (
     LAWS,
     PositionLaw,
@@ -64,6 +64,7 @@ __all__ = [
     "HeadBase",
     "JointPoint",
     "JointReading",
+    "JointReadings",
     "JointTrajectory",
     "LearnedValue",
     "Learning",

@@ -1,27 +1,27 @@
-"""Notices clocks that jump or stand still."""
+"""Detect clocks that jump or stop."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-_STEP = 0.1  # s; by less, a clock that is being set right may go wrong at once
-_LOOK = 0.02  # s; a look at both clocks that takes longer says nothing
-_SIMULATED_STEP = 1.0  # s; simulated time comes in pieces
-_FASTEST = 10.0  # times as fast as real time a simulation may be
+_STEP = 0.1  # s; smaller steps of a clock are no jump
+_LONGEST_READ = 0.02  # s; if reading the clocks takes longer, they are not compared
+_SIMULATED_STEP = 1.0  # s; simulated time advances in steps
+_FASTEST = 10.0  # highest ratio of simulated to real time
 _STILL = 1.0  # s
 _SMOOTHING = 0.2  # of the speed of simulated time, from one message to the next
 
 
 class ClockWatch:
-    """Watches a clock by another one that never jumps.
+    """Compare a clock with a monotonic one.
 
     Args:
-        clock: the one that is watched [s]; 0 while a simulated clock was not told the time yet.
-        steady: the other one [s].
+        clock: the clock to check [s]; 0 until a simulated clock has been set.
+        steady: the monotonic clock [s].
 
     Attributes:
-        standing: why the clock stands still; empty while it runs.
+        standing: why the clock has stopped; empty while it runs.
         checked: the time [s] at the last check.
     """
 
@@ -37,7 +37,7 @@ class ClockWatch:
         self._piece = self._speed = 0.0
 
     def now(self, *, simulated: bool) -> float:
-        """The time [s]; between two messages of /clock it goes on, by one such piece at most."""
+        """Return the time [s], extrapolated between two messages of /clock by one step at most."""
         now = self._clock()
         if not simulated or self._last is None or now != self._last[0]:
             return now
@@ -47,17 +47,17 @@ class ClockWatch:
         return now + min(self._speed * (steady - self._changed), self._piece)
 
     def check(self, *, simulated: bool) -> str:
-        """What has happened to the clock since the last check, if it is more than time going by.
+        """Return what is wrong with the clock since the last check; empty: nothing.
 
         Args:
-            simulated: it follows /clock: it may run at any speed, and stop.
+            simulated: whether it follows /clock, which may run at any speed, and stop.
         """
         before = self._steady()
         now = self._clock()
         steady = self._steady()
         self.checked = now
-        if steady - before > _LOOK and not simulated:
-            return ""  # this thread was interrupted between the two
+        if steady - before > _LONGEST_READ and not simulated:
+            return ""  # this thread was interrupted in between
         last, self._last = self._last, (now, steady)
         if last is None:
             self._changed = steady
@@ -76,7 +76,7 @@ class ClockWatch:
             self.standing = (
                 "the clock stands still: /clock is paused or silent"
                 if now
-                else "use_sim_time is set, but nobody publishes /clock"
+                else "use_sim_time is set, but /clock is not published"
             )
             return self.standing
         self._piece = passed if 0.0 < passed < _SIMULATED_STEP else 0.0

@@ -1,4 +1,4 @@
-"""The tutorial's target: a computed point that swings in front of the robot."""
+"""The target of the tutorial: a point that oscillates in front of the robot."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.transforms import Vector3
 
-_MOST_PERIODS = 100.0  # after a longer pause, or a jump of the clock, the target has moved so far
+_MOST_PERIODS = 100.0  # of motion in one call, after a pause or a jump of the clock
 
 
 @dataclass(frozen=True, slots=True)

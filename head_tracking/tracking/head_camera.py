@@ -1,8 +1,8 @@
-"""What the points of a camera on the head tell of the camera: how late it is, how it is mounted.
+"""Estimate the stamp error of a camera on the head, and detect wrongly mounted servos.
 
-A point of such a camera is a ray. Where the ray points follows from the joints at the time when the
-picture was taken. By each hypothesis (an error of the stamps, a mounting of the servos) the same
-ray points elsewhere, and only by the true one the target moves smoothly while the head turns.
+A point of such a camera is a ray. Its bearing follows from the joint positions at the time of the
+image. Each hypothesis (a stamp error, a mounting of the servos) gives another bearing. Only under
+the true hypothesis does the target move smoothly while the head turns.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from head_tracking.transforms import Rotation, Vector3
 Array = npt.NDArray[np.float64]
 
 _ERRORS: Array = np.concatenate([np.arange(-0.2, 0.301, 0.02), np.arange(0.35, 0.901, 0.05)])
-"""The errors of the stamps that are compared [s]."""
+"""Hypotheses of the stamp error [s]."""
 _ZERO = int(np.abs(_ERRORS).argmin())
 _RIGHT = 0.9  # prior probability that the stamps are right
 _USUAL = 0.1  # s; scale of the Cauchy prior of their error otherwise
-_LEAST_DEVIATION = 0.006  # s; the target's own motion is not known any better
-_WORTH = 0.025  # s; an error is applied if it is larger than this
-_CLEAR = 4.0  # and than so many deviations
-_NEARBY = 0.1  # s; a change by more must be clearer:
-_MORE = 60.0  # 1/s; the score of what is applied must be behind the best by so much, and,
-_CONTRADICTED = 20.0  # if the points have confirmed it, by this
-_EXACT = 0.03  # s; with less deviation they confirm it
-_VIEW = 0.2  # rad; a third of what a webcam sees
-_TELLING = 2.0  # rad/s; a head that follows no faster cannot tell how late its camera is
-_SURE = 0.95  # probability at which the stamps are right after all,
+_LEAST_DEVIATION = 0.006  # s; limit set by the target's own motion
+_WORTH = 0.025  # s; smaller errors are not corrected,
+_CLEAR = 4.0  # nor errors below this number of deviations
+_NEARBY = 0.1  # s; a larger change of the correction needs a larger difference of the scores:
+_MORE = 60.0  # 1/s; for each second of change beyond that,
+_CONTRADICTED = 20.0  # and at least this if the correction was confirmed
+_EXACT = 0.03  # s; a correction with a smaller deviation is confirmed
+_VIEW = 0.2  # rad; a third of the field of view of a webcam
+_TELLING = 2.0  # rad/s; at lower speeds the stamp error is not observable
+_SURE = 0.95  # probability of right stamps at which a correction is removed,
 _BETTER = 3.0  # if their score is better by this
 
 _TURNS: Array = np.array(
@@ -53,31 +53,31 @@ _TURNS: Array = np.array(
     ],
     dtype=np.float64,
 )
-"""How far pan and tilt of the camera turn by the pan servo, and by the tilt servo, for each
-mounting; the first is right."""
+"""Camera pan and tilt for a turn of the pan servo, and of the tilt servo, for each mounting; the
+first one is right."""
 _NEAR: Array = np.arange(-0.1, 0.151, 0.025)
-"""The errors of the stamps at which wrong mountings are compared [s]."""
-_WAIT = -float(_ERRORS.min())  # s after which the joint readings for a ray have come
-_WRONG = 7.0  # of a score: so much better, a wrong mounting is believed
-_EXCLUDED = 10.0  # so much worse, it is excluded
+"""Hypotheses of the stamp error for wrong mountings [s]."""
+_WAIT = -float(_ERRORS.min())  # s; later, the joint readings for a ray are complete
+_WRONG = 7.0  # a wrong mounting whose score is better by this is reported
+_EXCLUDED = 10.0  # a wrong mounting whose score is worse by this is excluded
 
-_OTHERWISE = 0.02  # s; a change of the applied error by more makes the estimator start anew
-_OFTEN, _SELDOM = 0.015, 0.12  # s between two points that are judged; once the error is confirmed
-_LOOKED_BACK = 1.2  # s in which the head
-_TURNED = 0.02  # rad must have turned for a point to tell anything
-_KEPT = 8  # points from before it turns
-_RECENT, _MOST_RECENT = 1.0, 64  # s and points; so many are corrected again
-_AHEAD = 1.0  # s after the latest reading; a point that is stamped later is not judged
-_SLOPE = 0.03  # s to both sides, over which the speed of a joint is measured
-_RANGE_SHARE = 0.2  # of a measured distance in the mean one
+_OTHERWISE = 0.02  # s; a larger change of the correction restarts the target estimator
+_OFTEN, _SELDOM = 0.015, 0.12  # s between scored points: usually; once the error is confirmed
+_LOOKED_BACK = 1.2  # s; points are scored if a joint
+_TURNED = 0.02  # rad; has turned by this in that time
+_KEPT = 8  # points that are kept from before the head turns
+_RECENT, _MOST_RECENT = 1.0, 64  # s and points that are corrected again
+_AHEAD = 1.0  # s; points stamped later than this after the latest reading are not scored
+_SLOPE = 0.03  # s before and after a stamp, for the speed of a joint
+_RANGE_SHARE = 0.2  # weight of a measured distance in the mean distance
 
 
 class StampError(NamedTuple):
-    """What the points have told of the error of the stamps.
+    """Estimate of the stamp error.
 
     Attributes:
         mean: [s]; above 0: the stamps are too late.
-        deviation: standard deviation [s]; large while the head has hardly moved.
+        deviation: standard deviation [s].
     """
 
     mean: float
@@ -85,20 +85,20 @@ class StampError(NamedTuple):
 
 
 class HeadCamera:
-    """Estimates the stamp error of a camera on the head, and whether its joints turn it rightly.
+    """Estimate the stamp error of a camera on the head and the mounting of its servos.
 
     Times are in seconds on the clock of the stamps.
 
     Args:
-        head: that carries the camera.
-        readings: of its joints.
-        base: where the head's base frame is; None: it stands still.
+        head: the head that carries the camera.
+        readings: readings of its joints.
+        base: pose of the head's base frame; None: it does not move.
 
     Attributes:
-        applied: the stamp error that points are corrected by [s]; 0 until it is clear.
-        fault: how the servos turn the camera otherwise than they report; empty: as they report.
-        waiting: rays that are still to be judged: stamp [s] and point from the camera [m].
-        is_learning: whether points are judged.
+        applied: stamp error that is corrected [s].
+        fault: description of a wrong mounting; empty: none was found.
+        waiting: rays to be scored: stamp [s] and point in camera axes [m].
+        is_learning: whether points are scored.
     """
 
     def __init__(
@@ -117,27 +117,28 @@ class HeadCamera:
         counts = [len(_ERRORS)] + wrong * [len(_NEAR)]
         self._mountings = np.repeat(np.arange(len(_TURNS)), counts)
         self._bank = HypothesisBank(len(self._errors), self._mountings > 0)
+        self._believed = _moments(_PRIOR)
 
     @property
     def stamp_error(self) -> StampError:
-        """What the points have told until now; the prior takes no part."""
+        """The estimate from the points alone, without the prior."""
         return _moments(self._timing)
 
     @property
     def learned(self) -> LearnedValue:
-        """The error of the stamps, as it is applied."""
+        """The corrected stamp error."""
         deviation = max(min(self._deviation, self.stamp_error.deviation), _LEAST_DEVIATION)
         return LearnedValue(self.applied, "s", deviation, self._judged, KNOWN)
 
     @property
     def safe_speed(self) -> float:
-        """The greatest speed [rad/s] at which doubt about the stamps does not cost the target.
+        """The greatest speed [rad/s] at which an unknown stamp error does not lose the target.
 
-        In the time by which the stamps may be off, the head turns by a part of what it sees.
+        Within the possible error, the head turns by a part of the camera's field of view.
         """
         if self._came == -math.inf:
             return math.inf
-        mean, deviation = _moments(self._timing + _PRIOR)
+        mean, deviation = self._believed
         return max(_VIEW / math.hypot(deviation, mean - self.applied), _TELLING)
 
     @property
@@ -146,15 +147,15 @@ class HeadCamera:
 
     @property
     def _timing(self) -> Array:
-        """The scores of the errors by the right mounting."""
+        """Scores of the stamp errors with the right mounting."""
         return self._bank.scores[: len(_ERRORS)]
 
     def corrected(self, stamp: float, point: Vector3) -> tuple[float, Vector3]:
-        """Accept a point; return when the picture was taken [s], and the point as it was then [m].
+        """Accept a point; return its corrected stamp [s] and position [m].
 
         Args:
-            stamp: of the point [s].
-            point: shape (3,) [m], in the frame that stands still, by the joints at `stamp`.
+            stamp: stamp of the point [s].
+            point: shape (3,) [m], in the fixed frame, transformed with the joints at `stamp`.
         """
         (pan,), (tilt,) = self._readings.at(np.array([stamp]))
         in_base = point if self._base is None else self._base.at(stamp).inverse() @ point
@@ -168,29 +169,30 @@ class HeadCamera:
         return self._placed(stamp, ray) if self.applied else (stamp, point)
 
     def keep(self, before: HeadCamera) -> None:
-        """Apply the error of the stamps that was learned before."""
+        """Continue with the correction of an earlier instance."""
         self.applied, self._deviation = before.applied, before._deviation
 
     def forget_target(self) -> None:
-        """Forget the points of the target; what they have told of the camera is kept."""
+        """Discard the points of the target, and keep the estimates."""
         self._recent.clear()
 
     def _placed(self, stamp: float, ray: Vector3) -> tuple[float, Vector3]:
-        """Return when a ray was seen [s], and the point in the frame that stands still [m]."""
+        """Return the corrected stamp of a ray [s] and its point in the fixed frame [m]."""
         taken = stamp - self.applied
         (pan,), (tilt,) = self._readings.at(np.array([taken]))
         point = self._head.placed_in_base(ray, pan, tilt)
         return taken, point if self._base is None else self._base.at(taken) @ point
 
     def update(self) -> list[tuple[float, Vector3]]:
-        """Judge the points for which joint readings have come.
+        """Score the points whose joint readings are complete.
 
         Returns:
-            If the applied error has changed by more than 20 ms, the points of the last second as
-            they are by the new error: stamps [s] and points in the frame that stands still [m].
+            If the correction has changed by more than 20 ms, the points of the last second with
+            the new correction: stamps [s] and points in the fixed frame [m].
         """
         before = self.applied
         if self._judge():
+            self._believed = _moments(self._timing + _PRIOR)
             self._decide_error(self._timing)
             self._decide_mounting()
         latest = self._readings.latest
@@ -199,9 +201,9 @@ class HeadCamera:
         return [self._placed(*ray) for ray in self._recent if ray[0] > latest.stamp - _RECENT]
 
     def _judge(self) -> bool:
-        """Score the hypotheses by the rays whose joint readings have come; return if any was.
+        """Score the rays whose joint readings are complete; return whether there were any.
 
-        While the head stands still, all hypotheses are alike, and the latest rays are only kept.
+        While the head does not move, the hypotheses do not differ, and rays are only kept.
         """
         waiting, judged = self.waiting, False
         latest = -math.inf if self._readings.latest is None else self._readings.latest.stamp
@@ -225,12 +227,12 @@ class HeadCamera:
         return judged
 
     def _tells_mountings(self, turned: npt.NDArray[np.bool_]) -> bool:
-        """Return whether this motion tells the remaining mountings from the right one."""
+        """Return whether this motion distinguishes the remaining mountings from the right one."""
         differences = _TURNS[np.unique(self._mountings)] - _TURNS[0]
         return bool(differences[..., turned].any())
 
     def _score(self, stamp: float, ray: Vector3) -> None:
-        """Score the hypotheses by the bearings that they make of a ray."""
+        """Score the hypotheses with the bearings that they give to a ray."""
         times = stamp - self._errors
         angles = np.array(self._readings.at(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
         speeds = np.abs(angles[:, -1] - angles[:, -2]) / (2.0 * _SLOPE)
@@ -244,7 +246,7 @@ class HeadCamera:
         self._bank.add(stamp, bearings, speeds)
 
     def _upright(self, base: HeadBase, times: Array, points: Array) -> Array:
-        """Return points in C at times [s], shape (3, N), along the axes that C had at first."""
+        """Return points in C at times [s], shape (3, N), in the first axes of C."""
         rotations = base.rotations(times)
         if self._first is None:
             self._first = self._head.axes @ base.at(float(times[0])).rotation.inverse()
@@ -257,8 +259,8 @@ class HeadCamera:
         return np.asarray(self._first.as_matrix() @ turned)
 
     def _decide_error(self, scores: Array) -> None:
-        """Apply the most likely error if it is clear, and none if that is clear again."""
-        mean, deviation = _moments(scores + _PRIOR)
+        """Apply the most likely error if it is significant; remove it if zero is."""
+        mean, deviation = self._believed
         applied = float(np.interp(self.applied, _ERRORS, scores))
         farther = abs(mean - self.applied) - _NEARBY
         if abs(mean - self.applied) < _OTHERWISE:
@@ -276,7 +278,7 @@ class HeadCamera:
             self._deviation = math.inf
 
     def _decide_mounting(self) -> None:
-        """Report a mounting that is clearly wrong; exclude those that the points contradict."""
+        """Report a wrong mounting, and exclude those that the points contradict."""
         found = np.unique(self._mountings)
         scores = self._bank.scores
         best = np.array([scores[self._mountings == mounting].max() for mounting in found])
@@ -293,19 +295,19 @@ class HeadCamera:
         pan, tilt = self._head.pan_joint, self._head.tilt_joint
         if not by_pan:
             return (
-                f"{pan} and {tilt} are crosswise, as the camera sees it: swap the servos' ids, or "
-                "`servo calibrate` with the ids the other way round (or is the camera rolled?)"
+                f"{pan} and {tilt} are swapped, as the camera sees it: swap the servos' ids, or "
+                "run `servo calibrate` with swapped ids (or is the camera rolled by 90 degrees?)"
             )
         wrong = [joint for joint, way in ((pan, by_pan), (tilt, by_tilt)) if way < 0]
         return (
-            f"{' and '.join(wrong)} {'turns' if len(wrong) == 1 else 'turn'} against what the "
-            "servo says, as the camera sees it: find the direction by `servo calibrate` (or is "
-            f"the picture {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
+            f"{' and '.join(wrong)} {'turns' if len(wrong) == 1 else 'turn'} in the wrong "
+            "direction, as the camera sees it: find the direction with `servo calibrate` (or is "
+            f"the image {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
         )
 
 
 def _prior() -> Array:
-    """Return log probabilities of the errors: mostly none, else Cauchy."""
+    """Return log probabilities of the errors: most likely none, else Cauchy."""
     others = np.gradient(_ERRORS) / (math.pi * _USUAL * (1.0 + (_ERRORS / _USUAL) ** 2))
     probabilities = (1.0 - _RIGHT) * others
     probabilities[_ZERO] += _RIGHT
@@ -324,7 +326,7 @@ def _moments(logarithms: Array) -> StampError:
 
 
 def _peak(scores: Array) -> float:
-    """Return the error [s] of the best score, between the ones that were compared."""
+    """Return the error [s] of the best score, interpolated by a parabola."""
     best = int(scores.argmax())
     if not 0 < best < len(scores) - 1:
         return float(_ERRORS[best])

@@ -1,30 +1,30 @@
-"""One joint: the motion that takes it to its reference, its rest, and its servo's commands."""
+"""Control one joint: planned motion to the reference, dead band at rest, servo commands."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from head_tracking.tracking.following import FollowingWatch
 from head_tracking.tracking.servo_model import ServoModel
 from head_tracking.transforms import JointLimits
 
-_RESPONSE = 25.0  # 1/s: how fast a deviation from what is wanted is made up
+_RESPONSE = 25.0  # 1/s: rate at which a position error decays
 _BRAKING = 0.6  # share of the acceleration used to plan where to brake
 _LEAST_BRAKING = 0.05
 _NEED_TIME = 0.3  # s
-_COPIED = 0.4  # of the acceleration: with less to spare than this a motion is copied in part
+_COPIED = 0.4  # of the acceleration; with a smaller reserve, feed-forward is reduced
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """How a joint may move.
+    """Limits of a joint's motion.
 
     Attributes:
         speed: [rad/s].
         acceleration: [rad/s^2].
         jerk: [rad/s^3].
-        lead: how far ahead of the set-point a goal may be [rad].
+        lead: largest distance from the set-point to a goal [rad].
     """
 
     speed: float
@@ -34,18 +34,18 @@ class MotionLimits:
 
 
 class JointMotion:
-    """Follows a wanted position that itself moves, without lag, and comes to jumps smoothly.
+    """Plan the motion of a joint to a moving reference.
 
-    A wanted motion that the limits allow is copied; a jump in it is made up as by a critically
-    damped spring, and a long way at a speed from which the joint can brake in time.
+    The reference velocity is fed forward where the limits allow it. A position error decays like
+    a critically damped spring; a large one is reduced at a speed from which the joint can brake.
 
     Args:
-        position: where the joint stands [rad].
-        velocity: how it moves [rad/s].
+        position: present position of the joint [rad].
+        velocity: present velocity [rad/s].
 
     Attributes:
-        position: where the joint is meant to be [rad].
-        velocity: how it is meant to move [rad/s].
+        position: planned position [rad].
+        velocity: planned velocity [rad/s].
     """
 
     def __init__(self, position: float, velocity: float = 0.0) -> None:
@@ -57,11 +57,11 @@ class JointMotion:
         self._need = 0.0
 
     def advance(self, dt: float) -> None:
-        """Time passes [s]."""
+        """Move on for a time [s] at the planned velocity."""
         self.position += self.velocity * dt
 
     def rest_at(self, position: float) -> None:
-        """The joint stands still [rad]."""
+        """Plan no motion; the joint is at this position [rad]."""
         self.position = position
         self.velocity = self._acceleration = self._wanted_velocity = self._asked_velocity = 0.0
 
@@ -74,15 +74,15 @@ class JointMotion:
         limits: MotionLimits,
         joint: JointLimits,
     ) -> None:
-        """Choose the velocity for the next `dt` [s].
+        """Set the velocity for the next `dt` [s].
 
         Args:
-            wanted: where the joint should be now [rad].
-            velocity: how it should move in the time `dt` [rad/s].
-            dt: until the next choice [s].
-            elapsed: since the last choice [s]; longer than `dt` if this one is late.
-            limits: how the joint may move.
-            joint: its range, which is never left.
+            wanted: reference position now [rad].
+            velocity: reference velocity during `dt` [rad/s].
+            dt: time to the next call [s].
+            elapsed: time since the last call [s]; longer than `dt` if this one is late.
+            limits: limits of the motion.
+            joint: range of the joint.
         """
         remaining = math.exp(-_RESPONSE * dt)
         # gains that put both poles of the sampled loop at `remaining`
@@ -92,7 +92,7 @@ class JointMotion:
         share = min(1.0, elapsed / _NEED_TIME)
         self._need += share * (abs(velocity - self._asked_velocity) / elapsed - self._need)
         self._asked_velocity = velocity
-        # what the joint cannot follow it does not copy: it goes where the target is, as it can
+        # a reference that accelerates harder than the joint can is not fed forward
         copied = min(max((1.0 - self._need / limits.acceleration) / _COPIED, 0.0), 1.0)
         closing = self._closing_speed(error, stiffness / damping, copied * self._need, limits)
         velocity *= copied
@@ -111,7 +111,7 @@ class JointMotion:
         self.velocity = chosen
 
     def _closing_speed(self, error: float, gain: float, need: float, limits: MotionLimits) -> float:
-        """The speed at which to make up an error: proportional, but one that can be braked."""
+        """Return the speed that reduces an error: proportional, or one that allows braking."""
         spare = limits.acceleration - min(need, limits.acceleration)
         braking = max(_BRAKING * spare, _LEAST_BRAKING * limits.acceleration)
         linear = braking / gain**2  # where the two meet with the same slope
@@ -122,7 +122,7 @@ class JointMotion:
     def _inside(
         self, velocity: float, dt: float, limits: MotionLimits, joint: JointLimits
     ) -> float:
-        """The velocity, reduced so that the joint stops at the end of its range."""
+        """Reduce a velocity so that the joint stops at the end of its range."""
         room = joint.upper - self.position if velocity > 0.0 else self.position - joint.lower
         if not math.isfinite(room):
             return velocity
@@ -132,27 +132,26 @@ class JointMotion:
         return min(max(velocity, -fastest), fastest)
 
 
-_CALM = 0.1  # s; for so long a joint must have been where it should be
-_SETTLED = 0.2  # s after which a joint that stopped short is helped
-_AIM = 1.0  # s; over which the place of a joint at rest is averaged, and small errors wait
-_FINE = 0.25  # of the dead band; smaller errors are not mended
-_SLOW = 0.015  # rad/s; a target slower than this may be one that stands still
-_UNLIKELY = 4.0  # standard deviations; at 3, noise alone would wake a joint every few seconds
+_CALM = 0.1  # s; minimum time at the reference before a joint rests
+_SETTLED = 0.2  # s; minimum time between two corrections at rest
+_AIM = 1.0  # s; averaging time of the reference at rest, and delay of small corrections
+_FINE = 0.25  # of the dead band; smaller errors are not corrected
+_SLOW = 0.015  # rad/s; a slower reference may be at rest
+_UNLIKELY = 4.0  # standard deviations; at 3, noise alone would end the rest every few seconds
 _STEP = 0.004  # rad: three quarters of the step of an AX-12's encoder
-_FARTHEST_HELP = 0.015  # rad
+_LARGEST_CORRECTION = 0.015  # rad
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Where a joint should be.
+    """Reference of a joint.
 
     Attributes:
         position: [rad].
         velocity: [rad/s].
-        noise: standard deviation of that position [rad].
-        speed_noise: standard deviation of that velocity [rad/s].
-        ahead: where the joint should be in the time after that, as far as a command may carry it
-            if no other comes [rad].
+        noise: standard deviation of `position` [rad].
+        speed_noise: standard deviation of `velocity` [rad/s].
+        ahead: later reference positions [rad]; a goal does not lie beyond them.
     """
 
     position: float
@@ -163,19 +162,19 @@ class Reference:
 
 
 class Rest:
-    """A dead band with hysteresis: easy to stay in, harder to come into.
+    """Dead band with hysteresis for a joint at rest.
 
     Attributes:
-        goal: where the joint rests [rad]; None while it moves.
-        near: whether the joint is wanted where it may come to rest.
+        goal: goal of the joint at rest [rad]; None while it moves.
+        near: whether the reference is slow enough for the joint to rest.
     """
 
     def __init__(self) -> None:
         self.goal: float | None = None
         self.near = False
-        self._place = 0.0  # mean of where the joint should be since it rests
+        self._place = 0.0  # mean reference since the joint rests
         self._calm_since: float | None = None
-        self._judged = self._helped = self._side = 0.0
+        self._judged = self._corrected = self._side = 0.0
 
     def judge(
         self,
@@ -186,14 +185,14 @@ class Rest:
         dead_band: float,
         now: float,
     ) -> None:
-        """Decide whether the joint rests.
+        """Begin or end the rest.
 
         Args:
-            reference: where it should be.
-            off: by how much its intended motion is not there [rad].
-            speed: of its intended motion [rad/s].
-            setpoint: where the servo stays if no other command comes [rad].
-            dead_band: errors below this are left alone [rad].
+            reference: the reference.
+            off: error of the planned motion [rad].
+            speed: speed of the planned motion [rad/s].
+            setpoint: where the servo stops without another command [rad].
+            dead_band: smaller errors are not corrected [rad].
             now: the time [s].
         """
         band = min(math.hypot(dead_band, _UNLIKELY * reference.noise), 4.0 * dead_band)
@@ -211,58 +210,57 @@ class Rest:
             self._calm_since = now
         elif now - self._calm_since >= _CALM:
             self.goal, self._place = setpoint, reference.position
-            self._helped, self._side = now, 0.0
+            self._corrected, self._side = now, 0.0
         self._judged = now
 
-    def help(self, measured: float, stamp: float, dead_band: float) -> None:
-        """Move the goal of a joint that rests beside its place.
+    def correct(self, measured: float, stamp: float, dead_band: float) -> None:
+        """Move the goal of a joint that rests beside its reference.
 
-        Small errors are mended slowly, and only to one side: the next one to the other side is a
-        step of the encoder.
+        Small errors are corrected slowly and to one side only; a small error to the other side
+        may be a step of the encoder.
 
         Args:
-            measured: where it stands [rad].
-            stamp: when that was [s].
-            dead_band: errors below this are left alone [rad].
+            measured: position of the joint [rad].
+            stamp: time of that measurement [s].
+            dead_band: smaller errors are not corrected [rad].
         """
         short, coarse = self._place - measured, max(dead_band, _STEP)
         fine = _FINE * dead_band if short * self._side >= 0.0 else coarse
-        waited = stamp - self._helped
+        waited = stamp - self._corrected
         if self.goal is None or abs(short) <= (fine if waited >= _AIM else coarse):
             return
         if waited >= _SETTLED:
-            self._helped, self._side = stamp, short
+            self._corrected, self._side = stamp, short
             ahead = self.goal - self._place + short
-            self.goal = self._place + min(max(ahead, -_FARTHEST_HELP), _FARTHEST_HELP)
+            self.goal = self._place + min(max(ahead, -_LARGEST_CORRECTION), _LARGEST_CORRECTION)
 
 
-RESERVE = 0.15  # s: so long a servo moves on if no other command comes
+RESERVE = 0.15  # s: time for which a servo moves on without another command
 _MARGIN = 0.02  # rad
 _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
-_ARRIVAL = 16.0  # 1/s: speed over the way that is left, where a joint stays
-_ARRIVAL_SPEED = 0.3  # rad/s; the last bit of the way to where a joint stays
+_ARRIVAL_SPEED = 0.3  # rad/s; least speed towards a reference at rest
 _RELEASED_SPEED = 1.0  # rad/s
-_AWAY = 0.1  # rad; a joint that stands nearer to its reference may have come to rest there
+_AWAY = 0.1  # rad; a joint nearer to its reference may be at rest
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
-_UNSURE = 0.03  # s; while the deviation of the delay is more, the joint is moved cautiously
-_CAUTIOUS = 12.0  # rad/s^2 of such a joint
-_BRAKED = 0.25  # s in which it must be able to stop
-_USED = 0.75  # of the acceleration that the servo is thought to have
-_LATE = 0.04  # s between two commands; a goal that is ahead is reached in such a time
-_PATIENCE = 0.35  # s more than the delay, in which a joint that follows has moved
+_UNSURE = 0.03  # s; with a larger deviation of the delay, the joint moves cautiously:
+_CAUTIOUS = 12.0  # rad/s^2
+_BRAKED = 0.25  # s to stop
+_USED = 0.9  # of the estimated acceleration of the servo
+_LATE = 0.04  # s; after a longer time between two commands, a goal may have been reached
+_PATIENCE = 0.35  # s plus the delay, in which a joint that follows has moved
 
 
 class JointController:
     """Keep one joint on a moving reference.
 
     Args:
-        name: of the joint.
-        joint: its range.
+        name: name of the joint.
+        joint: range of the joint.
 
     Attributes:
-        servo: the model of its servo.
-        motion: the motion that takes it to its reference.
+        servo: model of its servo.
+        motion: planned motion.
     """
 
     def __init__(self, name: str, joint: JointLimits) -> None:
@@ -272,7 +270,7 @@ class JointController:
         self.restart(0.0, joint.clamp(0.0), 0.0)
 
     def restart(self, stamp: float, position: float, velocity: float) -> None:
-        """Start from a reading [s], [rad], [rad/s]; what was learned of the servo is kept."""
+        """Start from a reading [s], [rad], [rad/s]; the estimates of the servo are kept."""
         self.servo.restart(stamp, position, velocity)
         self.motion = JointMotion(self._joint.clamp(position), velocity)
         self._watch.restart()
@@ -281,11 +279,11 @@ class JointController:
         self._goal = self._speed = math.nan
 
     def forget(self) -> None:
-        """Forget what was learned of the servo; `restart` must follow."""
+        """Discard the estimates of the servo; call `restart` next."""
         self.servo = ServoModel()
 
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
-        """Receive a reading [s], [rad], so long after the last command [s]."""
+        """Receive a reading [s], [rad], a time `elapsed` [s] after the last command."""
         motion = self.motion
         motion.advance(elapsed)
         if math.isfinite(self._goal):
@@ -308,12 +306,12 @@ class JointController:
         """Return the goal [rad] and the speed [rad/s] to command now.
 
         Args:
-            reference: where the joint should be when the servo acts.
+            reference: reference at the time when the servo acts.
             now: the time [s].
-            period: until the next command [s].
-            elapsed: since the last command [s].
-            limits: how the joint may move.
-            dead_band: at rest, errors below this are left alone [rad].
+            period: time to the next command [s].
+            elapsed: time since the last command [s].
+            limits: limits of the motion.
+            dead_band: at rest, smaller errors are not corrected [rad].
         """
         self._goal, speed = self._command(reference, now, period, elapsed, limits, dead_band)
         self._speed = max(abs(speed), _SLOWEST)
@@ -329,17 +327,17 @@ class JointController:
         dead_band: float,
     ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
-        # what the shaft cannot do is not planned; its set-point may do it
         known = servo.known_delay > 0.0 or servo.deviation < _UNSURE
         hardest = min(_USED * servo.acceleration, math.inf if known else _CAUTIOUS)
         speed = min(limits.speed, math.inf if known else _BRAKED * _CAUTIOUS)
-        able = replace(limits, speed=speed, acceleration=min(limits.acceleration, hardest))
+        acceleration = min(limits.acceleration, hardest)
+        able = MotionLimits(speed, acceleration, limits.jerk, limits.lead)  # of the shaft
         setpoint = servo.setpoint(now)
         off = reference.position - motion.position
         rest.judge(reference, off, motion.velocity, setpoint, dead_band, now)
         if rest.goal is not None:
             stamp, position = servo.reading
-            rest.help(position, stamp, dead_band)
+            rest.correct(position, stamp, dead_band)
             goal = self._joint.clamp(rest.goal)
             motion.rest_at(reference.position)
             servo.hold(now, goal)
@@ -352,53 +350,25 @@ class JointController:
         motion.steer(reference.position, reference.velocity, period, elapsed, able, self._joint)
         if abs(motion.velocity) > _TURN or self._side == 0.0:
             self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
-        arrival = (
-            self._arrival(reference, setpoint, period, elapsed, limits, able)
-            if rest.near and astray is None
-            else None
-        )
-        if arrival is not None:
-            goal, speed = arrival
+        end = motion.position + motion.velocity * period + self._side * servo.dead_band
+        speed = (end - setpoint) / period
+        speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
+        way = self._joint.clamp(reference.position) - setpoint
+        closing = math.copysign(speed, speed * way)
+        if rest.near and astray is None and closing > -_ARRIVAL_SPEED and abs(way) <= limits.lead:
+            goal = setpoint + way  # the servo itself stops there
+            speed = math.copysign(max(closing, min(_ARRIVAL_SPEED, limits.speed)), way)
         else:
-            end = motion.position + motion.velocity * period + self._side * servo.dead_band
-            speed = (end - setpoint) / period
-            speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
             goal = self._goal_ahead(reference, setpoint, speed, period, limits.lead)
         servo.command(now, speed, goal)
         return goal, speed
 
-    def _arrival(
-        self,
-        reference: Reference,
-        setpoint: float,
-        period: float,
-        elapsed: float,
-        limits: MotionLimits,
-        able: MotionLimits,
-    ) -> tuple[float, float] | None:
-        """Return goal and signed speed for a reference at rest: the servo itself stops there.
-
-        None while the joint moves away from it. The set-point accelerates as `limits` allow, at a
-        speed from which a shaft that is `able` to do less can brake.
-        """
-        goal = self._joint.clamp(reference.position)
-        way, last = goal - setpoint, self.servo.speed
-        change = limits.acceleration * elapsed
-        away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
-        if away or abs(way) > limits.lead:
-            return None
-        left = abs(goal - self.servo.reading[1])
-        lost = able.acceleration * self.servo.delay
-        braking = math.sqrt(lost * lost + 2.0 * able.acceleration * left) - lost
-        fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
-        return goal, math.copysign(min(fast, abs(last) + change, able.speed), way)
-
     def _goal_ahead(
         self, reference: Reference, setpoint: float, speed: float, period: float, lead: float
     ) -> float:
-        """The goal: where the servo stops if no other command comes.
+        """Return the goal, where the servo stops without another command [rad].
 
-        It lies ahead of the set-point, but not beyond the places where the reference will be.
+        It lies ahead of the set-point, but not beyond the later positions of the reference.
         """
         way = math.copysign(1.0, speed)
         ahead = way * setpoint + min(abs(speed) * (period + RESERVE) + _MARGIN, lead)
@@ -408,7 +378,7 @@ class JointController:
         return self._joint.clamp(way * max(min(ahead, farthest), least))
 
     def _push(self, reference: Reference, now: float, limits: MotionLimits) -> tuple[float, float]:
-        """The goal and the speed for a joint that stands; released, it goes no farther."""
+        """Return goal and speed for a joint that does not follow its commands."""
         stamp, position = self.servo.reading
         way = self._joint.clamp(reference.position) - position
         way = min(max(way, -limits.lead), limits.lead)
@@ -420,7 +390,7 @@ class JointController:
         return position + way, abs(speed)
 
     def _limited(self, speed: float, elapsed: float, limits: MotionLimits) -> float:
-        """The nearest speed that the limits allow after the last one."""
+        """Return the nearest speed that the limits allow after the last one."""
         last, change = self.servo.speed, limits.acceleration * elapsed
         if abs(last) > limits.speed:
             change = max(change, abs(last) - limits.speed)

@@ -1,7 +1,7 @@
-"""The tracking laws: each turns a target into commands for the joints.
+"""Tracking laws: each turns a target estimate into commands for the joints.
 
-Position goes where the target was seen last, speed is the tutorials', and predictive moves the head
-now as the target will move when the servos act.
+`position` goes to the latest point, `speed` is the law of the tutorials, and `predictive` feeds
+the predicted motion of the target forward.
 """
 
 from __future__ import annotations
@@ -28,10 +28,7 @@ from head_tracking.tracking.servo_model import ServoModel
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimits:
-    """What all laws have in common.
-
-    The tutorials' `max_joint_speed` is 0.5 rad/s; the other laws need no such restraint.
-    """
+    """Speed limits of all laws."""
 
     max_joint_speed: float = parameter(
         0.0,
@@ -43,8 +40,8 @@ class SpeedLimits:
     )
     lead_target_angle: float = parameter(
         0.5,
-        "How far ahead of a moving joint its goal may be: so far it moves on if nobody speaks "
-        "any more.",
+        "How far ahead of a moving joint its goal may be, and so how far the joint moves on "
+        "without further commands.",
         unit="rad",
         minimum=0.02,
         maximum=3.0,
@@ -56,10 +53,10 @@ class SpeedLawParameters:
     """Names and defaults are the tutorials'; see `SpeedLimits` for the other two."""
 
     pan_threshold: float = parameter(
-        0.01, "Pan errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
+        0.01, "Smaller pan errors are not corrected.", unit="rad", minimum=0.0, maximum=1.0
     )
     tilt_threshold: float = parameter(
-        0.01, "Tilt errors below this are left alone.", unit="rad", minimum=0.0, maximum=1.0
+        0.01, "Smaller tilt errors are not corrected.", unit="rad", minimum=0.0, maximum=1.0
     )
     k_pan: float = parameter(1.5, "Pan speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
     k_tilt: float = parameter(1.5, "Tilt speed per error.", unit="1/s", minimum=0.1, maximum=20.0)
@@ -67,24 +64,24 @@ class SpeedLawParameters:
 
 @dataclass(frozen=True, slots=True)
 class PredictiveLawParameters:
-    """How calmly the head moves."""
+    """Limits and dead band of the law `predictive`."""
 
     max_joint_acceleration: float = parameter(
-        80.0, "Hardest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
+        80.0, "Highest acceleration.", unit="rad/s^2", minimum=1.0, maximum=500.0
     )
     max_joint_jerk: float = parameter(
-        6000.0, "Hardest change of acceleration.", unit="rad/s^3", minimum=10.0, maximum=1e5
+        6000.0, "Highest jerk.", unit="rad/s^3", minimum=10.0, maximum=1e5
     )
     dead_band: float = parameter(
         0.004,
-        "At rest, errors below this are left alone.",
+        "At rest, smaller errors are not corrected.",
         unit="rad",
         minimum=0.0,
         maximum=0.1,
     )
     servo_delay: float = parameter(
         0.0,
-        "From a command to the motion it causes; 0: measured while the head moves.",
+        "Time from a command to the motion it causes; 0: estimated while the head moves.",
         unit="s",
         minimum=0.0,
         maximum=0.15,
@@ -93,33 +90,31 @@ class PredictiveLawParameters:
 
 @dataclass(frozen=True, slots=True)
 class NoParameters:
-    """Of a law that has none of its own."""
+    """Parameters of a law that has none."""
 
 
 def inside(head: PanTiltHead, positions: tuple[float, float]) -> tuple[float, float]:
-    """Pan and tilt [rad], or the limits next to them: an encoder may read a little beyond."""
+    """Return pan and tilt [rad], clamped to their limits."""
     return head.pan_limits.clamp(positions[0]), head.tilt_limits.clamp(positions[1])
 
 
 class TrackingLaw(ABC):
-    """Steers the head. Times are in seconds, on the clock of the stamps.
-
-    Its methods are given the newest reading of the joints and the time.
+    """Base class of the laws. Times are in seconds, on the clock of the stamps.
 
     Args:
-        head: the head to steer.
+        head: the head to control.
         period: time between two commands [s].
-        limits: of all laws.
-        parameters: the law's own, of its class `Parameters`.
+        limits: speed limits of all laws.
+        parameters: parameters of this law, an instance of its class `Parameters`.
 
     Attributes:
-        Parameters: a dataclass of parameters; their names differ from those of the other laws.
-        description: what it does, for who chooses one.
-        usual_speed: the fastest [rad/s], where the limits say nothing.
+        Parameters: dataclass of parameters; their names differ from those of the other laws.
+        description: what the law does, in a few words.
+        usual_speed: highest speed [rad/s] unless `limits` sets one.
         limits: may change at any time.
         parameters: may change at any time.
-        at_most: no motion is faster than this [rad/s] for the time being, whatever is allowed.
-        is_learning: whether it learns how late the servos are.
+        at_most: temporary speed limit [rad/s].
+        is_learning: whether the servo models are updated.
     """
 
     Parameters: ClassVar[type[Any]] = NoParameters
@@ -143,40 +138,37 @@ class TrackingLaw(ABC):
 
     @property
     def fastest(self) -> float:
-        """The fastest speed now [rad/s]."""
+        """The highest speed allowed now [rad/s]."""
         return min(self.limits.max_joint_speed or self.usual_speed, self.at_most)
 
     @property
     def delays(self) -> tuple[float, float]:
-        """From a command to the motion it causes, of pan and tilt [s]."""
+        """Delays from a command to the motion it causes, of pan and tilt [s]."""
         return 0.0, 0.0
 
     @property
     def learned(self) -> Mapping[str, LearnedValue]:
-        """What is learned of the servos, by name."""
+        """Estimates of the servos, by name."""
         return {}
 
     @property
     def to_save(self) -> Mapping[str, ServoValues]:
-        """What is worth knowing of the servos in another run, by joint."""
+        """Estimates of the servos to save for the next run, by joint."""
         return {}
 
     def forget_learned(self) -> None:  # noqa: B027 - some laws learn nothing
-        """Forget what was learned."""
+        """Discard the estimates of the servos."""
 
     def expect(self, saved: Mapping[str, ServoValues]) -> None:  # noqa: B027
-        """Begin with what an earlier run has learned of the servos, by joint."""
+        """Start with saved estimates of the servos, by joint."""
 
     def take_contradicted(self) -> Sequence[str]:
-        """Return joints whose saved values have turned out not to fit since the last call."""
+        """Return joints whose saved values were contradicted since the last call."""
         return ()
 
     @property
     def lead_times(self) -> tuple[float, float]:
-        """How far ahead of a command pan and tilt of the target are needed [s].
-
-        Predictions are scored over these times.
-        """
+        """Prediction times from a command on, for pan and tilt [s]."""
         return 0.0, 0.0
 
     @property
@@ -188,30 +180,27 @@ class TrackingLaw(ABC):
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
-        """The command that keeps the head on a target, and the gaze it aims at."""
+        """Return the command that keeps the head on a target, and the gaze it aims at."""
 
     @abstractmethod
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
     ) -> HeadCommand:
-        """The command for a way to pan and tilt [rad], not faster than `speed` [rad/s]."""
+        """Return the command to go to pan and tilt [rad] at up to `speed` [rad/s]."""
 
     def stop(self, joints: JointReading) -> HeadCommand:
-        """The command that stops the head at once: the goal is the present position."""
+        """Return the command that stops the head: the goal is the measured position."""
         self._forget()
         return HeadCommand(*inside(self._head, joints.positions), self.fastest, self.fastest)
 
-    def _forget(self) -> None:  # noqa: B027 - some laws remember nothing
-        """Forget what the head was about."""
+    def _forget(self) -> None:  # noqa: B027 - some laws have no state
+        """Discard the state of the present motion."""
 
 
 class PositionLaw(TrackingLaw):
-    """Both joints go to the newest point and arrive together; it knows nothing of motion.
+    """Send both joints to the latest point; they arrive together."""
 
-    If the node dies, the head still goes where the target last was.
-    """
-
-    description = "straight to the newest point"
+    description = "straight to the latest point"
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
@@ -229,7 +218,7 @@ class PositionLaw(TrackingLaw):
 
 
 class SpeedLaw(TrackingLaw):
-    """Speeds in proportion to the errors of pan and tilt."""
+    """Set speeds in proportion to the errors of pan and tilt."""
 
     Parameters = SpeedLawParameters
     description = "by the tutorials' speeds"
@@ -250,7 +239,7 @@ class SpeedLaw(TrackingLaw):
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
-        """See `TrackingLaw`; it knows no motion of the target and aims at the newest point."""
+        """See `TrackingLaw`."""
         gaze = self._head.look(target.sight, *joints.positions)
         if gaze.status in (GazeStatus.REACHED, GazeStatus.ON_PAN_AXIS):
             self._held = None
@@ -268,11 +257,11 @@ class SpeedLaw(TrackingLaw):
         return HeadCommand(*goal, speed, speed)
 
     def step(self, wanted: tuple[float, float], present: tuple[float, float]) -> HeadCommand:
-        """The command for now.
+        """Return the command for now.
 
         Args:
             wanted: pan and tilt that look at the target [rad].
-            present: pan and tilt as measured [rad].
+            present: measured pan and tilt [rad].
         """
         p, fastest, lead = self.parameters, self.fastest, self.limits.lead_target_angle
         (pan, pan_speed), (tilt, tilt_speed) = (
@@ -296,7 +285,7 @@ class SpeedLaw(TrackingLaw):
 
 
 class _JointLaw:
-    """The law for one joint; where it stopped stays its goal, or it would follow its own sag."""
+    """The law for one joint; at rest its goal stays, so that it does not follow its sag."""
 
     def __init__(self) -> None:
         self._stopped_at: float | None = None
@@ -319,28 +308,27 @@ class _JointLaw:
         return present + math.copysign(lead, error), speed
 
 
-_LONGEST_PAUSE = 0.2  # s; after a longer one the law starts anew
-_SHORTEST = 1e-4  # s between two commands; simulated clocks can stand still
-_BUILD_UP = 0.02  # s; an acceleration that takes longer to build up cannot be braked with
+_LONGEST_PAUSE = 0.2  # s; after a longer pause the law starts anew
+_SHORTEST = 1e-4  # s between two commands; simulated clocks may stop
+_BUILD_UP = 0.02  # s; an acceleration that takes longer to build up is not planned
 _MOVING = 0.15  # rad/s
-_EDGE = 0.05  # rad; so far inside the far end of its range a target must be to be followed there
-_ALIKE = 0.003  # s; delays that differ by less are taken to be the same
+_EDGE = 0.05  # rad; a target at the other end of the pan range is followed if this far inside
+_ALIKE = 0.003  # s; delays that differ by less are treated as equal
 
 Path: TypeAlias = Callable[[float], tuple[float, float]]
-"""Where pan and tilt should be [rad] at a time [s]."""
+"""Reference of pan and tilt [rad] at a time [s]."""
 
 
 class PredictiveLaw(TrackingLaw):
-    """Move the head now as the target will move when the servos act.
+    """Feed the motion of the target forward through the exact gaze.
 
-    Each joint is steered in three steps: where it should be after its servo's delay (the exact gaze
-    at the predicted target), how it gets there within its limits (`JointMotion`), and at which
-    speed the servo's set-point must move for that (`ServoModel`). A command is a speed with a goal
-    ahead, and the goal is never beyond the places where the joint should be next.
+    For each joint: the reference is the gaze at the target, predicted by the servo's delay;
+    `JointMotion` plans the motion to it within the limits; `ServoModel` has the set-point, and so
+    the speed to command. The goal lies ahead, but not beyond the next positions of the reference.
     """
 
     Parameters = PredictiveLawParameters
-    description = "with the target's motion"
+    description = "with the target's predicted motion"
     parameters: PredictiveLawParameters
 
     def __init__(
@@ -441,9 +429,9 @@ class PredictiveLaw(TrackingLaw):
         """Return the command that keeps the joints on a path.
 
         Args:
-            path: where pan and tilt should be at a time.
-            speed: not to be exceeded [rad/s].
-            joints: as they were measured last.
+            path: reference of pan and tilt.
+            speed: speed limit [rad/s].
+            joints: the latest reading.
             now: the time [s].
         """
         elapsed = self._receive(joints, now)
@@ -454,7 +442,7 @@ class PredictiveLaw(TrackingLaw):
         self._stepped, self._aimed = -math.inf, None
 
     def _receive(self, joints: JointReading, now: float) -> float:
-        """Give both joints their reading; after a pause they start anew.
+        """Pass the reading to both joints; restart them after a pause.
 
         Returns the time since the last command [s].
         """
@@ -476,10 +464,10 @@ class PredictiveLaw(TrackingLaw):
         return elapsed
 
     def _gaze(self, target: TargetEstimate, time: float, near: tuple[float, float]) -> Gaze:
-        """The gaze at the predicted target.
+        """Return the gaze at the predicted target.
 
-        A target that comes into reach at the far end of the range is not followed there, all the
-        way round, before it is well inside: it may be gone again at once.
+        The head does not turn all the way round to a target that has just come into reach at the
+        other end of the pan range.
         """
         gaze = self._head.look(target.sight_at(time), *near)
         if self._aimed is None:
@@ -500,7 +488,7 @@ class PredictiveLaw(TrackingLaw):
         now: float,
         deviations: Sequence[tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0)),
     ) -> HeadCommand:
-        """The command for both joints, each at its own delay."""
+        """Return the command for both joints, each with its own delay."""
         starts = [now + delay for delay in self.delays]
         if abs(starts[1] - starts[0]) < _ALIKE:
             starts[1] = starts[0]
@@ -508,25 +496,24 @@ class PredictiveLaw(TrackingLaw):
         places = {start: [path(start + time) for time in ahead] for start in set(starts)}
         references = []
         for index, start in enumerate(starts):
-            here, *later = (place[index] for place in places[start])
-            references.append(Reference(here, (later[0] - here) / self._period, ahead=tuple(later)))
-        moving = max(abs(reference.velocity) for reference in references) > _MOVING
+            here, soon, last = (place[index] for place in places[start])
+            references.append((here, (soon - here) / self._period, (soon, last)))
+        moving = max(abs(velocity) for _, velocity, _ in references) > _MOVING
         p = self.parameters
         acceleration = min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
         goals = []
-        for joint, wanted, (noise, speed_noise), limits in zip(
+        for joint, (position, velocity, later), (noise, speed_noise), limits in zip(
             self._joints,
             references,
             deviations,
             (self._head.pan_limits, self._head.tilt_limits),
             strict=True,
         ):
-            reference = wanted
-            if not moving:  # one joint alone does not come to rest early
-                reference = replace(wanted, noise=noise, speed_noise=speed_noise)
+            # while one joint moves, the other does not rest either
+            spread = (0.0, 0.0) if moving else (noise, speed_noise)
             goals.append(
                 joint.follow(
-                    reference,
+                    Reference(position, velocity, *spread, later),
                     now,
                     self._period,
                     elapsed,
@@ -548,4 +535,4 @@ LAWS: Mapping[str, type[TrackingLaw]] = {
     "speed": SpeedLaw,
     "position": PositionLaw,
 }
-"""All that a law needs is an entry here: `head_tracker` declares its parameters and offers it."""
+"""The laws by name; `head_tracker` declares the parameters of each."""

@@ -307,14 +307,15 @@ class ServoModel:
         """Compare the shaft's displacement in a window with the one of every hypothesis."""
         cell = min(int((self.reading[0] - self._grid_start) / _CELL), self._filled - 1)
         newest = self._grid_start + cell * _CELL
-        if newest < self._judged + _EVERY or not self.is_learning:
-            return
+        first = cell + 1 - _CELLS - _WINDOW
+        if first < 0 or newest < self._judged + _EVERY or not self.is_learning:
+            return  # the first cells after the buffer was shifted have no window before them
         position = self._at(newest)
         before = self._at(newest - _WINDOW * _CELL)
         if position is None or before is None:
             return
         elapsed, self._judged = newest - self._judged, newest
-        recent = self._grid[:, cell + 1 - _CELLS - _WINDOW : cell + 1]
+        recent = self._grid[:, first : cell + 1]
         followed = (recent[:, _WINDOW:] - recent[:, :-_WINDOW])[:, ::-1]
         spread = float(np.ptp(followed))
         if spread < _TELLING:

@@ -1,7 +1,7 @@
-"""Commands for servos as a stream of positions, for a head that another controller drives.
+"""Converts goals with speeds into a stream of positions, for a joint_trajectory_controller.
 
-A command, a goal and a speed, moves a servo's set-point. Here that set-point is kept, and the
-place where it will be a moment later is sent until the set-point has reached its goal.
+A command moves a simulated set-point at its speed, as a servo moves its own. The stream is the
+position of that set-point a moment later; it ends when the set-point has reached its goal.
 """
 
 from __future__ import annotations
@@ -10,22 +10,23 @@ import math
 
 from head_tracking.gaze import AT_GOAL, HeadCommand
 from head_tracking.tracking.following import FollowingWatch
+from head_tracking.tracking.joint_readings import JointReading
 
-_PAUSE = 0.2  # s; after a longer one a set-point starts where the joint is
-_PATIENCE = 0.6  # s; a joint that has not moved by then is not waited for
-_LEAD = 0.03  # s; positions are sent so much earlier: a servo follows a position so much later
+_PAUSE = 0.2  # s without a command, after which a set-point restarts at the measured position
+_PATIENCE = 0.6  # s of measurements without motion, after which a joint counts as not following
+_LEAD = 0.03  # s: the delay with which a servo follows positions
 _DUE = 0.9  # of a period
 
 
 class SetpointStream:
-    """The set-points of pan and tilt. Times are in seconds, on any clock, and go on.
+    """The set-points of pan and tilt. Times are in seconds, on any clock.
 
-    A set-point runs ahead of its joint by as much as the controller is late. Only a joint that
-    does not follow (`FollowingWatch`) takes its set-point back to where it was measured.
+    A set-point is ahead of its joint by the delay of the controller. If a joint does not follow
+    (`FollowingWatch`), its set-point returns to the measured position.
 
     Args:
-        period: between two positions of the stream [s].
-        ahead: how long a position has to be reached [s].
+        period: time between two positions of the stream [s].
+        ahead: time that the controller has to reach a position [s].
     """
 
     def __init__(self, period: float, ahead: float) -> None:
@@ -44,21 +45,25 @@ class SetpointStream:
         self._joints = None
 
     def positions(
-        self, command: HeadCommand | None, measured: tuple[float, float], now: float
+        self, command: HeadCommand | None, joints: JointReading, now: float
     ) -> tuple[float, float] | None:
         """Return the positions of pan and tilt to send [rad]; None: there is nothing to send now.
 
         Args:
-            command: a new one; None: the last one counts.
-            measured: positions of pan and tilt [rad].
+            command: a new command; None: continue the last one.
+            joints: the latest measurement.
             now: the time [s].
         """
         elapsed = now - self._sent
         if command is None and (self._joints is None or 0.0 <= elapsed < _DUE * self._period):
             return None
-        pan, tilt = self._joints or (_Setpoint(measured[0]), _Setpoint(measured[1]))
-        for joint, position in zip((pan, tilt), measured, strict=True):
-            joint.advance(elapsed if 0.0 <= elapsed <= _PAUSE else math.inf, position, now)
+        here = joints.positions
+        pan, tilt = self._joints or (_Setpoint(here[0]), _Setpoint(here[1]))
+        for joint, position in zip((pan, tilt), here, strict=True):
+            if 0.0 <= elapsed <= _PAUSE:
+                joint.advance(elapsed, position, joints.stamp)
+            else:
+                joint.restart(position)
         if command is not None:
             pan.goal, pan.speed = command.pan, command.pan_speed
             tilt.goal, tilt.speed = command.tilt, command.tilt_speed
@@ -78,15 +83,14 @@ class _Setpoint:
     def at_goal(self) -> bool:
         return self.position == self.goal
 
-    def advance(self, elapsed: float, measured: float, now: float) -> None:
-        """Let time pass [s]; inf: nothing was sent for long, and the joint may be anywhere."""
-        if elapsed == math.inf:
-            self._watch.restart()
-            if abs(self.position - measured) > AT_GOAL:
-                self.position = measured
-            return
+    def restart(self, measured: float) -> None:
+        self._watch.restart()
+        if abs(self.position - measured) > AT_GOAL:
+            self.position = measured
+
+    def advance(self, elapsed: float, measured: float, stamp: float) -> None:
         self.position = self.after(elapsed)
-        if self._watch.check(self.goal, self.speed, measured, now):
+        if self._watch.check(self.goal, self.speed, measured, stamp):
             self.position = measured
 
     def after(self, time: float) -> float:

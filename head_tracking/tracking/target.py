@@ -1,4 +1,4 @@
-"""Targets on their way from the frame they were seen in to one that stands still."""
+"""Targets, their transform into a fixed frame, and the pose of the head's base."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from head_tracking.transforms import (
 Array = npt.NDArray[np.float64]
 
 _MOST_WAITING = 4096
-_TOLD_AFTER = 1.0  # s; a target that still waits then has its reason told, however long it may wait
-_WINDOW = 60_000_000  # ns; the base's motion is measured over two of these
-_FARTHEST = 1e12  # m: the square of what is much farther is no number any more
-_STEP = 0.04  # s between two rotations of the base that are kept
-_AHEAD = 0.3  # s; so long the base is taken to move on after its newest pose
+_REPORTED_AFTER = 1.0  # s; the reason of a target that still waits then is reported
+_WINDOW = 60_000_000  # ns; the motion of the base is measured over two of these
+_FARTHEST = 1e12  # m: squares of much larger numbers overflow
+_STEP = 0.04  # s between two stored rotations of the base
+_AHEAD = 0.3  # s; longest extrapolation of the base's pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,8 @@ class Target:
     """A point to look at.
 
     Attributes:
-        stamp: when it was seen [ns]; 0 if it was not seen but is meant for now.
-        frame_id: the frame that `point` is given in.
+        stamp: when it was seen [ns]; 0: the point is meant for now.
+        frame_id: frame of `point`.
         point: shape (3,) [m].
     """
 
@@ -46,7 +46,7 @@ class Target:
     point: Vector3
 
     def check(self) -> None:
-        """Raise ValueError if it cannot be looked at from anywhere."""
+        """Raise ValueError if a coordinate is not finite or too large."""
         if not all(abs(number) <= _FARTHEST for number in self.point):
             what = "too far away" if all(map(math.isfinite, self.point)) else "not finite"
             raise ValueError(
@@ -59,11 +59,11 @@ class Target:
 
 
 class Refusal(NamedTuple):
-    """A target that leads to nothing.
+    """A refused target.
 
     Attributes:
         target: as it was sent.
-        reason: why.
+        reason: reason for the refusal.
     """
 
     target: Target
@@ -71,10 +71,9 @@ class Refusal(NamedTuple):
 
 
 class TargetPlacer:
-    """Places targets in `fixed_frame`, with all frames as they were at each one's stamp.
+    """Transform targets into `fixed_frame` at their stamps.
 
-    A target can come before the joint states of its stamp, or before its frame is known at all:
-    it waits up to `timeout` [s].
+    A target whose transform is not known yet waits up to `timeout` [s].
     """
 
     def __init__(self, buffer: TransformBuffer, fixed_frame: str, timeout: float) -> None:
@@ -85,7 +84,7 @@ class TargetPlacer:
         self._refusals: list[Refusal] = []
 
     def offer(self, target: Target, now: float) -> None:
-        """Takes a target at the time `now` [s]; one that is nowhere is refused."""
+        """Accept a target at the time `now` [s]; an invalid one is refused."""
         try:
             target.check()
         except ValueError as error:
@@ -99,12 +98,12 @@ class TargetPlacer:
     def place(
         self, now: float, moving_with_head: Mapping[str, float]
     ) -> list[tuple[Target, Vector3]]:
-        """The targets that can be placed by now, in the order in which they came.
+        """Return the targets that can be transformed now, in order of arrival.
 
         Args:
             now: the time [s].
-            moving_with_head: positions of the head's joints [rad] at which a target that was not
-                seen but is meant for now is placed, if its frame moves with the head.
+            moving_with_head: positions of the head's joints [rad] for targets with stamp 0 in a
+                frame that moves with the head.
 
         Returns:
             Each target and its point in `fixed_frame` [m].
@@ -114,7 +113,7 @@ class TargetPlacer:
     def place_newest(
         self, now: float, moving_with_head: Mapping[str, float]
     ) -> tuple[Target, Vector3] | None:
-        """The newest of them; what came before it is forgotten. None: wait. See `place`."""
+        """Return the latest of them, and discard earlier ones; None: wait. See `place`."""
         placed = self._take(now, moving_with_head)
         if not placed:
             return None
@@ -123,10 +122,10 @@ class TargetPlacer:
         return target, point
 
     def place_one(self, target: Target, moving_with_head: Mapping[str, float]) -> Vector3:
-        """A target in `fixed_frame` [m], by what is known now; see `place`.
+        """Return a target in `fixed_frame` [m]; see `place`.
 
         Raises:
-            TransformException: it cannot be placed, or not yet.
+            TransformException: the transform is unknown, or not known yet.
         """
         if target.stamp != LATEST:
             return self._buffer.transform_point(
@@ -138,18 +137,18 @@ class TargetPlacer:
         return placed.transform @ target.point
 
     def take_refusal(self) -> Refusal | None:
-        """The newest target that led to nothing since this was asked last, and why."""
+        """Return the latest refusal since the last call; None: there was none."""
         return self._refusals.pop() if self._refusals else None
 
     def forget(self) -> None:
-        """Drops the targets that wait."""
+        """Discard the targets that wait."""
         self._waiting.clear()
         self._refusals.clear()
 
     def _take(
         self, now: float, moving_with_head: Mapping[str, float]
     ) -> list[tuple[Target, Vector3, float]]:
-        """Each target that can be placed, its point, and when it came."""
+        """Return each target that can be transformed, its point, and its time of arrival."""
         placed: list[tuple[Target, Vector3, float]] = []
         hopeless: dict[str, tuple[int, str]] = {}
         for _ in range(len(self._waiting)):
@@ -164,14 +163,14 @@ class TargetPlacer:
                     if target.stamp > self._known_until(target.frame_id):
                         hopeless[target.frame_id] = target.stamp, reason
             waited = now - came
-            if 0.0 <= waited < self._timeout:  # (not if it came before the clock jumped back)
+            if 0.0 <= waited < self._timeout:  # below 0: the clock has jumped back
                 self._waiting.append((target, came))
-            if not 0.0 <= waited < min(self._timeout, _TOLD_AFTER):
+            if not 0.0 <= waited < min(self._timeout, _REPORTED_AFTER):
                 self._refusals = [Refusal(target, reason)]
         return placed
 
     def _known_until(self, frame_id: str) -> int:
-        """The newest time [ns] for which a target in this frame could be placed."""
+        """Return the latest time [ns] at which a target in this frame can be transformed."""
         try:
             return self._buffer.get_latest_common_time(self._fixed_frame, frame_id)
         except TransformException:
@@ -179,12 +178,12 @@ class TargetPlacer:
 
 
 class HeadBase:
-    """Where the link that carries the head is in the frame where the targets are placed.
+    """Pose of the link that carries the head in the fixed frame.
 
     Args:
-        buffer: the robot's frames.
-        fixed_frame: stands still.
-        base_frame: moves with the robot.
+        buffer: transforms of the robot.
+        fixed_frame: the frame that does not move.
+        base_frame: the link that carries the head.
     """
 
     def __init__(self, buffer: TransformBuffer, fixed_frame: str, base_frame: str) -> None:
@@ -192,11 +191,11 @@ class HeadBase:
         self._frames = fixed_frame, base_frame
         self._stamp = 0.0
         self._newest = Transform.identity()
-        self._motion: tuple[_Way, _Way] | None = None
+        self._motion: tuple[_Motion, _Motion] | None = None
         self._rotations: deque[tuple[int, float, float, float, float]] = deque()
 
     def update(self) -> str:
-        """Takes the newest pose and the way to it; why not, or an empty string."""
+        """Update pose and motion; return the error, or an empty string."""
         self._motion = None
         try:
             newest = self._buffer.lookup_transform(*self._frames)
@@ -206,15 +205,15 @@ class HeadBase:
                     self._buffer.lookup_transform(*self._frames, newest.stamp - ago).transform
                     for ago in (_WINDOW, 2 * _WINDOW)
                 )
-                self._motion = _way(older, self._newest), _way(oldest, older)
+                self._motion = _motion_between(older, self._newest), _motion_between(oldest, older)
         except ExtrapolationException:
-            return ""  # nothing is known of its motion yet
+            return ""  # the motion is not known yet
         except TransformException as error:
             return str(error)
         return ""
 
     def at(self, time: float) -> Transform:
-        """`T_fixed_base` at a time [s] that has been; as near to it as is known."""
+        """Return `T_fixed_base` at a past time [s], extrapolated if necessary."""
         try:
             return self._buffer.lookup_transform(*self._frames, round(time * 1e9)).transform
         except TransformException:
@@ -224,7 +223,7 @@ class HeadBase:
     def rotations(self, times: Array) -> Array:
         """Return `R_fixed_base` at times [s], shape (N,), as quaternions x y z w, shape (4, N).
 
-        They lie between rotations 40 ms apart, each of which is looked up once; not normalised.
+        They are interpolated between rotations 40 ms apart, and not normalised.
         """
         first, last = math.floor(times.min() / _STEP), math.ceil(times.max() / _STEP)
         known = self._rotations
@@ -241,7 +240,7 @@ class HeadBase:
         return np.array([np.interp(times / _STEP, steps, column) for column in columns])
 
     def pose(self, time: float) -> Transform:
-        """`T_fixed_base` at a time [s] near now, with the velocity and acceleration it had last."""
+        """Return `T_fixed_base` at a time [s] near now, extrapolated with constant acceleration."""
         if self._motion is None:
             return self._newest
         last, before = self._motion
@@ -259,11 +258,11 @@ class HeadBase:
         return self._newest @ Transform((x, y, z), turn)
 
 
-_Way = tuple[float, float, float, float, float, float]
+_Motion = tuple[float, float, float, float, float, float]
 
 
-def _way(start: Transform, end: Transform) -> _Way:
-    """The translation and the small rotation vector from one pose to the next, in the first."""
+def _motion_between(start: Transform, end: Transform) -> _Motion:
+    """Return translation and small rotation vector from `start` to `end`, in axes of `start`."""
     x, y, z, a, b, c, w = start.inverse() @ end
     twice = math.copysign(2.0, w)
     return x, y, z, twice * a, twice * b, twice * c

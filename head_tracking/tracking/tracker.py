@@ -1,4 +1,4 @@
-"""Keeps a head on a moving target: estimate, tracking law and target state machine together."""
+"""Keep a head on a moving target: target estimator, tracking law and state machine."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from head_tracking.tracking.target_state import (
 )
 from head_tracking.transforms import Rotation, Vector3
 
-_SMOOTHING = 0.05  # of a delay, from one step to the next
-_FAR_AHEAD = 1e6  # m; a ray to such a point is level
+_SMOOTHING = 0.05  # weight of a new delay in the mean
+_FAR_AHEAD = 1e6  # m; a ray to such a point is horizontal
 CAUTIOUS_SPEED = 0.3
-"""The greatest speed of a head after a stop, until it is on its target [rad/s]."""
-_REPORTED = Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE  # also while others are followed
+"""Speed limit after a stop, until the head is on its target [rad/s]."""
+_REPORTED = Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE  # also while a target is followed
 
 
 @dataclass(frozen=True, slots=True)
 class TrackingStep:
-    """What one step of the tracker came to.
+    """Result of one step of the tracker.
 
     Attributes:
-        command: for the joints; None: leave them alone.
-        gaze: at the target; None without one.
-        error: angle between the measured pointing axis and where the target was when the joints
-            were measured [rad]; None without a target.
+        command: command for the joints; None: send nothing.
+        gaze: gaze at the target; None without a target.
+        error: angle between the measured pointing axis and the target at the time of that
+            measurement [rad]; None without a target.
     """
 
     command: HeadCommand | None = None
@@ -51,12 +51,12 @@ class TrackingStep:
 
 @dataclass(frozen=True, slots=True)
 class Delays:
-    """How late everything is.
+    """Mean delays.
 
     Attributes:
-        message: age of a point when it comes [s].
-        interval: between points [s].
-        reading: age of a joint's measurement when it is used [s].
+        message: age of a point at arrival [s].
+        interval: time between points [s].
+        reading: age of a joint reading when it is used [s].
         servos: from a command to the motion it causes, of pan and tilt [s].
     """
 
@@ -67,23 +67,24 @@ class Delays:
 
 
 class Tracker:
-    """Follows targets given in a frame that stands still.
+    """Follow targets given in a fixed frame.
 
     Times are in seconds, on the clock of the stamps; it may be any clock.
 
     Args:
         head: the head to turn.
-        law: steers it.
-        estimator: what counts as the same target.
-        state: what to do without one.
-        base: where the head's base frame is; None: it is the frame in which targets are given.
+        law: the tracking law.
+        estimator: parameters of the target estimator.
+        state: parameters of the state machine.
+        base: pose of the head's base frame; None: targets are given in the base frame.
+        readings: history of the joints, if another object measures them; None: `joints_read` does.
 
     Attributes:
-        head: the head that is turned.
-        law: may be changed for another one at any time.
-        at_most: no motion is faster than this [rad/s] for the time being, whatever is allowed.
-        machine: the target state machine.
-        camera: what the points of a camera on the head tell of it.
+        head: as given.
+        law: may be replaced at any time.
+        at_most: temporary speed limit [rad/s].
+        machine: the state machine.
+        camera: the estimates of a camera on the head.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class Tracker:
         estimator: EstimatorParameters = EstimatorParameters(),  # noqa: B008
         state: TargetStateParameters = TargetStateParameters(),  # noqa: B008
         base: HeadBase | None = None,
+        readings: JointReadings | None = None,
     ) -> None:
         self.head = head
         self.law = law
@@ -105,7 +107,7 @@ class Tracker:
             FollowingWatch(head.pan_joint),
             FollowingWatch(head.tilt_joint),
         )
-        self._readings = JointReadings()
+        self._readings = JointReadings() if readings is None else readings
         self._camera_learning = Learning.LEARN
         self.camera = self._new_camera()
         self._upright = Rotation.identity()
@@ -115,34 +117,31 @@ class Tracker:
 
     @property
     def fault(self) -> str:
-        """How the head is mounted wrong, as its camera sees it; empty: nothing is known to be.
-
-        The tracker is disabled then, until it is enabled anew.
-        """
+        """Description of a wrong mounting, which disables the tracker; empty: none was found."""
         return self.camera.fault
 
     @property
     def state(self) -> TargetState:
-        """What the head is doing about its target."""
+        """The present state."""
         return self.machine.state
 
     @property
     def delays(self) -> Delays:
-        """How late everything is, as measured."""
+        """The measured delays."""
         ages = self._message_age, self._interval, self._reading_age
         return Delays(*ages, self.law.delays)
 
     @property
     def learned(self) -> Mapping[str, LearnedValue]:
-        """What was learned of the servos and of a camera on the head, by name."""
+        """Estimates of the servos and of a camera on the head, by name."""
         return {**self.law.learned, "camera: its stamps are too late by": self.camera.learned}
 
     def learn(self, servos: Learning, camera: Learning) -> None:
-        """Learn from now on, keep what was learned as it is, or forget it.
+        """Update, freeze or discard the estimates.
 
         Args:
-            servos: what becomes of what is learned of the servos.
-            camera: what becomes of what is learned of a camera on the head.
+            servos: mode for the estimates of the servos.
+            camera: mode for the estimates of a camera on the head.
         """
         self._camera_learning = camera
         if servos is Learning.FORGET:
@@ -158,26 +157,26 @@ class Tracker:
         return camera
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
-        """Accept pan and tilt [rad] as measured at `stamp` [s]; only newer, finite ones count."""
+        """Accept pan and tilt [rad] measured at `stamp` [s]; ignore older or not finite ones."""
         self._readings.append(stamp, positions)
 
     def target_seen(
         self, stamp: float, point: Vector3, now: float, *, moving: bool = False
     ) -> Verdict:
-        """Takes a point.
+        """Accept a point and return the result.
 
         Args:
-            stamp: when it was seen [s].
-            point: shape (3,) [m], in the frame that stands still.
+            stamp: when the target was there [s].
+            point: shape (3,) [m], in the fixed frame.
             now: the time [s].
-            moving: whether it was seen by something that moves with the head.
+            moving: whether the sensor moves with the head.
         """
         if not self.machine.enabled:
             return Verdict.IGNORED
         came = now
         if moving and self._readings.latest is not None:
             corrected, point = self.camera.corrected(stamp, point)
-            came += corrected - stamp  # no correction makes a point too old: it may be wrong
+            came += corrected - stamp  # a correction, which may be wrong, makes no point too old
             stamp = corrected
         verdict = self._add(stamp, point, came)
         if verdict.used:
@@ -192,7 +191,7 @@ class Tracker:
         return verdict
 
     def _add(self, stamp: float, point: Vector3, now: float) -> Verdict:
-        """Hand a point in the frame that stands still to the estimator."""
+        """Pass a point in the fixed frame to the estimator."""
         estimate, latest = self.estimator.estimate, self._readings.latest
         if estimate is not None:
             pan, tilt, _ = estimate.sight
@@ -208,13 +207,13 @@ class Tracker:
         return Verdict.TOO_CLOSE if sight is None else self.estimator.add(stamp, sight, now)
 
     def step(self, now: float) -> TrackingStep:
-        """What to do now; nothing before the joints were read."""
+        """Return the command for now; none before the joints were measured."""
         joints = self._readings.latest
         if joints is None or not self.machine.enabled:
             return TrackingStep()
         again = self.camera.update()
         if again:
-            self.estimator.reset()  # it has learned from points in wrong places
+            self.estimator.reset()  # its points had wrong stamps
             for stamp, point in again:
                 self._add(stamp, point, stamp)
             self.machine.seen(now, new=False)
@@ -245,7 +244,7 @@ class Tracker:
         return TrackingStep(command)
 
     def enable(self, on: bool, now: float) -> HeadCommand | None:
-        """Follows targets from now on, or stops the head at once; the command for that."""
+        """Enable or disable tracking; return the command that stops the head, or None."""
         if on and self.machine.enabled:
             return None
         self._forget_target()
@@ -255,22 +254,19 @@ class Tracker:
         return None if on else self._stop()
 
     def recenter(self) -> None:
-        """Forgets the target and takes both joints to 0 or the limit next to it."""
+        """Discard the target and turn both joints to 0, or to the limit next to it."""
         self._forget_target()
         self.machine.recenter()
 
     def reset(self, reason: str, now: float) -> HeadCommand | None:
-        """Starts anew, as after a jump of the clock; what was switched off stays off.
-
-        Joints, target, delays and what the law was about are forgotten.
+        """Discard joint readings, target and delays, as after a jump of the clock.
 
         Args:
-            reason: why, for the state.
-            now: the time [s], on the clock as it is from now on.
+            reason: reason, for the state.
+            now: the time [s], on the new clock.
 
         Returns:
-            The command that stops the head where it was last measured; None if it is not on its
-            way anywhere.
+            The command that stops the head at the measured position; None if it does not move.
         """
         moving = self.machine.state not in (TargetState.IDLE, TargetState.DISABLED)
         command = self._stop()
@@ -298,12 +294,12 @@ class Tracker:
         return None if joints is None else self.law.stop(joints)
 
     def _from_base(self, estimate: TargetEstimate, now: float) -> TargetEstimate | None:
-        """The estimate as the head's base sees it; None if nobody knows where the base is."""
+        """Return the estimate in the base frame; None if the pose of the base is unknown."""
         if self._base is None:
             return estimate
         unknown = self._base.update()
         if unknown:
-            self.machine.refused(f"nobody knows where the head is: {unknown}", now)
+            self.machine.refused(f"the pose of the head is unknown: {unknown}", now)
             return None
         base, upright = self._base, self._upright
         return TargetFromBase.of(
@@ -318,11 +314,11 @@ class Tracker:
 
 @dataclass(frozen=True, slots=True)
 class TargetFromBase(TargetEstimate):
-    """A target as seen from the head's base, which turns.
+    """A target in the base frame, which turns.
 
     Attributes:
-        head: the head on it.
-        turn: how far the frame of the estimate is turned in the base frame at a time [s].
+        head: the head on the base.
+        turn: rotation from the frame of the estimate to the base frame at a time [s].
     """
 
     head: PanTiltHead
@@ -332,18 +328,18 @@ class TargetFromBase(TargetEstimate):
     def of(
         estimate: TargetEstimate, head: PanTiltHead, turn: Callable[[float], Rotation], now: float
     ) -> TargetFromBase:
-        """The same target, as seen from the base."""
+        """Return the same target in the base frame."""
         values = {field.name: getattr(estimate, field.name) for field in fields(estimate)}
         target = TargetFromBase(**values, head=head, turn=turn)
         return replace(target, sight=target.turned(estimate.sight, now))
 
     def turned(self, sight: Sight, time: float) -> Sight:
-        """A sight in the frame of the estimate, in the base frame as it will be at a time [s]."""
+        """Transform a ray into the base frame at a time [s]."""
         point = self.turn(time) @ self.head.point(sight)
         return self.head.sight(point, sight.pan, sight.tilt) or sight
 
     def sight_at(self, time: float) -> Sight:
-        """Where the target is at a time [s], in the base frame as it will be then."""
+        """Return the predicted ray at a time [s], in the base frame at that time."""
         return self.turned(TargetEstimate.sight_at(self, time), time)
 
 
@@ -354,14 +350,14 @@ def stalled(
     positions: Sequence[float],
     stamp: float,
 ) -> str:
-    """Which joints stand still although their goals are elsewhere, for a person; empty: none.
+    """Return a sentence with the joints that do not follow their commands; empty: all follow.
 
     Args:
-        watches: of the joints.
-        goals: of the newest commands [rad].
-        speeds: of the newest commands [rad/s].
-        positions: as measured [rad].
-        stamp: when they were measured [s]; while they are not measured, no time passes.
+        watches: one for each joint.
+        goals: goals of the latest commands [rad].
+        speeds: speeds of the latest commands [rad/s].
+        positions: measured positions [rad].
+        stamp: time of that measurement [s].
     """
     standing = [
         watch.joint
@@ -369,7 +365,7 @@ def stalled(
         if watch.check(goal, speed, position, stamp)
     ]
     return (
-        f"{' and '.join(standing)} not moving to where told: relaxed, shut down or blocked?"
+        f"{' and '.join(standing)} not following commands: relaxed, shut down or blocked?"
         if standing
         else ""
     )

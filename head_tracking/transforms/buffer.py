@@ -1,4 +1,4 @@
-"""All frames, over time: what tf2's buffer does, and the joints of the model at lookup."""
+"""A buffer of frames over time, as tf2's, which computes the links of a robot from its joints."""
 
 from __future__ import annotations
 
@@ -41,34 +41,34 @@ from head_tracking.transforms.transform import (
 from head_tracking.transforms.tree import (
     Edge,
     JointEdge,
+    Path,
     SampledEdge,
     StaticEdge,
-    Way,
-    find_way,
-    lasting_way,
+    find_path,
     latest_common_time,
+    permanent_path,
 )
 
 LARGEST_COORDINATE = 1e300
-"""Larger ones [m] would overflow in sums."""
+"""Larger coordinates [m] would overflow in sums."""
 LARGEST_POSITION = 1e9
-"""No joint stands farther out [rad or m]; larger numbers would overflow in mimic joints."""
+"""The largest joint position [rad or m]; larger ones would overflow in mimic joints."""
 SILENT_CACHE_TIMES = 10
-"""A frame of which no sample has come for so many cache times is forgotten."""
+"""A frame without samples for this number of cache times is removed."""
 MOST_ROUTES = 1000
-"""So many are kept, about 1.3 kB each; with one more all are found anew."""
+"""The most routes that are kept, of about 1.3 kB each; one more discards all."""
 
 
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 
 @dataclass(eq=False, slots=True)
 class Request:
-    """A wish to be told once.
+    """A callback that waits for a condition.
 
     Attributes:
-        possible: whether the wish can be fulfilled.
-        callback: called when it can.
+        possible: returns whether the condition holds.
+        callback: called once, when it does.
     """
 
     possible: Callable[[], bool]
@@ -76,23 +76,23 @@ class Request:
 
 
 class Route:
-    """A way between two frames: walked the first time, compiled for those that follow.
+    """A path between two frames: the first lookup multiplies its edges, the next ones use a chain.
 
     Args:
-        way: between the frames, at some time.
+        path: between the frames.
     """
 
-    __slots__ = ("_chain", "_histories", "_walked", "_way")
+    __slots__ = ("_chain", "_histories", "_path", "_used")
 
-    def __init__(self, way: Way) -> None:
-        self._way = way
-        histories = [edge.history for edge in (*way.above_source, *reversed(way.above_target))]
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        histories = [edge.history for edge in (*path.above_source, *reversed(path.above_target))]
         self._histories = [history for history in histories if history is not None]
-        self._walked = False
+        self._used = False
         self._chain: Chain | None = None
 
     def latest(self) -> int:
-        """The latest common time [ns]; as in tf2 a stamp of 0 does not count.
+        """Return the latest common time [ns]; as in tf2 a stamp of 0 does not count.
 
         Raises:
             ExtrapolationException: there is none.
@@ -100,37 +100,35 @@ class Route:
         latest = LATEST
         for history in self._histories:
             if not history.stamps:
-                raise ExtrapolationException("nothing is known")
+                raise ExtrapolationException("there are no samples")
             stamp = history.stamps[-1]
             if stamp and (stamp < latest or not latest):
                 latest = stamp
         return latest
 
     def covers(self, stamp: int) -> bool:
-        """Whether everything on the way is known at this time [ns]."""
+        """Return whether all edges are known at this time [ns]."""
         return all(history.covers(stamp) for history in self._histories)
 
     def transform(self, stamp: int) -> Transform:
-        """`T_target_source` at this time [ns].
+        """Return `T_target_source` at this time [ns].
 
         Raises:
             ExtrapolationException: it is not known.
         """
         if self._chain is None:
-            if not self._walked:
-                self._walked = True
-                return self._way.transform(stamp)
-            self._chain = self._way.chain()
+            if not self._used:
+                self._used = True
+                return self._path.transform(stamp)
+            self._chain = self._path.chain()
         return self._chain.transform(stamp)
 
 
 class TransformBuffer:
     """A tree of frames over the last `cache_time` [ns]; safe to use from several threads.
 
-    Frames come from a robot model and its joint positions, and from transforms set one by one.
-    `lookup_transform(target, source)` gives the transform that takes points from source into
-    target. Stamps are nanoseconds; the stamp 0 asks for the latest common time. Nothing is ever
-    extrapolated.
+    Frames come from a robot model and its joint positions, and from single transforms. Stamps are
+    nanoseconds; the stamp 0 is the latest common time. Nothing is extrapolated.
 
     Args:
         cache_time: how much of the past is kept [ns].
@@ -144,25 +142,22 @@ class TransformBuffer:
         self._joints: dict[str, JointHistory] = {}
         self._model: RobotModel | None = None
         self._authorities: dict[str, str] = {}
-        # by target and source; only those that stay while samples come
+        # by target and source; only those that samples cannot change
         self._routes: dict[tuple[str, str], Route] = {}
-        # which of them go up through a frame
+        # the keys of the routes that depend on a frame
         self._routes_through: dict[str, set[tuple[str, str]]] = {}
         self._requests: list[Request] = []
         self._swept = LATEST
 
-    # What is known
+    # Input
 
     @property
     def model(self) -> RobotModel | None:
-        """The robot model in use, if one was set."""
+        """The robot model, if one was set."""
         return self._model
 
     def set_model(self, model: RobotModel) -> None:
-        """Takes the frames of a robot model; the links of the model before it go.
-
-        Joints that both models have keep their history.
-        """
+        """Replace the robot model and its frames; joints of both models keep their history."""
         with self._lock:
             if self._model is not None:
                 for link in self._model.links:
@@ -180,14 +175,14 @@ class TransformBuffer:
         self._serve(*self._requests)
 
     def set_joint_positions(self, stamp: int, positions: Mapping[str, float]) -> None:
-        """Takes measured joint positions [rad or m]; joints not in the model wait for one.
+        """Record measured joint positions [rad or m], also of joints that no model has yet.
 
         Args:
             stamp: when they were measured [ns].
             positions: by joint name.
 
         Raises:
-            InvalidArgumentException: a position is not finite or absurd; the others are taken.
+            InvalidArgumentException: a position is not finite or too large; the others are kept.
         """
         joints = self._joints
         refused: str | None = None
@@ -216,26 +211,25 @@ class TransformBuffer:
         static: bool = False,
         authority: str = "default_authority",
     ) -> bool:
-        """Takes one transform, `T_parent_child`, at `stamp` [ns]; static: at any time.
+        """Record a transform `T_parent_child`.
 
-        Frames of the robot model are left to the model: its joints tell more than samples. As long
-        as no position of a joint is known, samples tell where its link is.
+        A link of the robot model is computed from its joint. Samples are used until the joint has a
+        position.
 
         Args:
             stamp: when it was measured [ns].
-            parent: the frame that carries the other; a leading slash is dropped.
-            child: the frame that is carried; a leading slash is dropped.
+            parent: the parent frame; a leading slash is removed.
+            child: the child frame; a leading slash is removed.
             transform: takes points from child into parent.
             static: it never changes.
-            authority: who says so, for `all_frames_as_yaml`.
+            authority: the sender, for `all_frames_as_yaml`.
 
         Returns:
-            False if it was not taken, being older than the cache, or the model's.
+            False if it is older than the cache, or of a link of the model.
 
         Raises:
-            InvalidArgumentException: a frame without a name, a frame that is its own parent,
-                numbers that are not finite or a quaternion that is not of unit length; nothing is
-                taken.
+            InvalidArgumentException: a name is empty, both names are equal, a number is not finite,
+                or the quaternion is not of unit length.
         """
         parent, child = parent.removeprefix("/"), child.removeprefix("/")
         transform = _checked(parent, child, transform)
@@ -243,7 +237,7 @@ class TransformBuffer:
             edge = self._edges.get(child)
             if self._is_known_by_model(edge):
                 return False
-            taken = True
+            recorded = True
             if static:
                 new = StaticEdge(parent, child, transform)
                 if edge != new:
@@ -255,19 +249,19 @@ class TransformBuffer:
                     self._put(edge)
                 history = edge.history
                 before = history.parent
-                taken = history.insert(stamp, (parent, transform))
+                recorded = history.insert(stamp, (parent, transform))
                 if history.parent != before:
                     self._forget_routes(child)
             if parent not in self._names:
                 self._names.add(parent)
-            if taken:
+            if recorded:
                 self._authorities[child] = authority
         if self._requests:
             self._serve(*self._requests)
-        return taken
+        return recorded
 
     def clear(self) -> None:
-        """Forgets everything recorded; the model, static transforms and frame names stay."""
+        """Discard all samples; the model, static transforms and frame names stay."""
         with self._lock:
             for joint in self._joints.values():
                 joint.clear()
@@ -279,7 +273,7 @@ class TransformBuffer:
             self._swept = LATEST
 
     def latest_joint_position(self, name: str) -> tuple[int, float] | None:
-        """Stamp [ns] and position [rad or m] of the joint's newest sample, if it has one."""
+        """Return stamp [ns] and position [rad or m] of the latest sample of a joint, or None."""
         with self._lock:
             history = self._joints.get(name)
             return (history.stamps[-1], history.values[-1]) if history else None
@@ -295,22 +289,20 @@ class TransformBuffer:
         *,
         joint_positions: Mapping[str, float] | None = None,
     ) -> StampedTransform:
-        """`T_target_source` at `stamp` [ns].
+        """Return the transform that takes points from the source into the target frame.
 
         Args:
-            target_frame: the frame to express points in.
-            source_frame: the frame in which points are given.
+            target_frame: the target frame.
+            source_frame: the source frame.
             stamp: the time [ns]; 0 for the latest common time.
-            timeout: how long to wait for what is not known yet [s]; it has to come from another
-                thread.
-            joint_positions: joints taken to stand at these positions [rad or m] instead of at
-                the recorded ones.
+            timeout: how long to wait for missing data [s], which must come from another thread.
+            joint_positions: use these positions [rad or m] instead of the recorded ones.
 
         Raises:
-            LookupException: an unknown frame, a joint of which nothing is known yet, or a loop.
+            LookupException: a frame is unknown, a joint has no position yet, or there is a loop.
             ConnectivityException: the frames are in different trees.
-            ExtrapolationException: the time lies outside the recorded history.
-            InvalidArgumentException: an impossible frame name.
+            ExtrapolationException: the time is outside of the recorded history.
+            InvalidArgumentException: a frame name is empty or begins with a slash.
         """
         if timeout > 0.0:
             self._wait(lambda: self.can_transform(target_frame, source_frame, stamp), timeout)
@@ -318,7 +310,7 @@ class TransformBuffer:
             if joint_positions:
                 stamp, transform = self._given(target_frame, source_frame, stamp, joint_positions)
             else:
-                stamp, transform = self._ask(target_frame, source_frame, stamp, Route.transform)
+                stamp, transform = self._query(target_frame, source_frame, stamp, Route.transform)
         if transform[6] < 0.5:
             transform = signed_as_tf2(transform)
         return tuple.__new__(StampedTransform, (stamp, target_frame, source_frame, transform))
@@ -332,18 +324,18 @@ class TransformBuffer:
         fixed_frame: str,
         timeout: float = 0.0,
     ) -> StampedTransform:
-        """From source at one time to target at another, through a frame that stands still.
+        """Return the transform from source at one time to target at another time.
 
         Args:
-            target_frame: the frame to express points in.
-            target_stamp: the time of the target frame [ns]; 0 for the latest common time.
-            source_frame: the frame in which points are given.
-            source_stamp: the time of the source frame [ns]; 0 for the latest common time.
-            fixed_frame: the frame that is taken to stand still between the two times.
-            timeout: how long to wait for what is not known yet [s].
+            target_frame: the target frame.
+            target_stamp: its time [ns]; 0 for the latest common time.
+            source_frame: the source frame.
+            source_stamp: its time [ns]; 0 for the latest common time.
+            fixed_frame: the frame that does not move between the two times.
+            timeout: how long to wait for missing data [s].
 
         Raises:
-            TransformException: as for `lookup_transform`.
+            TransformException: see `lookup_transform`.
         """
         if timeout > 0.0:
             self._wait(
@@ -367,21 +359,13 @@ class TransformBuffer:
     def transform_point(
         self, point: Sequence[float], target_frame: str, source_frame: str, stamp: int = LATEST
     ) -> Vector3:
-        """The point, shape (3,) [m], given in `source_frame` at `stamp`, in `target_frame`.
-
-        Raises:
-            TransformException: as for `lookup_transform`.
-        """
+        """Transform a point, shape (3,) [m], from source to target; see `lookup_transform`."""
         return self.locate(point, target_frame, source_frame, stamp)[1:]
 
     def locate(
         self, point: Sequence[float], target_frame: str, source_frame: str, stamp: int = LATEST
     ) -> tuple[int, float, float, float]:
-        """As `transform_point`, with the time [ns] for which the answer holds before x, y, z.
-
-        Raises:
-            TransformException: as for `lookup_transform`.
-        """
+        """Transform a point; return the time of the transform [ns], x, y and z."""
         found = self.lookup_transform(target_frame, source_frame, stamp)
         x, y, z = point
         return found.stamp, *found.transform.apply((float(x), float(y), float(z)))
@@ -389,11 +373,7 @@ class TransformBuffer:
     def transform_points(
         self, points: npt.ArrayLike, target_frame: str, source_frame: str, stamp: int = LATEST
     ) -> npt.NDArray[np.float64]:
-        """Many points at once, shape (N, 3) [m], in `target_frame`, shape (N, 3).
-
-        Raises:
-            TransformException: as for `lookup_transform`.
-        """
+        """Transform points, shape (N, 3) [m]; see `lookup_transform`."""
         found = self.lookup_transform(target_frame, source_frame, stamp)
         return found.transform.apply_many(points)
 
@@ -428,7 +408,7 @@ class TransformBuffer:
         """
         if averaging_interval <= 0:
             raise InvalidArgumentException(
-                f"the averaging interval is {averaging_interval} ns; it must be above 0"
+                f"the averaging interval is {averaging_interval} ns; it must be positive"
             )
         reference_frame = reference_frame or observation_frame
         latest = self.get_latest_common_time(observation_frame, tracking_frame)
@@ -436,11 +416,11 @@ class TransformBuffer:
             still = (0.0, 0.0, 0.0)
             return StampedVelocity(stamp, reference_frame, tracking_frame, still, still)
         end = min(stamp + averaging_interval // 2, latest) if stamp else latest
-        # as in tf2 an interval that would begin before time 0 is cut
+        # as in tf2 the interval begins after time 0
         start = max(end - averaging_interval, _EARLIEST)
         if start >= end:
             raise ExtrapolationException(
-                f"no velocity is known at {seconds(stamp)}: the interval ends before it begins"
+                f"no velocity is known at {seconds(stamp)}: the interval is empty"
             )
         linear, angular = velocity_between(
             self.lookup_transform(observation_frame, tracking_frame, start).transform,
@@ -463,21 +443,21 @@ class TransformBuffer:
     def can_transform(
         self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
     ) -> bool:
-        """Whether `lookup_transform` would answer, at the latest after `timeout` [s]."""
+        """Return whether `lookup_transform` succeeds, after at most `timeout` [s]."""
         if timeout > 0.0:
             return self._wait(
                 lambda: self.can_transform(target_frame, source_frame, stamp), timeout
             )
         try:
             with self._lock:
-                return self._ask(target_frame, source_frame, stamp, Route.covers)[1]
+                return self._query(target_frame, source_frame, stamp, Route.covers)[1]
         except TransformException:
             return False
 
     def why_not(
         self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
     ) -> str:
-        """Why `lookup_transform` would not answer; empty if it would."""
+        """Return why `lookup_transform` fails; empty if it succeeds."""
         try:
             self.lookup_transform(target_frame, source_frame, stamp, timeout)
         except TransformException as error:
@@ -485,7 +465,7 @@ class TransformBuffer:
         return ""
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> int:
-        """The newest time [ns] at which both frames are known; 0 if nothing ever changes.
+        """Return the latest time [ns] at which both frames are known; 0 if they never move.
 
         Raises:
             TransformException: there is none.
@@ -499,18 +479,17 @@ class TransformBuffer:
     # Waiting
 
     def when(self, possible: Callable[[], bool], callback: Callable[[], object]) -> Request:
-        """Calls back once, as soon as something is possible; maybe at once.
+        """Call back once when a condition holds, which may be at once.
 
         Args:
-            possible: asked now, and again whenever something came in; for example whether
-                `can_transform`.
-            callback: called in the thread that brings what was missing; it may use the buffer.
+            possible: the condition; called now, and again after each input.
+            callback: called in the thread of the input; it may use the buffer.
 
         Returns:
-            What `withdraw` takes.
+            The argument of `withdraw`.
 
         Raises:
-            Exception: what `possible` raises at once; nothing is asked again then.
+            Exception: of the first call of `possible`.
         """
         request = Request(possible, callback)
         if possible():
@@ -522,17 +501,17 @@ class TransformBuffer:
         return request
 
     def withdraw(self, request: Request) -> bool:
-        """Forgets a request; False if it was fulfilled or forgotten before."""
+        """Remove a request; return False if it was removed or called back before."""
         with self._lock:
             if request not in self._requests:
                 return False
             self._requests.remove(request)
             return True
 
-    # Looking at it
+    # Descriptions
 
     def frames(self) -> tuple[str, ...]:
-        """The names of all frames, sorted."""
+        """Return the names of all frames, sorted."""
         with self._lock:
             return tuple(sorted(self._names))
 
@@ -546,56 +525,56 @@ class TransformBuffer:
             }
 
     def all_frames_as_string(self) -> str:
-        """A sentence a frame, as tf2 writes it."""
+        """Return a sentence for each frame, as tf2 does."""
         with self._lock:
             return report.frames_as_string(self._edges.values())
 
     def all_frames_as_yaml(self, now: int = 0) -> str:
-        """What is known of each frame, as tf2 writes it; with delays if `now` [ns] is given."""
+        """Return the frames as tf2 does; with delays if `now` [ns] is given."""
         with self._lock:
             return report.frames_as_yaml(self._edges.values(), self._authorities, now)
 
     def tree_as_string(self, now: int = 0) -> str:
-        """The tree drawn, with rates; with ages if `now` [ns] is given."""
+        """Return the tree as text with rates; with ages if `now` [ns] is given."""
         with self._lock:
             return report.tree_as_string(self._edges.values(), self._names, now)
 
     def problems(self, now: int, max_age: int) -> list[str]:
-        """What keeps frames from being looked up at `now` [ns]; see `report.problems`."""
+        """Return why frames cannot be looked up at `now` [ns]; see `report.problems`."""
         with self._lock:
             return report.problems(self._edges.values(), self._names, now, max_age)
 
     # With the lock held
 
-    def _ask(
-        self, target: str, source: str, stamp: int, question: Callable[[Route, int], Answer]
-    ) -> tuple[int, Answer]:
-        """The time of the answer [ns], and what the route from source to target answers."""
+    def _query(
+        self, target: str, source: str, stamp: int, method: Callable[[Route, int], Result]
+    ) -> tuple[int, Result]:
+        """Return the time [ns], and the result of a method of the route at this time."""
         route = self._routes.get((target, source))
         if route is None:
             if target == source:
-                return stamp or self._latest_of(source), question(_NO_WAY, LATEST)
+                return stamp or self._latest_of(source), method(_NO_PATH, LATEST)
             self._check(target, source)
-            route = self._lasting(target, source)
+            route = self._permanent(target, source)
         if route is not None:
             try:
                 at = stamp or route.latest()
-                return at, question(route, at)
+                return at, method(route, at)
             except ExtrapolationException:
-                pass  # the walk knows the reason
-        way = find_way(self._edges, target, source, stamp)
-        return way.stamp, question(Route(way), way.stamp)
+                pass  # find_path raises it with the reason
+        path = find_path(self._edges, target, source, stamp)
+        return path.stamp, method(Route(path), path.stamp)
 
-    def _lasting(self, target: str, source: str) -> Route | None:
-        """The route between two frames, if samples do not change it; it is kept."""
-        found = lasting_way(self._edges, target, source)
+    def _permanent(self, target: str, source: str) -> Route | None:
+        """Make and keep the route between two frames, if samples cannot change it."""
+        found = permanent_path(self._edges, target, source)
         if found is None:
             return None
         if len(self._routes) >= MOST_ROUTES:
             self._routes.clear()
             self._routes_through.clear()
-        way, frames = found
-        route = self._routes[target, source] = Route(way)
+        path, frames = found
+        route = self._routes[target, source] = Route(path)
         through, ends = self._routes_through, (target, source)
         for frame in frames:
             if frame in through:
@@ -605,14 +584,14 @@ class TransformBuffer:
         return route
 
     def _forget_routes(self, through: str) -> None:
-        """After what carries a frame has changed."""
+        """Discard the routes that depend on a frame, because its edge has changed."""
         for ends in self._routes_through.pop(through, ()):
             self._routes.pop(ends, None)
 
     def _given(
         self, target: str, source: str, stamp: int, positions: Mapping[str, float]
     ) -> tuple[int, Transform]:
-        """As `_ask` for the transform, with some joints at these positions."""
+        """Return time and transform, with some joints at these positions."""
         for name, position in positions.items():
             if not -LARGEST_POSITION <= position <= LARGEST_POSITION:
                 raise InvalidArgumentException(
@@ -629,18 +608,18 @@ class TransformBuffer:
         if target == source:
             return stamp or self._latest_of(source), Transform.identity()
         self._check(target, source)
-        way = find_way(edges, target, source, stamp)
-        return way.stamp, Route(way).transform(way.stamp)
+        path = find_path(edges, target, source, stamp)
+        return path.stamp, path.transform(path.stamp)
 
     def _check(self, *frames: str) -> None:
-        """Refuse frames that can't be asked for, in tf2's order."""
+        """Raise for names that cannot be looked up, in the order of tf2."""
         for frame in frames:
             if not isinstance(frame, str):
-                raise TypeError(f"a frame's name is a str; {frame!r} is a {type(frame).__name__}")
+                raise TypeError(f"a frame name is a str; {frame!r} is a {type(frame).__name__}")
         for frame in frames:
             if not frame or frame.startswith("/"):
                 raise InvalidArgumentException(
-                    f"{frame!r} is no frame name; tf2 names are not empty and start without a slash"
+                    f"{frame!r} is not a frame name; names are not empty and begin without a slash"
                 )
             if frame not in self._names:
                 known = ", ".join(sorted(self._names)) or "none yet"
@@ -656,7 +635,7 @@ class TransformBuffer:
         return isinstance(edge, StaticEdge) or (isinstance(edge, JointEdge) and bool(edge.history))
 
     def _first_position(self, name: str) -> JointHistory:
-        """The history of a joint that tells from now on where its links are."""
+        """Create the history of a joint, and compute its links from it."""
         history, model = self._joint_history(name), self._model
         for joint in () if model is None else model.joints.values():
             if joint.moves and not isinstance(self._edges[joint.child], JointEdge):
@@ -666,7 +645,7 @@ class TransformBuffer:
         return history
 
     def _forget_silent(self, now: int) -> None:
-        """Forget frames of which no sample has come for long; looked for once a cache time."""
+        """Remove frames without recent samples; checked once in each cache time."""
         if now < self._swept + self._cache_time:
             return
         self._swept = now
@@ -711,34 +690,34 @@ class TransformBuffer:
     # Without the lock
 
     def _wait(self, possible: Callable[[], bool], timeout: float) -> bool:
-        came = threading.Event()
-        request = self.when(possible, came.set)
+        done = threading.Event()
+        request = self.when(possible, done.set)
         try:
-            came.wait(timeout)
+            done.wait(timeout)
         finally:
-            waits = self.withdraw(request)
-        return not waits
+            is_waiting = self.withdraw(request)
+        return not is_waiting
 
     def _serve(self, *requests: Request) -> None:
-        """Fulfils the wishes that can be fulfilled now."""
+        """Call back the requests whose conditions hold."""
         for request in requests:
             if request.possible() and self.withdraw(request):
                 request.callback()
 
 
 def _checked(parent: str, child: str, transform: Transform) -> Transform:
-    """The transform with its quaternion normalised."""
+    """Return the transform with floats and a normalised quaternion."""
     if not parent or not child:
         raise InvalidArgumentException(
             f"a transform needs two frame names; got {parent!r} and {child!r}"
         )
     if parent == child:
         raise InvalidArgumentException(f"the frame {child!r} cannot be its own parent")
-    # numbers of other types, such as numpy's, would reach messages that cannot hold them
+    # messages cannot hold numbers of other types, such as numpy's
     numbers = x, y, z, qx, qy, qz, qw = tuple(map(float, transform))
     if not max(abs(x), abs(y), abs(z)) < LARGEST_COORDINATE or not all(map(math.isfinite, numbers)):
         raise InvalidArgumentException(
-            f"the transform of {child!r} in {parent!r} holds numbers that are not finite"
+            f"the transform of {child!r} in {parent!r} has numbers that are not finite"
         )
     square = qx * qx + qy * qy + qz * qz + qw * qw
     if abs(square - 1.0) < _ROUNDING:
@@ -753,6 +732,6 @@ def _checked(parent: str, child: str, transform: Transform) -> Transform:
 
 _ROUNDING = 4e-16
 _EARLIEST = 10_000
-"""tf2 begins to look for velocities here [ns]; the stamp 0 has a meaning of its own."""
-_NO_WAY = Route(Way(LATEST, [], []))
-"""From a frame to itself, known or not."""
+"""The earliest time for velocities in tf2 [ns]; the stamp 0 is the latest time."""
+_NO_PATH = Route(Path(LATEST, [], []))
+"""From a frame to itself."""

@@ -1,8 +1,8 @@
-"""Chains of transforms: what is constant is multiplied out once, the rest in one loop.
+"""Chains of transforms with their constant parts multiplied in advance.
 
-A way from one frame to another is a row of constant transforms and of links that move: joints, and
-transforms that somebody measured. Each constant is multiplied into the link after it, and the last
-one into the link before it, so that nothing is left but one product between two links.
+A path between frames is a sequence of constant and of moving transforms: joints and samples. Each
+constant is multiplied into the moving transform after it, the last one into the one before it. So a
+lookup needs one product for each moving transform.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from head_tracking.transforms.history import Sample
 from head_tracking.transforms.transform import Transform, Vector3, product
 
 Link: TypeAlias = Callable[[Any], tuple[float, ...]]
-"""From what is recorded, a joint's position [rad or m] or a `Sample`, to a transform's numbers."""
+"""From a joint position [rad or m] or a `Sample` to the numbers of a transform."""
 
 MovingStep: TypeAlias = Callable[[Transform, Transform], Link]
-"""From the constants before and after a link to all three in one."""
+"""From the constants before and after a link to the link with both multiplied in."""
 
 Step: TypeAlias = Transform | MovingStep
 Reader: TypeAlias = Callable[[Any], Any]
@@ -29,11 +29,11 @@ _DIAGONAL = sqrt(0.5)
 
 
 class Chain:
-    """The way from one frame to another, as a function of what decides where its links stand.
+    """The transform from one frame to another as a function of the values of its links.
 
     Args:
-        steps: the transforms to be multiplied, from target (first) to source (last).
-        readers: what gives each link its value, from source to target.
+        steps: the transforms, from target to source.
+        readers: return the value of each link, from source to target.
     """
 
     __slots__ = ("_constant", "_links")
@@ -54,7 +54,7 @@ class Chain:
             before = _IDENTITY
 
     def transform(self, argument: Any) -> Transform:
-        """`T_target_source`, for what the readers take."""
+        """Return `T_target_source` for an argument of the readers."""
         numbers: tuple[float, ...] | None = None
         for link, read in self._links:
             here = link(read(argument))
@@ -66,11 +66,11 @@ def _joined(a: Transform, b: Transform) -> Transform:
     return tuple.__new__(Transform, product(a, b))
 
 
-def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> MovingStep:
-    """A joint that turns about a unit vector, by ``multiplier * position + offset`` [rad].
+def rotating(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> MovingStep:
+    """Return a joint that rotates about a unit vector by ``multiplier * position + offset`` [rad].
 
-    Everything is linear in sine and cosine: the quaternion in those of half the angle, the
-    translation in those of the angle.
+    The quaternion is linear in sine and cosine of half the angle, the translation in those of the
+    angle.
     """
 
     def step(before: Transform, after: Transform) -> Link:
@@ -79,7 +79,7 @@ def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> Movi
             turn = (0.0, 0.0, 0.0, sine * i, sine * j, sine * k, cosine)
             return product(before, turn if after is _IDENTITY else product(turn, after))
 
-        # at 0, at half a turn, and, if something stands off the axis, at a quarter
+        # at 0, at half a turn, and, if the arm is not 0, at a quarter
         x0, y0, z0, ci, cj, ck, cw = at(0.0, 1.0)
         x2, y2, z2, si, sj, sk, sw = at(1.0, 0.0)
         x, y, z = 0.5 * (x0 + x2), 0.5 * (y0 + y2), 0.5 * (z0 + z2)
@@ -94,7 +94,7 @@ def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> Movi
             c, s = cos(angle), sin(angle)
             return x, y, z, c * ci + s * si, c * cj + s * sj, c * ck + s * sk, c * cw + s * sw
 
-        def beside(position: float) -> tuple[float, ...]:
+        def off_axis(position: float) -> tuple[float, ...]:
             angle = half * position + start
             c, s = cos(angle), sin(angle)
             sine, cosine = 2.0 * s * c, 1.0 - 2.0 * s * s
@@ -108,21 +108,21 @@ def turning(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> Movi
                 c * cw + s * sw,
             )
 
-        return beside if arm else on_axis
+        return off_axis if arm else on_axis
 
     return step
 
 
 def sliding(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> MovingStep:
-    """A joint that slides along a unit vector, by ``multiplier * position + offset`` [m]."""
+    """Return a joint that moves along a unit vector by ``multiplier * position + offset`` [m]."""
 
     def step(before: Transform, after: Transform) -> Link:
         x, y, z, *rotation = before @ after
         dx, dy, dz = before.rotation.apply(axis)
 
         def link(position: float) -> tuple[float, ...]:
-            way = multiplier * position + offset
-            return x + way * dx, y + way * dy, z + way * dz, *rotation
+            s = multiplier * position + offset
+            return x + s * dx, y + s * dy, z + s * dz, *rotation
 
         return link
 
@@ -130,7 +130,7 @@ def sliding(axis: Vector3, multiplier: float = 1.0, offset: float = 0.0) -> Movi
 
 
 def sampled(before: Transform, after: Transform) -> Link:
-    """A transform that was measured."""
+    """Return a measured transform with constants multiplied in."""
     bx, by, bz = before.translation
     arm = after.translation
 
@@ -152,5 +152,5 @@ def sampled(before: Transform, after: Transform) -> Link:
 
 
 def sampled_inverse(before: Transform, after: Transform) -> Link:
-    """A transform that was measured, the other way."""
+    """Return the inverse of a measured transform with constants multiplied in."""
     return lambda sample: product(product(before, sample[1].inverse()), after)

@@ -1,31 +1,31 @@
-"""What can be wrong with a transform request or a robot model, in tf2's words."""
+"""Errors of lookups, with the names of tf2, and of robot models."""
 
 from head_tracking.exceptions import HeadTrackingError
 
 
 class TransformException(HeadTrackingError):
-    """Root of all errors of a transform request."""
+    """Base class of all errors of lookups."""
 
 
 class LookupException(TransformException):
-    """A frame is not known, or nothing is known yet of a joint on the way to it."""
+    """A frame is unknown, or a joint on the path has no position yet."""
 
 
 class ConnectivityException(TransformException):
-    """Both frames are known, but no chain of transforms connects them."""
+    """Both frames are known, but they are in different trees."""
 
 
 class ExtrapolationException(TransformException):
-    """The time asked for lies outside the recorded history; nothing is ever extrapolated."""
+    """The time is outside of the recorded history."""
 
 
 class InvalidArgumentException(TransformException):
-    """The request or the sample itself makes no sense (NaN, an empty frame name, ...)."""
+    """An argument is not valid: NaN, an empty frame name, and others."""
 
 
 class TimeoutException(TransformException):
-    """The transform did not become available in the time allowed."""
+    """The transform did not become available in time."""
 
 
 class RobotModelError(HeadTrackingError):
-    """A robot model that cannot be used; the message names the element and the mend."""
+    """A robot model is not valid; the message names the element."""

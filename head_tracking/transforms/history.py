@@ -1,4 +1,4 @@
-"""Samples over time by the rules of tf2's TimeCache: interpolated between, never extrapolated."""
+"""Samples over time by the rules of tf2's TimeCache: interpolated, never extrapolated."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from head_tracking.transforms.transform import Transform
 DEFAULT_CACHE_TIME = 10_000_000_000  # 10 s in ns, tf2's default
 
 LATEST = 0
-"""tf2: the time zero asks for the latest time."""
+"""tf2: the time 0 is the latest time."""
 
 Sample: TypeAlias = tuple[str, Transform]
 """A parent, and the transform in it: `T_parent_child`."""
@@ -24,12 +24,11 @@ class History(Generic[Value]):
     """Samples of one quantity.
 
     Attributes:
-        stamps: when the samples were taken [ns], sorted; the last one is the newest. What stands
-            before `first` is forgotten, and taken out now and then: a list gives away its front at
-            the price of moving all the rest.
+        stamps: times of the samples [ns], sorted.
         values: the samples.
-        first: the index of the oldest sample.
-        cache_time: how much older than the newest a sample may be [ns].
+        first: the index of the oldest sample. Items before it are deleted from time to time:
+            deletion at the front moves all others.
+        cache_time: how much older than the latest a sample may be [ns].
     """
 
     __slots__ = ("cache_time", "first", "stamps", "values")
@@ -49,21 +48,21 @@ class History(Generic[Value]):
         return self.stamps[self.first]
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Discard all samples."""
         self.stamps.clear()
         self.values.clear()
         self.first = 0
 
     def covers(self, stamp: int) -> bool:
-        """Whether `at` has an answer for this time [ns]."""
+        """Return whether `at` succeeds for this time [ns]."""
         stamps = self.stamps
         return bool(stamps) and (stamps[self.first] <= stamp <= stamps[-1] or stamp == LATEST)
 
     def insert(self, stamp: int, value: Value) -> bool:
-        """Takes a sample, also one that comes late; those with one stamp are all kept.
+        """Insert a sample, in any order; all samples with the same stamp are kept.
 
         Returns:
-            False if the sample is older than the cache and was not taken.
+            False if the sample is older than the cache.
         """
         stamps = self.stamps
         if not stamps:
@@ -71,9 +70,9 @@ class History(Generic[Value]):
             self.values.append(value)
             return True
         oldest_allowed = stamps[-1] - self.cache_time
-        # before the new sample comes: the last one before a pause stays, to interpolate from
+        # before the insertion: the last sample before a pause stays, for interpolation
         if stamps[self.first] < oldest_allowed:
-            self._forget(bisect_left(stamps, oldest_allowed, self.first))
+            self._discard(bisect_left(stamps, oldest_allowed, self.first))
         if stamp > stamps[-1]:
             stamps.append(stamp)
             self.values.append(value)
@@ -87,14 +86,14 @@ class History(Generic[Value]):
         return True
 
     def at(self, stamp: int) -> Value:
-        """The value at `stamp` [ns], or the newest.
+        """Return the value at `stamp` [ns]; 0 is the latest time.
 
         Raises:
-            ExtrapolationException: nothing is known of that time.
+            ExtrapolationException: the time is outside of the history.
         """
         stamps = self.stamps
         if not stamps:
-            raise ExtrapolationException("nothing is known")
+            raise ExtrapolationException("there are no samples")
         if stamp == stamps[-1] or stamp == LATEST:
             return self.values[-1]
         first = self.first
@@ -116,8 +115,8 @@ class History(Generic[Value]):
     def _between(self, older: Value, newer: Value, ratio: float) -> Value:
         raise NotImplementedError
 
-    def _forget(self, first: int) -> None:
-        """Forget the samples before the index `first`."""
+    def _discard(self, first: int) -> None:
+        """Discard the samples before an index."""
         self.first = first
         if 2 * first > len(self.stamps):
             del self.stamps[:first]
@@ -130,7 +129,7 @@ class JointHistory(History[float]):
 
     Attributes:
         joint: its name.
-        continuous: the joint turns without end: between two samples it went the short way.
+        continuous: the joint has no limits: it is interpolated along the shorter direction.
     """
 
     __slots__ = ("continuous", "joint")
@@ -154,10 +153,10 @@ class JointHistory(History[float]):
 
 
 class TransformHistory(History[Sample]):
-    """Transforms of one frame; between samples in two parents the older one holds.
+    """Transforms of one frame; between samples with two parents the older one is valid.
 
     Attributes:
-        parent: the parent of all samples; None if they have several or there is none.
+        parent: the parent of all samples; None if there are several, or no samples.
     """
 
     __slots__ = ("parent",)
@@ -167,32 +166,32 @@ class TransformHistory(History[Sample]):
         self.parent: str | None = None
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Discard all samples."""
         super().clear()
         self.parent = None
 
     def insert(self, stamp: int, value: Sample) -> bool:
-        """As for any history."""
+        """Insert a sample; see `History.insert`."""
         if not self.stamps:
             self.parent = value[0]
-        taken = super().insert(stamp, value)
-        if taken and self.parent != value[0]:
+        is_inserted = super().insert(stamp, value)
+        if is_inserted and self.parent != value[0]:
             self.parent = None
-        return taken
+        return is_inserted
 
     def parent_at(self, stamp: int) -> str | None:
-        """The parent at this time [ns]; None if it is not known."""
+        """Return the parent at this time [ns]; None if it is not known."""
         if not self.covers(stamp):
             return None
         return self.parent or self.at(stamp)[0]
 
-    def _forget(self, first: int) -> None:
+    def _discard(self, first: int) -> None:
         if self.parent is None:
             values = self.values
-            newest = values[-1][0]
-            if all(values[index][0] == newest for index in range(first, len(values))):
-                self.parent = newest
-        super()._forget(first)
+            latest = values[-1][0]
+            if all(values[index][0] == latest for index in range(first, len(values))):
+                self.parent = latest
+        super()._discard(first)
 
     def _between(self, older: Sample, newer: Sample, ratio: float) -> Sample:
         if older[0] != newer[0]:
@@ -201,5 +200,5 @@ class TransformHistory(History[Sample]):
 
 
 def seconds(stamp: int) -> str:
-    """A stamp [ns] for a person to read."""
+    """Format a stamp [ns] for a message."""
     return f"{stamp * 1e-9:.6f} s"

@@ -1,4 +1,4 @@
-"""Completing measured joint states by what the model and a person say of the other joints."""
+"""Completes measured joint states by dependent joints and default positions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from head_tracking.transforms.robot_model import Joint, Mimic, RobotModel, resol
 
 
 class JointSample(Protocol):
-    """A joint as somebody has measured or stated it; see `JointState`."""
+    """The state of a joint; see `JointState`."""
 
     @property
     def position(self) -> float:
@@ -24,17 +24,17 @@ class JointSample(Protocol):
 
     @property
     def effort(self) -> float:
-        """[N m or N]; NaN: not known."""
+        """[N m or N]; NaN: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """One joint at one moment.
+    """The state of one joint.
 
     Attributes:
         position: [rad or m].
         velocity: [rad/s or m/s].
-        effort: [N m or N]; NaN: not known.
+        effort: [N m or N]; NaN: unknown.
     """
 
     position: float
@@ -43,17 +43,17 @@ class JointState:
 
 
 class JointStates:
-    """Adds joints that follow others, and stated defaults, to measured joints; invents nothing.
+    """Adds dependent joints and defaults to measured joints.
 
     Args:
         model: the robot.
-        zeros: positions of joints that nobody measures [rad or m], as stated by a person.
-        dependent_joints: joints that follow others besides those that mimic in the model.
-        default_positions: joints that nobody measures stand at 0, or in the middle of their
-            limits if 0 is outside.
+        zeros: positions of joints that are not measured [rad or m].
+        dependent_joints: joints that follow others, besides the mimic joints of the model.
+        default_positions: the position of each other joint is 0, or the middle of its limits if 0
+            is outside.
 
     Raises:
-        RobotModelError: a default or a rule for a joint that is not there or follows another.
+        RobotModelError: a joint of `zeros` or `dependent_joints` is not an independent joint.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class JointStates:
         default_positions: bool = False,
     ) -> None:
         dependent_joints = dependent_joints or {}
-        _check_known(model, dependent_joints, "a rule")
+        _check_known(model, dependent_joints, "dependent_joints")
         mimics = {name: j.mimic for name, j in model.joints.items() if j.mimic is not None}
         self._leaders = resolved_leaders(model, mimics | dict(dependent_joints))
         independent = [joint for joint in model.joints.values() if joint.moves]
@@ -77,10 +77,10 @@ class JointStates:
                 self._defaults.setdefault(joint.name, JointState(_default_position(joint)))
 
     def complete(self, measured: Mapping[str, JointSample]) -> dict[str, JointSample]:
-        """The measured joints, those that follow them, and the defaults of the rest.
+        """Return the measured joints, the dependent joints, and the defaults of the others.
 
-        A joint that is neither measured nor stated is left out, and so is what follows it. One
-        that was measured ever before has no default any more.
+        A joint with neither measurement nor default is left out, and so are its dependent joints. A
+        joint that was measured before has no default.
         """
         for name in measured:
             self._defaults.pop(name, None)
@@ -108,6 +108,6 @@ def _check_known(
     for name in names:
         if name not in possible:
             raise RobotModelError(
-                f"{what} is stated for {name!r}, which is no joint of its own in "
-                f"{model.name!r}; those are: {', '.join(possible) or 'none'}"
+                f"{what}: {name!r} is not an independent joint of {model.name!r}; those are: "
+                f"{', '.join(possible) or 'none'}"
             )

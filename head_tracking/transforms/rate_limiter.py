@@ -1,21 +1,20 @@
-"""Letting through no more than so many messages a second."""
+"""Limits the rate of messages by their stamps."""
 
 from __future__ import annotations
 
 DISORDER = 1_000_000_000
-"""Stamps that go back farther than this [ns] are those of a clock that jumped back."""
+"""When stamps go back by more than this [ns], the clock has jumped back."""
 
 
 class RateLimiter:
-    """Picks messages by their stamps, at a mean rate of at most `frequency` [Hz].
+    """Accepts messages at a mean rate of at most `frequency` [Hz].
 
-    robot_state_publisher drops every second message of a stream at just its own frequency,
-    because half of them come a little early. Here messages are due on a grid, and one that comes
-    up to half a period early is the one that was due. A clock that jumps back begins anew.
+    Messages are due on a grid, and accepted up to half a period early. So all messages of a stream
+    of just this frequency are accepted. When the clock jumps back, the grid begins anew.
 
     Args:
         frequency: messages per second.
-        ignore_timestamp: let messages through also if their stamps go back.
+        ignore_timestamp: accept messages also if their stamps go back.
     """
 
     def __init__(self, frequency: float, *, ignore_timestamp: bool = False) -> None:
@@ -25,7 +24,7 @@ class RateLimiter:
         self._due = 0
 
     def accept(self, stamp: int) -> bool:
-        """Whether the message of this time [ns] is let through."""
+        """Return whether the message with this stamp [ns] is accepted."""
         last = self._last
         if last is not None and stamp <= last:
             if not self._ignore_timestamp and stamp > last - DISORDER:

@@ -1,4 +1,4 @@
-"""Frames in words: tf2's lists, and the tree drawn with ages and rates."""
+"""Frames as text: the lists of tf2, the tree, and problems."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from collections.abc import Iterable, Mapping
 
 from head_tracking.transforms.tree import Edge, JointEdge, SampledEdge, StaticEdge
 
-_NO_PARENT = "NO_PARENT"  # tf2's word
-_STATIC_RATE = 10_000.0  # what tf2 says of one sample: it is spread over 0.1 ms
+_NO_PARENT = "NO_PARENT"  # as in tf2
+_STATIC_RATE = 10_000.0  # tf2's rate of one sample: one in 0.1 ms
 
 
 def frames_as_string(edges: Iterable[Edge]) -> str:
-    """tf2's all_frames_as_string: a sentence a frame."""
+    """Return a sentence for each frame, as tf2 does."""
     return "".join(f"Frame {edge.child} exists with parent {_parent(edge)}.\n" for edge in edges)
 
 
 def frames_as_yaml(edges: Iterable[Edge], authorities: Mapping[str, str], now: int) -> str:
-    """tf2's all_frames_as_yaml.
+    """Return parent, rate and stamps of each frame, as tf2 does.
 
     Args:
         edges: above each frame.
-        authorities: who said so, by frame.
+        authorities: the sender of each frame.
         now: the time [ns], for the delays; 0 for none.
     """
     lines: list[str] = []
@@ -43,7 +43,7 @@ def frames_as_yaml(edges: Iterable[Edge], authorities: Mapping[str, str], now: i
 
 
 def tree_as_string(edges: Iterable[Edge], names: Iterable[str], now: int) -> str:
-    """All frames, each on a line of its own below its parent, with what is known of it.
+    """Return the tree of frames, one on each line, with rates and ages.
 
     Args:
         edges: above each frame.
@@ -70,7 +70,7 @@ def tree_as_string(edges: Iterable[Edge], names: Iterable[str], now: int) -> str
 
 
 def problems(edges: Iterable[Edge], names: Iterable[str], now: int, max_age: int) -> list[str]:
-    """What keeps frames from being looked up, a sentence each.
+    """Return the reasons why frames cannot be looked up.
 
     Args:
         edges: above each frame.
@@ -82,9 +82,9 @@ def problems(edges: Iterable[Edge], names: Iterable[str], now: int, max_age: int
     found = []
     roots = sorted(name for name in names if name not in above)
     if not roots:
-        return ["no frame is known: is robot_description or /tf published in this domain?"]
+        return ["there are no frames: is robot_description or /tf published in this domain?"]
     if len(roots) > 1:
-        found.append(f"there are {len(roots)} trees that nothing connects: {', '.join(roots)}")
+        found.append(f"there are {len(roots)} trees that are not connected: {', '.join(roots)}")
     silent, late = {}, {}
     for edge in above.values():
         if edge.history is None:
@@ -94,13 +94,13 @@ def problems(edges: Iterable[Edge], names: Iterable[str], now: int, max_age: int
             silent[what] = "joint" if isinstance(edge, JointEdge) else "frame"
         elif (age := now - edge.history.stamps[-1]) > max_age:
             late[what] = age * 1e-9
-    found += [f"the {kind} {name!r} was never heard of" for name, kind in silent.items()]
-    found += [f"{name!r} was last heard of {age:.1f} s ago" for name, age in late.items()]
+    found += [f"the {kind} {name!r} has no samples" for name, kind in silent.items()]
+    found += [f"the last sample of {name!r} is {age:.1f} s old" for name, age in late.items()]
     return found
 
 
 def rate(edge: Edge) -> float:
-    """Samples per second; for a frame that never moves what tf2 says."""
+    """Return samples per second; for a static frame the number of tf2."""
     if edge.history is None:
         return _STATIC_RATE
     oldest, latest = _span(edge)
@@ -112,18 +112,18 @@ def _note(edge: Edge, now: int) -> str:
         return ""
     what = f"  [{edge.joint.name}]" if isinstance(edge, JointEdge) else "  [transforms]"
     if not edge.history:
-        return f"{what} nothing known"
+        return f"{what} no samples"
     age = f", {(now - _span(edge)[1]) * 1e-9:.3f} s old" if now else ""
     return f"{what} {rate(edge):.1f} Hz{age}"
 
 
 def _parent(edge: Edge) -> str:
-    """The newest parent."""
+    """Return the latest parent."""
     if isinstance(edge, SampledEdge):
         return edge.history.values[-1][0] if edge.history else _NO_PARENT
     return edge.parent
 
 
 def _span(edge: Edge) -> tuple[int, int]:
-    """The oldest and the newest stamp [ns] of an edge of which something is known."""
+    """Return the oldest and the latest stamp [ns] of an edge with samples."""
     return (0, 0) if edge.history is None else (edge.history.oldest, edge.history.stamps[-1])

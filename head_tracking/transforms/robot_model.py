@@ -1,4 +1,4 @@
-"""The kinematic tree of a robot: links, joints, and where each link is."""
+"""The kinematic tree of a robot, and its forward kinematics."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from operator import itemgetter
 
 from head_tracking.compatibility import StrEnum
-from head_tracking.transforms.chain import Chain, Step, sliding, turning
+from head_tracking.transforms.chain import Chain, Step, rotating, sliding
 from head_tracking.transforms.exceptions import LookupException, RobotModelError
 from head_tracking.transforms.transform import Rotation, Transform, Vector3
 
 
 class JointType(StrEnum):
-    """The joint types of URDF that one number or none describes."""
+    """The joint types of URDF with at most one degree of freedom."""
 
     FIXED = "fixed"
     REVOLUTE = "revolute"
@@ -23,13 +23,13 @@ class JointType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """How far, fast and hard a joint may move.
+    """The limits of a joint; infinite where there are none.
 
     Attributes:
-        lower: smallest position [rad or m]; -inf where there is none.
-        upper: largest position [rad or m]; inf where there is none.
-        velocity: largest speed [rad/s or m/s]; inf where none is given.
-        effort: largest effort [N m or N]; inf where none is given.
+        lower: smallest position [rad or m].
+        upper: largest position [rad or m].
+        velocity: largest speed [rad/s or m/s].
+        effort: largest effort [N m or N].
     """
 
     lower: float = float("-inf")
@@ -38,18 +38,18 @@ class JointLimits:
     effort: float = float("inf")
 
     def clamp(self, position: float) -> float:
-        """The allowed position nearest to `position`."""
+        """Return the nearest position within the limits."""
         return min(max(position, self.lower), self.upper)
 
     def contains(self, position: float, tolerance: float = 0.0) -> bool:
-        """Whether `position` is allowed, give or take `tolerance`."""
+        """Return whether a position is within the limits, with a tolerance."""
         return self.lower - tolerance <= position <= self.upper + tolerance
 
     def narrowed(self, lower: float, upper: float) -> JointLimits:
-        """These limits, and not beyond `lower` and `upper` either.
+        """Return the intersection with the limits `lower` and `upper`.
 
         Raises:
-            RobotModelError: nothing would be left.
+            RobotModelError: it is empty.
         """
         narrowed = JointLimits(
             max(self.lower, lower), min(self.upper, upper), self.velocity, self.effort
@@ -64,7 +64,7 @@ class JointLimits:
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint that follows another: position = multiplier * (the other's position) + offset."""
+    """The rule of a mimic joint: position = multiplier * (position of `joint`) + offset."""
 
     joint: str
     multiplier: float = 1.0
@@ -78,12 +78,12 @@ class Joint:
     Attributes:
         name: unique in its model.
         type: fixed, revolute, continuous or prismatic.
-        parent: the link that carries the joint.
-        child: the link that the joint moves.
-        origin: takes points from the joint's frame (the child at position 0) into the parent.
-        axis: unit vector in the joint's frame, along or about which the child moves.
-        limits: how far, fast and hard.
-        mimic: the joint that this one follows, if any.
+        parent: name of the parent link.
+        child: name of the child link.
+        origin: takes points from the joint frame (the child at position 0) into the parent.
+        axis: unit vector in the joint frame.
+        limits: of position, velocity and effort.
+        mimic: the rule if this is a mimic joint.
     """
 
     name: str
@@ -97,11 +97,11 @@ class Joint:
 
     @property
     def moves(self) -> bool:
-        """Whether the joint has a position at all."""
+        """Whether the joint is not fixed."""
         return self.type is not JointType.FIXED
 
     def motion(self, position: float) -> Transform:
-        """Takes points from the child into the joint's frame, at `position` [rad or m]."""
+        """Return the transform from the child into the joint frame at a position [rad or m]."""
         if self.type is JointType.PRISMATIC:
             x, y, z = self.axis
             return Transform((position * x, position * y, position * z), Rotation.identity())
@@ -110,39 +110,39 @@ class Joint:
         return Transform((0.0, 0.0, 0.0), Rotation.from_axis_angle(self.axis, position))
 
     def steps(self, leader: Mimic, *, back: bool = False) -> tuple[Step, ...]:
-        """From the parent to the child as steps of a chain: `T_parent_child`.
+        """Return `T_parent_child` as steps of a chain.
 
         Args:
-            leader: the joint whose position the moving step takes, and what becomes of it here.
-            back: the other way, `T_child_parent`.
+            leader: the measured joint, and the rule from its position to that of this joint.
+            back: return `T_child_parent`.
         """
         if not self.moves:
             return (self.origin.inverse() if back else self.origin,)
         x, y, z = self.axis
         axis = (-x, -y, -z) if back else self.axis
-        kind = sliding if self.type is JointType.PRISMATIC else turning
+        kind = sliding if self.type is JointType.PRISMATIC else rotating
         motion = kind(axis, leader.multiplier, leader.offset)
         return (motion, self.origin.inverse()) if back else (self.origin, motion)
 
     def transform(self, position: float) -> Transform:
-        """Takes points from the child into the parent, at `position` [rad or m]."""
+        """Return `T_parent_child` at a position [rad or m]."""
         return self.origin @ self.motion(position)
 
 
 @dataclass(frozen=True, slots=True)
 class JointChain:
-    """The way from one link to another.
+    """The transform from one link to another as a function of joint positions.
 
     Attributes:
-        joints: names of the joints that decide it; their positions are the arguments, in order.
-        chain: the way itself.
+        joints: names of the joints whose positions are the arguments, in order.
+        chain: the transforms.
     """
 
     joints: tuple[str, ...]
     chain: Chain
 
     def transform(self, *positions: float) -> Transform:
-        """`T_target_source` at these joint positions [rad or m]."""
+        """Return `T_target_source` at these joint positions [rad or m]."""
         return self.chain.transform(positions)
 
 
@@ -153,11 +153,11 @@ class RobotModel:
         name: the robot's name.
         links: names of all links.
         joints: the joints that connect them.
-        urdf: the text that the model was read from, as other programs can read it.
+        urdf: the URDF document of the model.
 
     Raises:
-        RobotModelError: a name twice, a joint to a link that is not there, a link with two
-            parents, a loop, several roots, or a mimic joint that leads nowhere.
+        RobotModelError: the links and joints are not a tree, a name occurs twice, or the rule of a
+            mimic joint is not valid.
     """
 
     def __init__(
@@ -181,10 +181,10 @@ class RobotModel:
             self._children[joint.parent].append(joint.child)
 
     def joint(self, name: str) -> Joint:
-        """The joint of this name.
+        """Return a joint by its name.
 
         Raises:
-            RobotModelError: there is none; the message lists those that move.
+            RobotModelError: there is none.
         """
         try:
             return self.joints[name]
@@ -196,10 +196,10 @@ class RobotModel:
             ) from None
 
     def parent_joint(self, link: str) -> Joint | None:
-        """The joint that carries `link`; None for the root.
+        """Return the joint above a link; None for the root.
 
         Raises:
-            LookupException: there is no such link.
+            LookupException: the link is unknown.
         """
         if link not in self._children:
             raise LookupException(
@@ -209,14 +209,14 @@ class RobotModel:
         return self._parent_joint.get(link)
 
     def children(self, link: str) -> tuple[str, ...]:
-        """The links that `link` carries, in the order of the model."""
+        """Return the child links of a link, in the order of the model."""
         return tuple(self._children[link])
 
     def joints_above(self, link: str) -> list[Joint]:
-        """The joints from `link` up to the root, nearest first.
+        """Return the joints from a link up to the root.
 
         Raises:
-            LookupException: there is no such link.
+            LookupException: the link is unknown.
         """
         above = []
         joint = self.parent_joint(link)
@@ -226,14 +226,14 @@ class RobotModel:
         return above
 
     def leader(self, joint: str) -> Mimic:
-        """The joint whose measurement decides `joint`, through any chain of mimic joints.
+        """Return the rule from the measured joint to this one, through any chain of mimic joints.
 
-        For a joint that follows nobody this is itself, times 1 plus 0.
+        For an independent joint this is the joint itself with the multiplier 1.
         """
         return self._leaders.get(joint) or Mimic(joint)
 
     def prefixed(self, prefix: str) -> RobotModel:
-        """The same robot with a prefix before the names of its links."""
+        """Return the same robot with a prefix before the names of its links."""
         if not prefix:
             return self
         joints = [
@@ -244,16 +244,16 @@ class RobotModel:
 
     @property
     def independent_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move and follow no other, in the order of the model."""
+        """Names of the joints that are neither fixed nor mimic joints, in order of the model."""
         return tuple(
             joint.name for joint in self.joints.values() if joint.moves and joint.mimic is None
         )
 
     def chain(self, target_link: str, source_link: str) -> JointChain:
-        """The way from source to target; made once for each pair of links.
+        """Return the chain from source to target; it is made once for each pair of links.
 
         Raises:
-            LookupException: an unknown link.
+            LookupException: a link is unknown.
         """
         chain = self._chains.get((target_link, source_link))
         if chain is None:
@@ -267,10 +267,10 @@ class RobotModel:
     def transform(
         self, target_link: str, source_link: str, positions: Mapping[str, float]
     ) -> Transform:
-        """Forward kinematics: `T_target_source` at these joint positions [rad or m].
+        """Return `T_target_source` at these joint positions [rad or m].
 
         Raises:
-            LookupException: an unknown link, or a joint on the way without a position.
+            LookupException: a link is unknown, or a joint on the path has no position.
         """
         chain = self.chain(target_link, source_link)
         try:
@@ -292,14 +292,14 @@ class RobotModel:
 
 
 def resolved_leaders(model: RobotModel, mimics: Mapping[str, Mimic]) -> dict[str, Mimic]:
-    """For each joint that follows another: the joint at the end of the chain, which follows none.
+    """Return for each mimic joint the rule from an independent joint.
 
     Args:
         model: the robot.
-        mimics: whom each joint follows directly.
+        mimics: the direct rules.
 
     Raises:
-        RobotModelError: the joint followed is not there, can't move, or a chain bites its tail.
+        RobotModelError: a joint does not exist or is fixed, or rules form a loop.
     """
     return {name: _resolve(model.joints, name, mimics) for name in mimics}
 
@@ -318,22 +318,20 @@ def _resolve(joints: Mapping[str, Joint], name: str, mimics: Mapping[str, Mimic]
         multiplier *= mimic.multiplier
         name = leader.name
         if name in chain:
-            raise RobotModelError(
-                "mimic joints follow each other in a circle: " + " -> ".join([*chain, name])
-            )
+            raise RobotModelError("mimic joints form a loop: " + " -> ".join([*chain, name]))
         chain.append(name)
     return Mimic(name, multiplier, offset)
 
 
 @dataclass(frozen=True, slots=True)
 class TreeEntry:
-    """One link of a tree on the way down from the root.
+    """One link of a tree.
 
     Attributes:
         link: its name.
         depth: 0 for the root.
-        rank: which child of its parent it is, from 1; 0 for the root.
-        children: how many links it carries.
+        rank: its number among the children of its parent, from 1; 0 for the root.
+        children: number of its children.
     """
 
     link: str
@@ -343,7 +341,7 @@ class TreeEntry:
 
 
 def walk(model: RobotModel) -> Iterator[TreeEntry]:
-    """All links of `model`, parents before children, in the order of the model."""
+    """Yield all links of a model, parents before children."""
     stack = [(model.root, 0, 0)]
     while stack:
         link, depth, rank = stack.pop()
@@ -389,16 +387,16 @@ def _root(links: tuple[str, ...], joints: tuple[Joint, ...], parents: dict[str, 
             f"the model has {len(roots)} root links ({', '.join(roots)}); "
             "connect them with joints so that one is left"
         )
-    # every link but one has a parent: whatever the root does not reach turns in a circle
+    # each link but one has a parent: links that the root does not reach form a loop
     reached = set(roots)
     frontier = set(roots)
     while frontier:
         frontier = {joint.child for joint in joints if joint.parent in frontier} - reached
         reached |= frontier
     if len(reached) < len(links):
-        circle = ", ".join(link for link in links if link not in reached)
+        loop = ", ".join(link for link in links if link not in reached)
         raise RobotModelError(
-            f"the links {circle} are connected in a circle; each must lead up to one root"
+            f"the links {loop} form a loop; each must lead to one root"
             if links
             else "the model has no links"
         )

@@ -1,4 +1,4 @@
-"""Rotations, rigid transforms and velocities, in plain floats: numpy's calls would dominate."""
+"""Rotations, rigid transforms and velocities in floats, which are faster than small arrays."""
 
 from __future__ import annotations
 
@@ -18,16 +18,13 @@ UNIT_TOLERANCE = 1e-2
 """tf2's tolerance for the square of a quaternion's norm."""
 _TINY = 1e-12
 _ALIKE = 1.0 - 1e-15
-"""The cosine of half an angle so small that the chord is as good as the arc."""
+"""The cosine of half an angle for which slerp equals linear interpolation."""
 
 
 class Rotation(NamedTuple):
-    """A rotation in space: the unit quaternion (x, y, z, w), as in geometry_msgs.
+    """A unit quaternion (x, y, z, w), as in geometry_msgs.
 
-    The constructor takes the components as they are; use :meth:`from_quaternion_xyzw` for
-    numbers that come from outside.
-
-    (A named tuple, because it is made three times faster than a frozen dataclass.)
+    The constructor does not check the components; :meth:`from_quaternion_xyzw` does.
     """
 
     x: float
@@ -37,12 +34,12 @@ class Rotation(NamedTuple):
 
     @staticmethod
     def identity() -> Rotation:
-        """The rotation that changes nothing."""
+        """Return the identity."""
         return _NO_ROTATION
 
     @staticmethod
     def from_quaternion_xyzw(quaternion_xyzw: Sequence[float]) -> Rotation:
-        """A rotation from a quaternion of shape (4,), normalised.
+        """Return a rotation from a quaternion of shape (4,), normalised.
 
         Raises:
             InvalidArgumentException: not four finite numbers, or the square of the norm is not 1
@@ -62,14 +59,14 @@ class Rotation(NamedTuple):
 
     @staticmethod
     def from_axis_angle(axis: Sequence[float], angle: float) -> Rotation:
-        """A rotation by `angle` [rad] about the unit vector `axis`, shape (3,), right-handed."""
+        """Return the rotation by `angle` [rad] about the unit vector `axis`, shape (3,)."""
         half = 0.5 * angle
         s = math.sin(half)
         return Rotation(axis[0] * s, axis[1] * s, axis[2] * s, math.cos(half))
 
     @staticmethod
     def from_rpy(roll: float, pitch: float, yaw: float) -> Rotation:
-        """A rotation from URDF's roll, pitch, yaw [rad]: about the fixed axes x, then y, then z."""
+        """Return the rotation of roll, pitch, yaw [rad] about fixed axes x, y, z, as in URDF."""
         sr, cr = math.sin(0.5 * roll), math.cos(0.5 * roll)
         sp, cp = math.sin(0.5 * pitch), math.cos(0.5 * pitch)
         sy, cy = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
@@ -82,9 +79,9 @@ class Rotation(NamedTuple):
 
     @staticmethod
     def from_matrix(matrix: Matrix3) -> Rotation:
-        """A rotation from a proper orthonormal matrix, shape (3, 3).
+        """Return the rotation of an orthonormal matrix, shape (3, 3).
 
-        Source: Bar-Itzhack's choice of the largest component, which stays exact near 180 degrees.
+        Source: Bar-Itzhack, with the largest component, which is exact near 180 degrees.
         """
         m = np.asarray(matrix, dtype=float)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = m.tolist()
@@ -101,7 +98,7 @@ class Rotation(NamedTuple):
         return Rotation(x / norm, y / norm, z / norm, w / norm)
 
     def as_matrix(self) -> Matrix3:
-        """The same rotation as a matrix, shape (3, 3)."""
+        """Return the matrix, shape (3, 3)."""
         x, y, z, w = self
         return np.array(
             [
@@ -112,7 +109,7 @@ class Rotation(NamedTuple):
         )
 
     def as_rpy(self) -> Vector3:
-        """Roll, pitch, yaw [rad] about the fixed axes x, y, z; at pitch +-90 degrees roll is 0."""
+        """Return roll, pitch, yaw [rad] as in URDF; at pitch +-90 degrees roll is 0."""
         x, y, z, w = self
         sin_pitch = 2 * (w * y - z * x)
         if abs(sin_pitch) > 1 - _TINY:
@@ -125,12 +122,12 @@ class Rotation(NamedTuple):
         )
 
     def angle(self) -> float:
-        """The angle of the rotation [rad], 0 to pi."""
+        """Return the angle [rad], 0 to pi."""
         vector = math.sqrt(self.x * self.x + self.y * self.y + self.z * self.z)
         return 2 * math.atan2(vector, abs(self.w))
 
     def inverse(self) -> Rotation:
-        """The rotation back."""
+        """Return the inverse rotation."""
         return Rotation(-self.x, -self.y, -self.z, self.w)
 
     @overload
@@ -150,7 +147,7 @@ class Rotation(NamedTuple):
         return self.apply(other)
 
     def apply(self, vector: Sequence[float]) -> Vector3:
-        """The vector, shape (3,), turned."""
+        """Rotate a vector, shape (3,)."""
         vx, vy, vz = vector
         x, y, z, w = self
         # t = 2 q x v;  v' = v + w t + q x t
@@ -165,7 +162,7 @@ class Rotation(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """The seven numbers of a rigid transform: a translation [m] and a unit quaternion."""
+    """A translation [m] and a unit quaternion."""
 
     x: float
     y: float
@@ -180,15 +177,13 @@ class Transform(Pose):
     """A rigid transform: rotate, then translate [m].
 
     `T_target_source` takes points given in `source` into `target`:
-    ``p_target = T_target_source @ p_source``.
-
-    (A tuple of its seven numbers, because lookups make one each.)
+    ``p_target = T_target_source @ p_source``. It is a tuple of seven numbers.
     """
 
     __slots__ = ()
 
     def __new__(cls, translation: Sequence[float], rotation: Rotation) -> Transform:
-        """A transform from a translation, shape (3,) [m], and a rotation."""
+        """Make a transform of a translation, shape (3,) [m], and a rotation."""
         x, y, z = translation
         return tuple.__new__(cls, (x, y, z, *rotation))
 
@@ -200,42 +195,42 @@ class Transform(Pose):
 
     @property
     def translation(self) -> Vector3:
-        """Where the source frame's origin is in the target frame [m]."""
+        """The origin of the source frame in the target frame [m]."""
         return self[:3]
 
     @property
     def rotation(self) -> Rotation:
-        """How the source frame is turned in the target frame."""
+        """The orientation of the source frame in the target frame."""
         return Rotation(*self[3:])
 
     @staticmethod
     def identity() -> Transform:
-        """The transform that changes nothing."""
+        """Return the identity."""
         return _IDENTITY
 
     @staticmethod
     def from_xyz_rpy(
         xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Transform:
-        """From URDF's origin: a translation [m] and fixed-axis roll, pitch, yaw [rad]."""
+        """Return a transform from the `<origin>` of URDF: a translation [m] and rpy [rad]."""
         x, y, z = xyz
         return Transform((float(x), float(y), float(z)), Rotation.from_rpy(*rpy))
 
     @staticmethod
     def from_matrix(matrix: npt.NDArray[np.float64]) -> Transform:
-        """From a homogeneous matrix of a rigid motion, shape (4, 4)."""
+        """Return the transform of a homogeneous matrix, shape (4, 4)."""
         m = np.asarray(matrix, dtype=float)
         return Transform(m[:3, 3].tolist(), Rotation.from_matrix(m[:3, :3]))
 
     def as_matrix(self) -> npt.NDArray[np.float64]:
-        """The same transform as a homogeneous matrix, shape (4, 4)."""
+        """Return the homogeneous matrix, shape (4, 4)."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation.as_matrix()
         matrix[:3, 3] = self[:3]
         return matrix
 
     def inverse(self) -> Transform:
-        """The transform the other way."""
+        """Return the inverse transform."""
         x, y, z, i, j, k, w = self
         ux, uy, uz = 2.0 * (k * y - j * z), 2.0 * (i * z - k * x), 2.0 * (j * x - i * y)
         return tuple.__new__(
@@ -261,7 +256,7 @@ class Transform(Pose):
         return self.apply(other)
 
     def apply(self, point: Sequence[float]) -> Vector3:
-        """The point, shape (3,) [m], in the target frame."""
+        """Transform a point, shape (3,) [m]."""
         px, py, pz = point
         x, y, z, qx, qy, qz, qw = self
         # t = 2 q x p;  p' = p + w t + q x t
@@ -275,12 +270,12 @@ class Transform(Pose):
         )
 
     def apply_many(self, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Many points at once, shape (N, 3) [m], in the target frame, shape (N, 3)."""
+        """Transform points, shape (N, 3) [m]."""
         rotated = np.asarray(points, dtype=float) @ self.rotation.as_matrix().T
         return np.asarray(rotated + self[:3])
 
     def interpolate(self, other: Transform, ratio: float) -> Transform:
-        """The transform `ratio` (0 to 1) of the way to `other`: linear, and slerp."""
+        """Interpolate to `other` by a ratio of 0 to 1: linear, and slerp."""
         ax, ay, az, ai, aj, ak, aw = self
         bx, by, bz, bi, bj, bk, bw = other
         a, b = 1.0 - ratio, ratio
@@ -306,7 +301,7 @@ class Transform(Pose):
 
 
 def product(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
-    """The seven numbers of `a @ b`, of two transforms given by theirs."""
+    """Return the numbers of `a @ b`, of two transforms given by their numbers."""
     ax, ay, az, i, j, k, w = a
     x, y, z, qx, qy, qz, qw = b
     # p' = t + p + w u + v x u with u = 2 v x p, where (v, w) is the quaternion of a
@@ -323,10 +318,10 @@ def product(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
 
 
 def signed_as_tf2(transform: Transform) -> Transform:
-    """Return the transform with that of its two quaternions which tf2 gives.
+    """Return the transform with the sign of the quaternion as in tf2.
 
-    tf2's answers go through a matrix: w is above 0 for turns of less than 120 degrees, and the
-    largest of x, y, z for the others. Source: Matrix3x3.getRotation of tf2's LinearMath.
+    tf2 converts through a matrix: w is positive for rotations below 120 degrees, else the largest
+    of x, y, z. Source: Matrix3x3.getRotation of tf2's LinearMath.
     """
     x, y, z, i, j, k, w = transform
     if (w if abs(w) > 0.5 else max(i, j, k, key=abs)) > 0.0:
@@ -335,12 +330,12 @@ def signed_as_tf2(transform: Transform) -> Transform:
 
 
 class StampedTransform(NamedTuple):
-    """The answer to a lookup: `T_target_source` and the time for which it holds.
+    """The result of a lookup.
 
     Attributes:
-        stamp: nanoseconds; 0 where nothing on the way ever changes.
-        target_frame: the frame that points are taken into (a message's header.frame_id).
-        source_frame: the frame that points are taken from (a message's child_frame_id).
+        stamp: its time [ns]; 0 if the frames never move.
+        target_frame: the target frame (header.frame_id of a message).
+        source_frame: the source frame (child_frame_id of a message).
         transform: takes points from `source_frame` into `target_frame`.
     """
 
@@ -351,10 +346,10 @@ class StampedTransform(NamedTuple):
 
 
 class StampedVelocity(NamedTuple):
-    """How a body moves.
+    """The velocity of a body.
 
     Attributes:
-        stamp: the middle of the time that it was observed over [ns].
+        stamp: the middle of the observed interval [ns].
         reference_frame: the frame of the two vectors.
         body_frame: the frame that moves.
         linear: velocity of the reference point [m/s].
@@ -369,12 +364,12 @@ class StampedVelocity(NamedTuple):
 
 
 def velocity_between(start: Transform, end: Transform, seconds: float) -> tuple[Vector3, Vector3]:
-    """Mean velocity [m/s] and angular velocity [rad/s], in the frame that observes.
+    """Return mean velocity [m/s] and angular velocity [rad/s] in the observation frame.
 
     Args:
-        start: `T_observation_body` at the beginning.
-        end: the same at the end.
-        seconds: the time between.
+        start: `T_observation_body` at the start.
+        end: `T_observation_body` at the end.
+        seconds: the time between both.
     """
     a, b = start.translation, end.translation
     linear = tuple((there - here) / seconds for here, there in zip(a, b, strict=True))
@@ -383,7 +378,7 @@ def velocity_between(start: Transform, end: Transform, seconds: float) -> tuple[
 
 
 def moved_to(point: Vector3, linear: Vector3, angular: Vector3) -> Vector3:
-    """The velocity of another point of a body, `point` [m] away from the one given."""
+    """Return the velocity of another point of a body, at the offset `point` [m]."""
     x, y, z = point
     wx, wy, wz = angular
     vx, vy, vz = linear

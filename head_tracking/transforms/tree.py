@@ -1,4 +1,4 @@
-"""Frames and what carries them; the way between two frames, found by tf2's rules."""
+"""Edges between frames, and the path between two frames by the rules of tf2."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from head_tracking.transforms.robot_model import Joint, Mimic
 from head_tracking.transforms.transform import Transform, product
 
 MAX_DEPTH = 1000
-"""tf2: a way of more frames than this is a loop."""
+"""tf2: a path of more frames than this is a loop."""
 
 
 @dataclass(slots=True)
 class StaticEdge:
-    """A frame that never moves in its parent.
+    """A frame that does not move in its parent.
 
     Attributes:
-        steps: `T_parent_child`, as steps of a chain; steps_back: `T_child_parent`.
+        steps: `T_parent_child` as steps of a chain; steps_back: `T_child_parent`.
     """
 
     parent: str
@@ -40,17 +40,17 @@ class StaticEdge:
         self.steps, self.steps_back = (self.transform,), (self.transform.inverse(),)
 
     def at(self, _: int) -> Transform:
-        """`T_parent_child` at any time."""
+        """Return `T_parent_child`."""
         return self.transform
 
     def parents(self) -> set[str]:
-        """Every parent that it has had within the cache."""
+        """Return all parents in the history."""
         return {self.parent}
 
 
 @dataclass(slots=True)
 class SampledEdge:
-    """A frame given by stamped transforms that somebody measured."""
+    """A frame with measured transforms."""
 
     child: str
     history: TransformHistory
@@ -59,15 +59,15 @@ class SampledEdge:
 
     @property
     def parent(self) -> str | None:
-        """The parent in all samples; None if there are several, or no samples."""
+        """The parent of all samples; None if there are several, or no samples."""
         return self.history.parent
 
     def at(self, stamp: int) -> Transform:
-        """`T_parent_child` at this time [ns]; ExtrapolationException if it is not known."""
+        """Return `T_parent_child` at a time [ns], or raise an ExtrapolationException."""
         return self.history.at(stamp)[1]
 
     def parents(self) -> set[str]:
-        """Every parent that it has had within the cache."""
+        """Return all parents in the history."""
         return {parent for parent, _ in self.history.values}
 
 
@@ -75,14 +75,13 @@ class SampledEdge:
 class JointEdge:
     """A link that a joint moves.
 
-    The position is recorded and interpolated, not the transform: between two samples the link
-    moves on the arc, as it really did.
+    Positions are interpolated, not transforms: between two samples the link moves on the arc.
 
     Attributes:
-        joint: the joint that carries the link.
-        leader: the joint that is measured: this one, or the one it mimics.
+        joint: the joint.
+        leader: the joint that is measured: this one, or the one that it mimics.
         history: the measured positions of the leader.
-        parent: the link that carries the joint; child: the link that it moves.
+        parent, child: the links.
     """
 
     joint: Joint
@@ -99,28 +98,28 @@ class JointEdge:
         self.steps_back = self.joint.steps(self.leader, back=True)
 
     def at(self, stamp: int) -> Transform:
-        """`T_parent_child` at this time [ns]; ExtrapolationException if it is not known."""
+        """Return `T_parent_child` at a time [ns], or raise an ExtrapolationException."""
         leader = self.leader
         return self.joint.transform(leader.multiplier * self.history.at(stamp) + leader.offset)
 
     def parents(self) -> set[str]:
-        """Every parent that it has had within the cache."""
+        """Return all parents in the history."""
         return {self.parent}
 
 
 Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge
 Edges: TypeAlias = Mapping[str, Edge]
-"""What carries each frame, by the frame."""
+"""The edge above each frame, by its child."""
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """The way between two frames at one time.
+class Path:
+    """The path between two frames at one time.
 
     Attributes:
         stamp: the time [ns].
-        above_target: from the target up to where both sides meet.
-        above_source: from the source up to there.
+        above_target: the edges from the target up to the common ancestor.
+        above_source: the edges from the source up to it.
     """
 
     stamp: int
@@ -128,7 +127,7 @@ class Way:
     above_source: list[Edge]
 
     def transform(self, stamp: int) -> Transform:
-        """`T_target_source` at a time [ns]; ExtrapolationException if it is not known."""
+        """Return `T_target_source` at a time [ns], or raise an ExtrapolationException."""
         T_top_source = _product([edge.at(stamp) for edge in self.above_source])
         if not self.above_target:
             return T_top_source
@@ -136,7 +135,7 @@ class Way:
         return T_target_top @ T_top_source if self.above_source else T_target_top
 
     def chain(self) -> Chain:
-        """The same as a function of the time, for many lookups."""
+        """Return the same as a function of the time, which is faster."""
         target, source = self.above_target, self.above_source
         steps = [step for edge in target for step in edge.steps_back]
         steps += [step for edge in reversed(source) for step in edge.steps]
@@ -144,19 +143,19 @@ class Way:
         return Chain(steps, [history.at for history in histories if history is not None])
 
 
-def find_way(edges: Edges, target: str, source: str, stamp: int) -> Way:
-    """tf2's walk: from the source upward as far as is known at that time, then from the target.
+def find_path(edges: Edges, target: str, source: str, stamp: int) -> Path:
+    """Climb as tf2 does: from the source as far as is known at that time, then from the target.
 
     Args:
-        edges: what carries each frame.
-        target: the frame to express points in.
-        source: the frame in which points are given.
+        edges: above each frame.
+        target: the target frame.
+        source: the source frame.
         stamp: the time [ns]; 0 for the latest common time.
 
     Raises:
-        LookupException: a loop, or a joint of which nothing is known yet.
-        ConnectivityException: nothing connects the frames.
-        ExtrapolationException: what connects them was not known then.
+        LookupException: there is a loop, or a joint has no position yet.
+        ConnectivityException: the frames are in different trees.
+        ExtrapolationException: an edge was not known at that time.
     """
     if stamp == LATEST:
         stamp = latest_common_time(edges, target, source)
@@ -170,15 +169,15 @@ def find_way(edges: Edges, target: str, source: str, stamp: int) -> Way:
             raise _unconnected(target, source, end, top)
         raise _unknown(edge, target, source, stamp)
     _cut(above_target, above_source)
-    return Way(stamp, above_target, above_source)
+    return Path(stamp, above_target, above_source)
 
 
 def latest_common_time(edges: Edges, target: str, source: str) -> int:
-    """The newest time [ns] at which both frames are known; 0 if nothing ever changes.
+    """Return the latest time [ns] at which both frames are known; 0 if they never move.
 
     Raises:
-        LookupException: a loop, or a joint of which nothing is known yet.
-        ConnectivityException: nothing connects the frames.
+        LookupException: there is a loop, or a joint has no position yet.
+        ConnectivityException: the frames are in different trees.
     """
     above_source, top, gap = _climb(edges, source, (target,), LATEST)
     if top == target:
@@ -193,11 +192,11 @@ def latest_common_time(edges: Edges, target: str, source: str) -> int:
     return _common(above_source[: tops[end]] + above_target)
 
 
-def lasting_way(edges: Edges, target: str, source: str) -> tuple[Way, set[str]] | None:
-    """The way that holds at all times, if there is one: no frame above changes its parent.
+def permanent_path(edges: Edges, target: str, source: str) -> tuple[Path, set[str]] | None:
+    """Return the path that is valid at all times, if no frame above has several parents.
 
     Returns:
-        The way, and all frames from its ends up to the root: it holds as long as their edges do.
+        The path, and the frames from its ends up to the root. It is valid until their edges change.
     """
     sides = []
     for start in (target, source):
@@ -216,11 +215,11 @@ def lasting_way(edges: Edges, target: str, source: str) -> tuple[Way, set[str]] 
     frames.update([edge.child for edge in above_source])
     frames.add(root)
     _cut(above_target, above_source)
-    return Way(LATEST, above_target, above_source), frames
+    return Path(LATEST, above_target, above_source), frames
 
 
 def _product(climbed: list[Transform]) -> Transform:
-    """The transforms of a climb in one, the highest first."""
+    """Return the product of transforms, the last one first."""
     if not climbed:
         return Transform.identity()
     numbers: tuple[float, ...] = climbed[0]
@@ -230,7 +229,7 @@ def _product(climbed: list[Transform]) -> Transform:
 
 
 def _cut(above_target: list[Edge], above_source: list[Edge]) -> None:
-    """Leaves out what is above both."""
+    """Remove the common edges of both sides."""
     while above_target and above_source and above_target[-1] is above_source[-1]:
         above_target.pop()
         above_source.pop()
@@ -239,7 +238,7 @@ def _cut(above_target: list[Edge], above_source: list[Edge]) -> None:
 def _climb(
     edges: Edges, frame: str, ends: Collection[str], stamp: int
 ) -> tuple[list[Edge], str, Edge | None]:
-    """The edges above a frame, the frame where that ends, and the edge that is unknown there."""
+    """Return the edges above a frame, the last frame, and the edge above it that is unknown."""
     above: list[Edge] = []
     while frame not in ends:
         edge = edges.get(frame)
@@ -257,7 +256,7 @@ def _climb(
 
 
 def _parent(edge: Edge, stamp: int) -> str | None:
-    """The parent at this time, or the newest one; None if it is not known."""
+    """Return the parent at this time; None if it is not known."""
     if isinstance(edge, SampledEdge):
         return edge.history.parent_at(stamp)
     if isinstance(edge, StaticEdge) or edge.history.covers(stamp):
@@ -265,33 +264,32 @@ def _parent(edge: Edge, stamp: int) -> str | None:
     return None
 
 
-def _common(way: list[Edge]) -> int:
-    """The oldest of the newest stamps of a way [ns]; as in tf2 a stamp of 0 does not count."""
-    stamps = [edge.history.stamps[-1] for edge in way if edge.history is not None]
+def _common(path: list[Edge]) -> int:
+    """Return the earliest of the latest stamps [ns]; as in tf2 a stamp of 0 does not count."""
+    stamps = [edge.history.stamps[-1] for edge in path if edge.history is not None]
     return min(filter(None, stamps), default=LATEST)
 
 
 def _unconnected(target: str, source: str, end: str, top: str) -> TransformException:
     return ConnectivityException(
-        f"{target!r} and {source!r} are in two trees that nothing connects: the one below "
-        f"{end!r} and the one below {top!r}"
+        f"{target!r} and {source!r} are in different trees, with the roots {end!r} and {top!r}"
     )
 
 
 def _unknown(edge: Edge, target: str, source: str, stamp: int) -> TransformException:
-    """Why an edge ends the way."""
-    way = f"on the way from {source!r} to {target!r}"
+    """Return the error for an edge that is not known at that time."""
+    path = f"on the path from {source!r} to {target!r}"
     history = edge.history
     assert history is not None
     if isinstance(edge, JointEdge) and not history.stamps:
         return LookupException(
-            f"the joint {edge.leader.joint!r} {way} has no position yet; is it in joint_states?"
+            f"the joint {edge.leader.joint!r} {path} has no position yet; is it in joint_states?"
         )
     if not history.stamps:
-        return ExtrapolationException(f"nothing is known of {edge.child!r} any more {way}")
+        return ExtrapolationException(f"{edge.child!r} {path} has no samples")
     oldest, latest = history.oldest, history.stamps[-1]
     return ExtrapolationException(
         f"Lookup would require extrapolation into the {'future' if stamp > latest else 'past'}: "
-        f"{way}, {edge.child!r} is known from {seconds(oldest)} to {seconds(latest)}, and time "
+        f"{path}, {edge.child!r} is known from {seconds(oldest)} to {seconds(latest)}, and time "
         f"{seconds(stamp)} was asked for"
     )

@@ -1,116 +1,56 @@
-"""Robot models from URDF and xacro files. The only file that knows yourdfpy and xacro."""
+"""Robot models from URDF and xacro files, parsed in this process or in a short-lived one."""
 
 from __future__ import annotations
 
-import importlib
-import io
-import math
+import os
+import pickle
+import subprocess
 import sys
 from collections.abc import Mapping
-from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING
-from xml.etree import ElementTree
-
-import numpy as np
-import xacro
+from typing import Any
 
 from head_tracking.transforms.exceptions import RobotModelError
-from head_tracking.transforms.robot_model import Joint, JointLimits, JointType, Mimic, RobotModel
-from head_tracking.transforms.transform import Transform, Vector3
+from head_tracking.transforms.robot_model import RobotModel
+from head_tracking.transforms.transform import Transform
+
+_parses_in_child = False
 
 
-def _import_yourdfpy() -> ModuleType:
-    """The library that reads URDF, without the one for meshes, until somebody asks for those.
+def parse_in_child_process() -> None:
+    """Parse all models from now on in a short-lived child process.
 
-    No frame needs them, and that library takes a quarter of a second and 20 MB.
+    The parser's libraries (yourdfpy, lxml, xacro) take 12 MB, which a process never gives back.
+    A child process costs 0.3 s of processor time for each model.
     """
-    spec = find_spec("trimesh")
-    if spec is None or "trimesh" in sys.modules:
-        return importlib.import_module("yourdfpy")
-    stand_in = ModuleType("trimesh")
-    stand_in.__path__ = list(spec.submodule_search_locations or ())
-    named = {"Trimesh": object, "Scene": object}  # in annotations
-    vars(stand_in).update(
-        named, __getattr__=lambda name: getattr(importlib.import_module("trimesh"), name)
-    )
-    sys.modules["trimesh"] = stand_in
-    try:
-        return importlib.import_module("yourdfpy")
-    finally:
-        for name in [name for name in sys.modules if name.partition(".")[0] == "trimesh"]:
-            del sys.modules[name]
-        for name in named:
-            delattr(stand_in, name)
-
-
-if TYPE_CHECKING:
-    import yourdfpy
-else:
-    yourdfpy = _import_yourdfpy()
-
-# element, attribute: how many numbers it holds
-_NUMBERS = {
-    ("origin", "xyz"): 3,
-    ("origin", "rpy"): 3,
-    ("axis", "xyz"): 3,
-    ("limit", "lower"): 1,
-    ("limit", "upper"): 1,
-    ("limit", "velocity"): 1,
-    ("limit", "effort"): 1,
-    ("mimic", "multiplier"): 1,
-    ("mimic", "offset"): 1,
-}
+    global _parses_in_child  # noqa: PLW0603 one setting per process
+    _parses_in_child = True
 
 
 def load_robot_model(path: str | Path, mappings: Mapping[str, str] | None = None) -> RobotModel:
-    """The model in a URDF file or, if its name ends in .xacro, in a xacro file.
+    """Return the model in a URDF file, or in a xacro file if its name ends in .xacro.
 
     Args:
         path: the file.
-        mappings: values for the xacro file's arguments.
+        mappings: values of the xacro file's arguments.
 
     Raises:
-        RobotModelError: the file can't be read, or the model can't be used.
+        RobotModelError: the file cannot be read, or the model is not valid.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotModelError(f"cannot read the robot model {path}: {error}") from error
-    try:
-        if path.suffix == ".xacro":
-            text = _expand(path, mappings or {})
-        return parse_robot_model(text)
-    except RobotModelError as error:
-        raise RobotModelError(f"{path}: {error}") from error
+    return _parse("load_robot_model", Path(path).absolute(), dict(mappings or {}))
 
 
 def parse_robot_model(urdf: str) -> RobotModel:
-    """The model in the text of a URDF document.
+    """Return the model in the text of a URDF document.
 
     Raises:
-        RobotModelError: what is wrong with it, by the name of the link or joint.
+        RobotModelError: the model is not valid; names the link or joint.
     """
-    _check_document(urdf)
-    try:
-        robot = yourdfpy.URDF.load(
-            io.BytesIO(urdf.encode()), build_scene_graph=False, load_meshes=False
-        ).robot
-    except Exception as error:
-        # yourdfpy answers broken shapes and materials with whatever Python raised
-        raise RobotModelError(f"yourdfpy cannot read the model: {error!r}") from error
-    return RobotModel(
-        robot.name,
-        [link.name for link in robot.links],
-        [_joint(joint) for joint in robot.joints],
-        urdf,
-    )
+    return _parse("parse_robot_model", urdf)
 
 
 def with_fixed_root(model: RobotModel, frame: str, T_frame_root: Transform) -> RobotModel:
-    """The model carried by one more link, for example `world`, above its root.
+    """Return the model with one more link above its root, for example `world`.
 
     Args:
         model: the model.
@@ -118,125 +58,30 @@ def with_fixed_root(model: RobotModel, frame: str, T_frame_root: Transform) -> R
         T_frame_root: takes points from the old root into `frame`.
 
     Raises:
-        RobotModelError: the model has a link of this name already.
+        RobotModelError: the model has a link of this name.
     """
-    document = ElementTree.fromstring(model.urdf)
-    name = f"{frame}_{model.root}_joint"
-    joint = ElementTree.SubElement(document, "joint", name=name, type="fixed")
-    ElementTree.SubElement(joint, "parent", link=frame)
-    ElementTree.SubElement(joint, "child", link=model.root)
-    ElementTree.SubElement(
-        joint,
-        "origin",
-        xyz=" ".join(map(repr, T_frame_root.translation)),
-        rpy=" ".join(map(repr, T_frame_root.rotation.as_rpy())),
+    return _parse("with_fixed_root", model.urdf, model.root, frame, T_frame_root)
+
+
+def _parse(function: str, *arguments: Any) -> RobotModel:
+    """Call a function of `urdf_parser`."""
+    if not _parses_in_child:
+        from head_tracking.transforms import urdf_parser
+
+        model: RobotModel = getattr(urdf_parser, function)(*arguments)
+        return model
+    child = subprocess.run(
+        [sys.executable, "-m", "head_tracking.transforms.urdf_parser"],
+        input=pickle.dumps((function, arguments)),
+        stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        start_new_session=True,  # Ctrl-C is for this process
+        check=False,
     )
-    ElementTree.SubElement(document, "link", name=frame)
-    return parse_robot_model(ElementTree.tostring(document, encoding="unicode"))
-
-
-def _expand(path: Path, mappings: Mapping[str, str]) -> str:
-    try:
-        return str(xacro.process_file(str(path), mappings=dict(mappings)).toxml())
-    except Exception as error:
-        # xacro raises its own errors, expat's, and Python's from evaluated expressions
-        raise RobotModelError(f"xacro cannot expand the model: {error}") from error
-
-
-def _check_document(urdf: str) -> None:
-    """Refuses what yourdfpy would accept in silence or answer with a bare Python error."""
-    try:
-        document = ElementTree.fromstring(urdf)
-    except ElementTree.ParseError as error:
-        raise RobotModelError(f"the model is not well-formed XML: {error}") from error
-    if document.tag != "robot":
-        raise RobotModelError(f"the document is a <{document.tag}>; a URDF model is a <robot>")
-    _require(document, "the <robot>", "name")
-    for number, link in enumerate(document.findall("link"), start=1):
-        _require(link, f"<link> number {number}", "name")
-    for number, joint in enumerate(document.findall("joint"), start=1):
-        name = f"joint {_require(joint, f'<joint> number {number}', 'name')!r}"
-        kind = _require(joint, name, "type")
-        if kind not in list(JointType):
-            raise RobotModelError(
-                f"{name} has the type {kind!r}; allowed are {', '.join(JointType)}"
-            )
-        for role in ("parent", "child"):
-            element = joint.find(role)
-            if element is None:
-                raise RobotModelError(f"{name} has no <{role}>; name the link it connects")
-            _require(element, f"the <{role}> of {name}", "link")
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            _require(mimic, f"the <mimic> of {name}", "joint")
-        for (tag, attribute), count in _NUMBERS.items():
-            element = joint.find(tag)
-            if element is not None and attribute in element.attrib:
-                _check_numbers(f"{name}: <{tag} {attribute}>", element.attrib[attribute], count)
-
-
-def _require(element: ElementTree.Element, what: str, attribute: str) -> str:
-    value = element.get(attribute)
-    if not value:
-        raise RobotModelError(f"{what} has no attribute {attribute!r}; add it")
-    return value
-
-
-def _check_numbers(what: str, text: str, count: int) -> None:
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise RobotModelError(f"{what} is {text!r}; it needs {wanted}")
-
-
-def _joint(joint: yourdfpy.Joint) -> Joint:
-    kind = JointType(joint.type)
-    mimic = joint.mimic and Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
-    return Joint(
-        name=joint.name,
-        type=kind,
-        parent=joint.parent,
-        child=joint.child,
-        origin=Transform.identity()
-        if joint.origin is None
-        else Transform.from_matrix(joint.origin),
-        axis=(1.0, 0.0, 0.0) if kind is JointType.FIXED else _axis(joint),
-        limits=_limits(joint, kind),
-        mimic=None if kind is JointType.FIXED else mimic,
-    )
-
-
-def _axis(joint: yourdfpy.Joint) -> Vector3:
-    axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else joint.axis
-    norm = float(np.linalg.norm(axis))
-    if norm < 1e-9:
-        raise RobotModelError(f"joint {joint.name!r} has a zero <axis>; give it a direction")
-    x, y, z = (axis / norm).tolist()
-    return x, y, z
-
-
-def _limits(joint: yourdfpy.Joint, kind: JointType) -> JointLimits:
-    limit = joint.limit
-    bounded = kind in (JointType.REVOLUTE, JointType.PRISMATIC)
-    if limit is None:
-        if bounded:
-            raise RobotModelError(
-                f"joint {joint.name!r} is {kind} and has no <limit>; give it lower and upper"
-            )
-        return JointLimits()
-    # URDF: lower and upper are 0 where they are left out
-    lower = (limit.lower or 0.0) if bounded else -math.inf
-    upper = (limit.upper or 0.0) if bounded else math.inf
-    if bounded and not lower < upper and joint.mimic is None:
-        raise RobotModelError(
-            f"joint {joint.name!r} has the limits {lower} to {upper}; lower must be below upper"
-        )
-    return JointLimits(
-        lower,
-        upper,
-        math.inf if limit.velocity is None else limit.velocity,
-        math.inf if limit.effort is None else limit.effort,
-    )
+    if child.returncode != 0:
+        raise RobotModelError(f"the process that parses URDF ended with code {child.returncode}")
+    result = pickle.loads(child.stdout)
+    if isinstance(result, RobotModelError):
+        raise result
+    parsed: RobotModel = result
+    return parsed

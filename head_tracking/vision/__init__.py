@@ -1,4 +1,4 @@
-"""Finding things in the images of cameras, and where they are. Needs OpenCV to run."""
+"""Detect and locate objects in camera images. Needs OpenCV."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -35,21 +35,21 @@ DETECTORS: Mapping[str, tuple[Callable[[Any], Detector], type[Any]]] = {
     "marker": (MarkerDetector, MarkerParameters),
     "nearest": (NearestDetector, NearestParameters),
 }
-"""What can be followed: the detector and its parameters."""
+"""Detector and parameter class of each kind of target."""
 
 
 def find_detector(name: str) -> Detector:
-    """Return a detector with its usual parameters, working in one thread.
+    """Return a detector with default parameters that uses one thread.
 
     Args:
-        name: face, colour or marker; the others need a person who selects, or depths.
+        name: face, colour or marker; the other detectors need a selection or depths.
 
     Raises:
         OpenCVMissingError: OpenCV is not installed.
-        ValueError: there is no such detector.
+        ValueError: the name is not one of these.
     """
     if name not in ("face", "colour", "marker"):
-        raise ValueError(f"there is no detector {name!r}; there are face, colour and marker")
+        raise ValueError(f"the detector is {name!r}; allowed are face, colour and marker")
     require_opencv()
     make, parameters = DETECTORS[name]
     return make(parameters())

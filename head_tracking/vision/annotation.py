@@ -1,4 +1,4 @@
-"""Draws into a picture what was found in it."""
+"""Draw detections into images."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _GREEN, _GREY, _WHITE, _SHADOW = (60, 220, 60), (170, 170, 170), (255, 255, 255)
 
 
 def annotated(picture: Pixels, tracks: Sequence[Track], target: Sighting | None) -> Pixels:
-    """A copy of a picture with boxes, features, distances and the picture's middle.
+    """Return a copy of an image with boxes, features, distances and a cross in the middle.
 
     Args:
         picture: blue, green, red, shape (height, width, 3).
-        tracks: everything that is known.
-        target: what is followed, in green; None: nothing.
+        tracks: the tracks to draw in grey.
+        target: the followed object, drawn in green; None: none.
     """
     drawn = picture.copy()
     height, width = drawn.shape[:2]
@@ -41,13 +41,13 @@ def annotated(picture: Pixels, tracks: Sequence[Track], target: Sighting | None)
 
 
 def depth_picture(depth: DepthImage, farthest: float) -> Pixels:
-    """Depths as grey, white is near; shape (height, width, 3).
+    """Return depths as a grey image, shape (height, width, 3); near is white.
 
     Args:
         depth: the depths.
-        farthest: what is as far [m] or unknown is black.
+        farthest: this depth [m] and unknown depths are black.
     """
-    metres = np.fmin(depth.metres(), np.float32(farthest))  # the number of both, where one is NaN
+    metres = np.fmin(depth.metres(), np.float32(farthest))  # ignores NaN
     shade = 255.0 * (1.0 - metres / farthest)
     return np.repeat(shade.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
 

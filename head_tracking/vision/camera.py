@@ -1,4 +1,4 @@
-"""The camera of a CameraInfo message: between pixels and directions in its optical frame."""
+"""Camera model of CameraInfo: conversion between pixels and rays in the optical frame."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from head_tracking.vision.opencv import cv2
 
 
 class CameraError(HeadTrackingError, ValueError):
-    """The camera's calibration can't be used; the message says why."""
+    """The calibration of a camera cannot be used."""
 
 
 class Box(NamedTuple):
-    """A rectangle of an image in pixels; fractions are allowed."""
+    """A rectangle in an image, in (fractional) pixels."""
 
     x: float
     y: float
@@ -29,29 +29,29 @@ class Box(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Its middle: column and row."""
+        """Column and row of the middle."""
         return self.x + self.width / 2, self.y + self.height / 2
 
     def contains(self, point: tuple[float, float]) -> bool:
-        """Whether a point, column and row, lies inside."""
+        """Return whether a point (column, row) lies inside."""
         u, v = point
         return self.x <= u <= self.x + self.width and self.y <= v <= self.y + self.height
 
     def clipped(self, width: int, height: int) -> Box:
-        """The part inside an image; its width or height is 0 if there is none."""
+        """Return the part inside an image; width or height is 0 if there is none."""
         left, top = min(max(self.x, 0.0), width), min(max(self.y, 0.0), height)
         right = min(max(self.x + self.width, left), width)
         bottom = min(max(self.y + self.height, top), height)
         return Box(left, top, right - left, bottom - top)
 
     def grown(self, factor: float) -> Box:
-        """A box of another size around the same middle."""
+        """Return a scaled box with the same middle."""
         x, y = self.centre
         width, height = self.width * factor, self.height * factor
         return Box(x - width / 2, y - height / 2, width, height)
 
     def slices(self) -> tuple[slice, slice]:
-        """Rows and columns of the pixels inside."""
+        """Return the rows and columns of the pixels inside."""
         return (
             slice(math.floor(self.y), math.ceil(self.y + self.height)),
             slice(math.floor(self.x), math.ceil(self.x + self.width)),
@@ -65,7 +65,7 @@ _MODELS = {
     "rational_polynomial": (8, 12, 14),
     "equidistant": (4,),
 }
-"""How many coefficients each distortion model may have."""
+"""Allowed numbers of coefficients of each distortion model."""
 _UNTURNED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -74,16 +74,16 @@ class Camera:
     """A pinhole camera; its optical frame looks along z, with x to the right and y down.
 
     Attributes:
-        width: of its images, in pixels.
-        height: of its images, in pixels.
-        fx: focal length over the width of a pixel.
-        fy: focal length over the height of a pixel.
+        width: width of the images [pixels].
+        height: height of the images [pixels].
+        fx: horizontal focal length [pixels].
+        fy: vertical focal length [pixels].
         cx: column of the optical axis; the middle of the leftmost pixel is 0.
         cy: row of the optical axis.
-        distortion: coefficients as in CameraInfo; empty or all 0: none.
-        fisheye: the coefficients are those of the model `equidistant`.
-        turn: R of CameraInfo, rows one after the other: from the lens's axes to those of the
-            optical frame, which is that of rectified images.
+        distortion: coefficients as in CameraInfo; empty: none.
+        fisheye: whether the distortion model is `equidistant`.
+        turn: R of CameraInfo, row-major: rotation from the axes of the lens to the optical frame of
+            rectified images.
     """
 
     width: int
@@ -112,19 +112,18 @@ class Camera:
         """Return the camera that a CameraInfo message describes.
 
         Args:
-            size: width and height of the full image, in pixels.
-            k: the intrinsic matrix, shape (9,), rows one after the other.
-            distortion: the coefficients d.
-            model: the name of the distortion model.
-            turn: the matrix R, shape (9,), which turns what the lens sees into the frame of
-                rectified images; empty or all 0: they are the same.
-            projection: the matrix P of rectified images, shape (12,).
-            rectified: the images are rectified: P counts, and neither K nor D nor R.
-            binning: how many pixels are taken together, in x and y; 0 counts as 1.
-            region: x, y, width and height of the part that is sent; all 0: everything.
+            size: width and height of the full image [pixels].
+            k: intrinsic matrix K, shape (9,), row-major.
+            distortion: coefficients D.
+            model: name of the distortion model.
+            turn: rotation matrix R, shape (9,), row-major; empty or all 0: identity.
+            projection: projection matrix P, shape (12,), row-major.
+            rectified: whether the images are rectified: use P instead of K, D and R.
+            binning: binning in x and y; 0 is the same as 1.
+            region: x, y, width and height of the region of interest; all 0: the full image.
 
         Raises:
-            CameraError: it makes no sense, such as the zeros of a camera without calibration.
+            CameraError: the values are invalid, such as the zeros of an uncalibrated camera.
         """
         if rectified:
             if len(projection) != 12:
@@ -150,7 +149,7 @@ class Camera:
             )
         if any(distortion) and len(distortion) not in _MODELS.get(model, ()):
             raise CameraError(
-                f"distortion model {model!r} with {len(distortion)} coefficients is not known; "
+                f"the distortion model {model!r} with {len(distortion)} coefficients is unknown; "
                 "use plumb_bob (4 or 5), rational_polynomial (8, 12 or 14), equidistant (4), or "
                 "rectified images"
             )
@@ -169,7 +168,7 @@ class Camera:
         )
 
     def ray(self, pixel: tuple[float, float]) -> tuple[float, float]:
-        """The direction of a pixel (column, row): x and y at z = 1 in the optical frame."""
+        """Return the ray of a pixel (column, row): x and y at z = 1 in the optical frame."""
         x, y = self._ray_of_lens(pixel)
         if self.turn == _UNTURNED:
             return x, y
@@ -190,20 +189,20 @@ class Camera:
         return (pixel[0] - self.cx) / self.fx, (pixel[1] - self.cy) / self.fy
 
     def point(self, pixel: tuple[float, float], depth: float) -> Vector3:
-        """The point [m] in the optical frame that a pixel shows.
+        """Return the point [m] of a pixel in the optical frame.
 
         Args:
             pixel: column and row.
-            depth: its z [m], as in a depth image.
+            depth: z of the point [m], as in a depth image.
         """
         x, y = self.ray(pixel)
         return x * depth, y * depth, depth
 
     def pixel(self, point: Sequence[float]) -> tuple[float, float] | None:
-        """Column and row of a point [m] in the optical frame.
+        """Return column and row of a point [m] in the optical frame.
 
-        None behind the camera, and where the lens's model does not reach: far outside of the image
-        a polynomial turns back, and would show things that are not there.
+        None for a point behind the camera, and for one outside the valid range of the distortion
+        polynomial, which is not monotonic far outside the image.
         """
         x, y, z = point
         if self.turn != _UNTURNED:
@@ -221,11 +220,11 @@ class Camera:
 
     @property
     def matrix(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        """The intrinsic matrix, shape (3, 3)."""
+        """Intrinsic matrix, shape (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def focal_length(self) -> float:
-        """The mean of fx and fy."""
+        """Return the mean of fx and fy [pixels]."""
         return (self.fx + self.fy) / 2
 
 
@@ -234,17 +233,17 @@ def _rows(turn: Sequence[float]) -> npt.NDArray[np.float64]:
 
 
 def _squared(turn: Sequence[float]) -> npt.NDArray[np.float64]:
-    """Return the product of a matrix and its transpose; the unit matrix for a rotation."""
+    """Return the product of a matrix and its transpose."""
     return np.asarray(_rows(turn) @ _rows(turn).T)
 
 
 def camera_with_view(width: int, height: int, horizontal_view: float) -> Camera:
-    """A camera without distortion.
+    """Return a camera without distortion.
 
     Args:
-        width: of the image, in pixels.
-        height: of the image, in pixels.
-        horizontal_view: angle between the left and the right edge [rad].
+        width: width of the images [pixels].
+        height: height of the images [pixels].
+        horizontal_view: horizontal field of view [rad].
     """
     focal = width / 2 / math.tan(horizontal_view / 2)
     return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)

@@ -1,4 +1,4 @@
-"""A head that follows what a detector finds in a camera's pictures."""
+"""Follow a detected object with a head, without ROS."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEFAULT_VIEW = math.radians(60.0)
 
 
 class NoPictureError(HeadTrackingError):
-    """A camera cannot be opened, or gives no more pictures.
+    """A camera cannot be opened, or delivers no more images.
 
     Attributes:
         camera: its number or name.
@@ -29,24 +29,24 @@ class NoPictureError(HeadTrackingError):
 
     def __init__(self, camera: int | str) -> None:
         super().__init__(
-            f"the camera {camera!r} gives no picture; allowed are a number (0: the first camera), "
-            "the name of a device or a file, and a URL; no other program may use the device"
+            f"no image from the camera {camera!r}; allowed are a number (0: the first camera), the "
+            "name of a device or a file, and a URL; no other program may use the device"
         )
         self.camera = camera
 
 
 def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
-    """Yield the pictures of a camera with the times at which they arrived [s, as time.time()].
+    """Yield the images of a camera with their times of arrival [s, as time.time()].
 
     Args:
-        camera: number, device, file or URL, as OpenCV's VideoCapture has it.
+        camera: number, device, file or URL, as for OpenCV's VideoCapture.
 
     Raises:
-        NoPictureError: the camera gives none, or no more.
+        NoPictureError: the camera delivers no image, or no more.
         OpenCVMissingError: OpenCV is not installed.
     """
     capture = cv2.VideoCapture(camera)
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, where the driver can do that
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the latest image, if the driver supports it
     try:
         while capture.grab():
             stamp = time.time()
@@ -59,20 +59,20 @@ def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
 
 
 class CameraFollower:
-    """Leads a head to what is seen, in a thread of its own that `start` begins.
+    """Passes detected points to a head, in a thread.
 
     Args:
-        detector: finds it.
-        source: pictures (blue, green, red; shape (height, width, 3)), with the times at which they
-            were taken [s, as time.time()].
-        follow: is given each point in the camera's optical frame [m], and its time.
-        pose: returns `T_fixed_optical` at a time; may wait for it.
-        camera: that takes the pictures; None: one with `DEFAULT_VIEW`.
-        distances: how far away things may be; None: 2 m where nothing tells it.
+        detector: detects the object.
+        source: images (blue, green, red; shape (height, width, 3)) with their times [s, as
+            time.time()].
+        follow: receives each point in the optical frame [m], and its time [s].
+        pose: returns `T_fixed_optical` at a time [s]; may block until it is known.
+        camera: the camera; None: one with `DEFAULT_VIEW`.
+        distances: limits and assumption of the distance; None: 2 m where it is not measured.
 
     Attributes:
-        sighting: what was seen last; None: the last picture did not show it.
-        error: why it has ended; None: it has not, was closed, or there are no more pictures.
+        sighting: the target in the latest image; None: not detected there.
+        error: the exception that ended the thread; None: none.
     """
 
     def __init__(
@@ -94,16 +94,16 @@ class CameraFollower:
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
     def start(self) -> None:
-        """Begin to look."""
+        """Start the thread."""
         self._thread.start()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it has ended, or for a time [s]; return whether it has ended."""
+        """Wait for the end of the thread, at most for a time [s]; return whether it has ended."""
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
     def close(self) -> None:
-        """End with the picture that is looked at now; the head goes on as after `Head.follow`."""
+        """Stop after the present image."""
         self._ending = True
 
     def _run(self) -> None:
@@ -111,11 +111,11 @@ class CameraFollower:
             for stamp, picture in self._source:
                 if self._ending:
                     return
-                self._look(stamp, picture)
+                self._process(stamp, picture)
         except Exception as error:  # a source or a detector may raise anything
             self.error = error
 
-    def _look(self, stamp: float, picture: Pixels) -> None:
+    def _process(self, stamp: float, picture: Pixels) -> None:
         height, width, _ = picture.shape
         if not picture.size:
             raise ImageError("the picture is empty")

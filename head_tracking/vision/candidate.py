@@ -1,10 +1,11 @@
-"""What a detector found in one image."""
+"""Images, detections in them, and the interface of detectors."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,13 +19,13 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image and what belongs to it.
+    """One image with its camera and depths.
 
     Attributes:
-        stamp: when it was taken [ns].
-        camera: what took it.
-        picture: its colours; None where only depths are looked at.
-        depth: aligned depths; None where there are none.
+        stamp: time of the image [ns].
+        camera: the camera.
+        picture: the colours; None: depths only.
+        depth: depths aligned with the image; None: none.
     """
 
     stamp: int
@@ -35,17 +36,17 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One thing that may be the target.
+    """One detected object.
 
     Attributes:
-        box: around it.
-        centre: column and row of its middle.
-        confidence: how sure the detector is, 0 to 1.
-        label: what it is, if there are different ones, such as a marker's number.
-        unique: the label is the name of one thing, wherever it is.
-        mask: which pixels of the box belong to it; None: an ellipse that fills most of it.
-        position: where it is in the optical frame [m], if the detector knows.
-        points: columns and rows to show, such as corners and features, shape (N, 2).
+        box: bounding box.
+        centre: column and row of the middle.
+        confidence: 0 to 1.
+        label: class or name, such as the number of a marker.
+        unique: whether the label identifies one object.
+        mask: pixels of the box that belong to the object; None: an ellipse in the box.
+        position: position in the optical frame [m], if the detector measures it.
+        points: columns and rows to draw, such as corners and features, shape (N, 2).
     """
 
     box: Box
@@ -60,36 +61,36 @@ class Candidate:
     )
 
 
-class Detector(Protocol):
-    """Finds things of one kind; may remember where they were."""
-
-    @property
-    def parameters(self) -> Any:
-        """How it looks; may change on the way."""
-
-    @parameters.setter
-    def parameters(self, value: Any) -> None: ...
-
-    def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """All things of the kind.
-
-        Args:
-            frame: where to look.
-            hints: where things that are followed should be now.
-        """
-
-    def select(self, frame: Frame, box: Box) -> None:
-        """A person shows what to follow."""
-
-    def reset(self) -> None:
-        """Forgets what was selected."""
-
-
-class GivenDetector:
-    """Passes on what another program has found.
+class Detector(ABC):
+    """Detects objects of one kind; may keep a state between images.
 
     Attributes:
-        candidates: of the next frame.
+        parameters: may be changed at any time.
+    """
+
+    parameters: Any
+
+    @abstractmethod
+    def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
+        """Return all detected objects.
+
+        Args:
+            frame: the image.
+            hints: predicted boxes of tracked objects.
+        """
+
+    def select(self, frame: Frame, box: Box) -> None:  # noqa: B027
+        """Learn the object in a box that a user has drawn."""
+
+    def reset(self) -> None:  # noqa: B027
+        """Discard the selected object."""
+
+
+class GivenDetector(Detector):
+    """Returns detections of another program.
+
+    Attributes:
+        candidates: the detections in the next image.
     """
 
     def __init__(self, parameters: Any = None) -> None:
@@ -97,23 +98,17 @@ class GivenDetector:
         self.candidates: list[Candidate] = []
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """What was found in it."""
+        """Return the given detections."""
         return self.candidates
-
-    def select(self, frame: Frame, box: Box) -> None:
-        """The other program does not choose."""
-
-    def reset(self) -> None:
-        """Remembers nothing."""
 
 
 def ellipse_mask(height: int, width: int, fill: float = 0.7) -> Mask:
-    """The pixels of an ellipse in the middle of a box.
+    """Return the pixels of an ellipse in the middle of a box, shape (height, width).
 
     Args:
-        height: of the box in pixels.
-        width: of the box in pixels.
-        fill: its axes as a share of the box.
+        height: height of the box [pixels].
+        width: width of the box [pixels].
+        fill: axes of the ellipse, relative to the box.
     """
     v = (np.arange(height) + 0.5) / height * 2 - 1
     u = (np.arange(width) + 0.5) / width * 2 - 1

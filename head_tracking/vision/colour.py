@@ -1,4 +1,4 @@
-"""Things of one colour."""
+"""Detector of objects of one colour."""
 
 from __future__ import annotations
 
@@ -10,39 +10,41 @@ import numpy.typing as npt
 
 from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
-from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.opencv import cv2
 
-_MOST = 8
+_MAXIMUM = 8  # detections
 _OPENING = np.ones((3, 3), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
 class ColourParameters:
-    """Which colour; a rectangle drawn around a thing sets it too."""
+    """The colour; selecting a box sets it, too."""
 
     hue: float = parameter(
         24.0, "Red 0, yellow 60, green 120, blue 240.", unit="deg", minimum=0.0, maximum=360.0
     )
     hue_tolerance: float = parameter(
-        14.0, "Hues so far away count too.", unit="deg", minimum=1.0, maximum=180.0
+        14.0, "Largest difference of the hue.", unit="deg", minimum=1.0, maximum=180.0
     )
-    min_saturation: float = parameter(0.55, "Paler pixels do not count.", minimum=0.0, maximum=1.0)
-    min_value: float = parameter(0.25, "Darker pixels do not count.", minimum=0.0, maximum=1.0)
+    min_saturation: float = parameter(
+        0.55, "Minimum saturation of a pixel.", minimum=0.0, maximum=1.0
+    )
+    min_value: float = parameter(0.25, "Minimum brightness of a pixel.", minimum=0.0, maximum=1.0)
     min_area: float = parameter(
         0.0004, "Smallest blob, as a share of the image.", minimum=0.0, maximum=1.0
     )
 
 
-class ColourDetector:
-    """Finds connected blobs of one colour."""
+class ColourDetector(Detector):
+    """Detects connected regions of one colour."""
 
     def __init__(self, parameters: ColourParameters) -> None:
         self.parameters = parameters
         self._selected: ColourParameters | None = None
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """The largest blobs."""
+        """Return the largest regions."""
         if frame.picture is None:
             return []
         p = self._selected or self.parameters
@@ -53,12 +55,12 @@ class ColourDetector:
         width, height = frame.picture.size
         least = max(4.0, p.min_area * width * height)
         found = []
-        for i in np.argsort(-stats[1:count, cv2.CC_STAT_AREA])[:_MOST] + 1:
+        for i in np.argsort(-stats[1:count, cv2.CC_STAT_AREA])[:_MAXIMUM] + 1:
             x, y, w, h, area = stats[i].tolist()
             if area < least:
                 break
             u, v = centres[i].tolist()
-            # a thing fills much of its box; scattered pixels of the colour do not
+            # an object fills much of its box; scattered pixels do not
             fill = area / (w * h)
             found.append(
                 Candidate(
@@ -71,7 +73,7 @@ class ColourDetector:
         return found
 
     def select(self, frame: Frame, box: Box) -> None:
-        """Takes the colour that is in the middle of a rectangle."""
+        """Set the colour to that in the middle of a box."""
         if frame.picture is None:
             return
         width, height = frame.picture.size
@@ -90,17 +92,17 @@ class ColourDetector:
         )
 
     def reset(self) -> None:
-        """Back to the colour of the parameters."""
+        """Use the colour of the parameters again."""
         self._selected = None
 
 
 def _inside(hsv: npt.NDArray[np.uint8], p: ColourParameters) -> npt.NDArray[np.uint8]:
-    """255 where the colour is right, shape (height, width)."""
+    """Return 255 for pixels of the colour, shape (height, width)."""
     low, high = (p.hue - p.hue_tolerance) / 2, (p.hue + p.hue_tolerance) / 2
     least = (round(255 * p.min_saturation), round(255 * p.min_value))
     if high - low >= 180:
         return np.asarray(cv2.inRange(hsv, (0, *least), (179, 255, 255)))
-    # hues are a circle of 180: what sticks out on one side continues on the other
+    # hues are cyclic with period 180
     mask = cv2.inRange(hsv, (max(0, low), *least), (min(179, high), 255, 255))
     if low < 0:
         mask |= cv2.inRange(hsv, (180 + low, *least), (179, 255, 255))

@@ -1,70 +1,44 @@
-"""Depths of things, from depth images with holes, edges and noise."""
+"""Depth of an object, from depth images with holes, edges and noise."""
 
 from __future__ import annotations
-
-import math
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 _BAND = 0.04
-"""Depths within this share of each other are of one surface."""
+"""Depths within this relative difference belong to one surface."""
 
-_LEAST_PIXELS = 4
-
-
-class SurfaceDepth(NamedTuple):
-    """How far away a thing is.
-
-    Attributes:
-        metres: the median depth of its surface [m].
-        share: of the pixels of the thing, how many lie on that surface, 0 to 1.
-    """
-
-    metres: float
-    share: float
+_MINIMUM_PIXELS = 4
 
 
 def surface_depth(
-    depths: npt.NDArray[np.float32],
-    near: float,
-    far: float,
-    least_share: float = 0.1,
-    expected: float | None = None,
-) -> SurfaceDepth | None:
-    """The depth of the surface that fills most of a region.
+    depths: npt.NDArray[np.float32], near: float, far: float, least_share: float = 0.1
+) -> float | None:
+    """Return the median depth [m] of the surface that fills most of a region.
 
-    A region holds holes, and pixels of what is behind or before the thing. Depths are sorted into
-    bins of equal ratio; the fullest stretch of one band's width is the surface, and its median
-    is the depth. Where several stretches are nearly as full, the nearest one is taken, or the one
-    nearest to what is expected.
+    A region contains holes, and pixels behind and in front of the object. Depths are sorted into
+    bins of equal ratio; the fullest interval of one band is the surface. Of several intervals that
+    are nearly as full, the nearest is used.
 
     Args:
-        depths: of the region [m], any shape; NaN where unknown.
-        near: nearest depth that counts [m].
-        far: farthest depth that counts [m].
-        least_share: of the region, that has to be on the surface.
-        expected: about how far away it should be [m].
+        depths: depths of the region [m], any shape; NaN: unknown.
+        near: minimum depth [m].
+        far: maximum depth [m].
+        least_share: minimum share of the region that the surface covers.
 
     Returns:
-        None where too little is known.
+        None if too few depths are known.
     """
-    total = depths.size
+    minimum = max(_MINIMUM_PIXELS, least_share * depths.size)
     valid = depths[np.isfinite(depths) & (depths >= near) & (depths <= far)]
-    if valid.size < max(_LEAST_PIXELS, least_share * total):
+    if valid.size < minimum:
         return None
     logs = np.log(valid)
     low = float(logs.min())
     bins = np.bincount(((logs - low) / (_BAND / 2)).astype(np.int64))
-    stretches = np.convolve(bins, [1, 1, 1], "same")
-    peaks = np.flatnonzero(stretches >= 0.7 * stretches.max())
-    if expected is None:
-        peak = peaks[0] + int(np.argmax(stretches[peaks[0] : peaks[0] + 3]))
-    else:
-        peak = peaks[np.argmin(np.abs(low + (peaks + 0.5) * _BAND / 2 - math.log(expected)))]
+    counts = np.convolve(bins, [1, 1, 1], "same")
+    first = int(np.flatnonzero(counts >= 0.7 * counts.max())[0])
+    peak = first + int(np.argmax(counts[first : first + 3]))
     middle = low + (peak + 0.5) * _BAND / 2
     surface = valid[np.abs(logs - middle) <= _BAND]
-    if surface.size < max(_LEAST_PIXELS, least_share * total):
-        return None
-    return SurfaceDepth(float(np.median(surface)), surface.size / total)
+    return None if surface.size < minimum else float(np.median(surface))

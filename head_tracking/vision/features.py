@@ -1,4 +1,4 @@
-"""A cluster of features inside a rectangle, followed by optical flow and found again."""
+"""Detector of a selected cluster of features, by optical flow and template matching."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
-from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.opencv import cv2
 
 Gray: TypeAlias = npt.NDArray[np.uint8]
 Points: TypeAlias = npt.NDArray[np.float32]
 
-_TEMPLATE = 32  # pixels: longer edge of the small picture that things are recognised by
+_TEMPLATE = 32  # pixels: longer edge of the template
 _MARGIN = 1.5
 _FLOW = {
     "winSize": (15, 15),
@@ -29,26 +29,26 @@ _SMALLEST_BOX = 8  # pixels
 
 @dataclass(frozen=True, slots=True)
 class FeatureParameters:
-    """How a cluster is followed."""
+    """Tracking of the cluster."""
 
-    max_features: int = parameter(60, "Features to follow, at most.", minimum=8, maximum=1000)
+    max_features: int = parameter(60, "Maximum number of features.", minimum=8, maximum=1000)
     min_features: int = parameter(
-        15, "With fewer, new ones are looked for in the cluster.", minimum=3, maximum=1000
+        15, "With fewer features, new ones are detected in the cluster.", minimum=3, maximum=1000
     )
     match: float = parameter(
         0.6,
-        "How much the cluster has to look as it was selected: below it is lost, above found again.",
+        "Minimum correlation with the template: below it the cluster is lost.",
         minimum=0.1,
         maximum=1.0,
     )
 
 
-class FeatureDetector:
-    """Follows what a person has drawn a rectangle around.
+class FeatureDetector(Detector):
+    """Follows the object in a box that a user has drawn.
 
-    Lucas-Kanade flow leads the features from image to image, forth and back; those that do not
-    come back to where they were, or leave the cluster, are dropped. The cluster is compared with
-    how it looked when it was selected: that keeps it from drifting, and finds it again.
+    Lucas-Kanade flow is computed forward and backward; features that do not return to their start,
+    or leave the cluster, are dropped. A template of the selected box corrects drift and finds the
+    cluster again after a loss.
     """
 
     def __init__(self, parameters: FeatureParameters) -> None:
@@ -59,7 +59,7 @@ class FeatureDetector:
         self._box = Box(0, 0, 0, 0)
 
     def select(self, frame: Frame, box: Box) -> None:
-        """Takes what is in a rectangle, if there is enough of it."""
+        """Learn the object in a box, if it is large and has contrast."""
         self.reset()
         if frame.picture is None:
             return
@@ -71,24 +71,24 @@ class FeatureDetector:
         size = (max(4, round(box.width * scale)), max(4, round(box.height * scale)))
         template = cv2.resize(gray[box.slices()], size, interpolation=cv2.INTER_AREA)
         if float(template.std()) < 4.0:
-            return  # nothing to hold on to
+            return  # no contrast
         self._template = template
         self._begin(gray, box)
 
     def reset(self) -> None:
-        """Follows nothing."""
+        """Discard the selected object."""
         self._template = self._before = None
         self._points = np.zeros((0, 2), np.float32)
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """The cluster, if it was selected and is seen."""
+        """Return the selected cluster if it is visible."""
         if self._template is None or frame.picture is None:
             return []
         gray = frame.picture.gray
         followed = self._flow(gray)
         match = self._compare(gray, self._template) if followed else 0.0
         if match < self.parameters.match:
-            match = self._find(gray, self._template)
+            match = self._search(gray, self._template)
         self._before = gray
         if match < self.parameters.match:
             self._points = np.zeros((0, 2), np.float32)
@@ -98,7 +98,7 @@ class FeatureDetector:
         return [Candidate(self._box, self._box.centre, match, points=self._points)]
 
     def _begin(self, gray: Gray, box: Box) -> None:
-        """Looks for features in a box."""
+        """Detect features in a box."""
         inside = box.clipped(gray.shape[1], gray.shape[0])
         rows, columns = inside.slices()
         part = gray[rows, columns]
@@ -111,7 +111,7 @@ class FeatureDetector:
             self._points = found.reshape(-1, 2) + np.array([columns.start, rows.start], np.float32)
 
     def _flow(self, gray: Gray) -> bool:
-        """Moves features and box along with the picture; whether enough of them came along."""
+        """Move features and box by the optical flow; return whether enough features remain."""
         before, points = self._before, self._points
         if before is None or before.shape != gray.shape or len(points) < 3:
             return False
@@ -144,7 +144,7 @@ class FeatureDetector:
         return len(self._points) >= 3
 
     def _compare(self, gray: Gray, template: Gray) -> float:
-        """How much the box looks like the template; moves it to where it looks most like it."""
+        """Return the correlation of the box with the template; move the box to the best match."""
         around = self._box.grown(_MARGIN)
         whole = around.clipped(gray.shape[1], gray.shape[0])
         if whole.width < 0.75 * around.width or whole.height < 0.75 * around.height:
@@ -163,14 +163,14 @@ class FeatureDetector:
         )
         if match >= self.parameters.match:
             x, y = columns.start + column / scale, rows.start + row / scale
-            # a pixel of the template is several of the image: only a part of the way is certain
+            # a template pixel covers several image pixels: correct a part of the difference
             self._box = self._box._replace(
                 x=self._box.x + 0.2 * (x - self._box.x), y=self._box.y + 0.2 * (y - self._box.y)
             )
         return float(match)
 
-    def _find(self, gray: Gray, template: Gray) -> float:
-        """Looks for the template in the whole image; how well it was found."""
+    def _search(self, gray: Gray, template: Gray) -> float:
+        """Search the whole image for the template; return the best correlation."""
         best, where = 0.0, self._box
         for factor in (0.8, 1.0, 1.25):
             width = self._box.width * factor

@@ -1,4 +1,4 @@
-"""Who is who from image to image."""
+"""Identity of objects from image to image: data association and track management."""
 
 from __future__ import annotations
 
@@ -18,50 +18,50 @@ from head_tracking.vision.looks import Appearance, appearance_distance
 
 Vector: TypeAlias = npt.NDArray[np.float64]
 
-_ACCELERATION = 2.0  # m/s²: how abruptly people and things change their speed
+_ACCELERATION = 2.0  # m/s²: process noise
 _CONFIRMED_OF = 5  # images
 _IMPOSSIBLE = 1e6
 _FARTHEST = 0.5
-"""What was out of sight is the same only so near [m] to where it should be: how far it may have
-gone grows with every second, and the people within reach with it."""
-_OTHER_LOOKS, _OTHER_LOOKS_ELSEWHERE = 0.75, 0.5
-"""Appearances that differ by more are of two people; the second bound is for somebody who was out
-of sight, or is not quite where the first one should be. Of rendered people the same one differs by
-less than 0.45, another one by more than 0.6."""
+"""Maximum distance [m] from the predicted position after a loss. Without this limit the gate would
+grow with time, and so the risk of taking over another person."""
+_MOST_DIFFERENT, _MOST_DIFFERENT_AFTER_LOSS = 0.75, 0.5
+"""Maximum distance of the appearances of one object; the second value applies after a loss, or away
+from the predicted position. For rendered people it is below 0.45 for the same person and above 0.6
+for others."""
 
 
 @dataclass(frozen=True, slots=True)
 class IdentityParameters:
-    """When something is the target, and when it is not any more."""
+    """Confirmation and loss of tracks."""
 
     confirm_images: int = parameter(
         3,
-        "Something has to be found in so many of five images before it is believed.",
+        "An object is confirmed after detections in so many of five images.",
         minimum=1,
         maximum=_CONFIRMED_OF,
     )
     memory: float = parameter(
         2.0,
-        "What was not seen for so long is forgotten; until then the target is kept.",
+        "A lost target is kept for this time.",
         unit="s",
         minimum=0.1,
         maximum=60.0,
     )
     min_confidence: float = parameter(
-        0.3, "What is less certain is not published.", minimum=0.0, maximum=1.0
+        0.3, "Minimum confidence of a published target.", minimum=0.0, maximum=1.0
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """A candidate with its place.
+    """A detection with its position.
 
     Attributes:
-        candidate: what was found.
-        point: where [m], in the optical frame.
-        depth_known: its distance was measured, not assumed.
-        radius: half of the angle that it fills [rad].
-        appearance: see `colours_of`; empty without a picture.
+        candidate: the detection.
+        point: position in the optical frame [m].
+        depth_known: whether the distance was measured.
+        radius: half of the angular width [rad].
+        appearance: see `colours_of`; empty without colours.
     """
 
     candidate: Candidate
@@ -72,7 +72,7 @@ class Located:
 
 
 class Track:
-    """One thing over time: a Kalman filter with constant velocity, in a frame that stands still."""
+    """One object over time: a Kalman filter with constant velocity in the fixed frame."""
 
     def __init__(self, number: int, located: Located, position: Vector, now: float) -> None:
         self.number = number
@@ -90,12 +90,12 @@ class Track:
 
     @property
     def located(self) -> Located | None:
-        """Where it was found in the newest image; None if it was not."""
+        """Detection in the latest image; None: not detected."""
         return self.latest if self.seen == self.now else None
 
     def predict(self, now: float) -> None:
-        """Move on to the time `now` [s]."""
-        # what was not seen for a while has rather stopped than gone on for ever
+        """Predict to the time `now` [s]."""
+        # the predicted speed decays after a loss
         lost = self.now - self.seen
         dt, self.now = now - self.now, now
         self.position = self.position + self.velocity * dt * math.exp(-lost)
@@ -104,7 +104,7 @@ class Track:
         self.covariance = advance @ self.covariance @ advance.T + noise
 
     def update(self, located: Located, position: Vector, spread: float) -> None:
-        """Takes what was found of it, with a standard deviation [m]."""
+        """Correct by a detection with a standard deviation [m]."""
         gain = self.covariance[:, 0] / (self.covariance[0, 0] + spread**2)
         change = position - self.position
         self.position = self.position + gain[0] * change
@@ -115,12 +115,12 @@ class Track:
         self._remember(True)
 
     def missed(self) -> None:
-        """It was not found."""
+        """Record a missing detection."""
         self.confidence *= 0.8
         self._remember(False)
 
     def confirmed(self, images: int) -> bool:
-        """Whether it was found in so many of the last five images."""
+        """Return whether it was detected in so many of the last five images."""
         return sum(self.recent) >= images
 
     def _remember(self, found: bool) -> None:
@@ -128,7 +128,7 @@ class Track:
 
 
 class Identity:
-    """Tells things apart by place, motion and looks, and keeps to one of them."""
+    """Assigns detections to tracks by position, motion and appearance, and follows one track."""
 
     def __init__(self, parameters: IdentityParameters) -> None:
         self.parameters = parameters
@@ -138,23 +138,23 @@ class Identity:
 
     @property
     def sighted(self) -> Track | None:
-        """The one that is followed, if it was found in the newest image and is certain enough."""
+        """The followed track if it is confirmed, certain, and detected in the latest image."""
         track = self.followed
         if track is None or track.located is None or not track.believed:
             return None
         return track if track.confidence >= self.parameters.min_confidence else None
 
     def reset(self) -> None:
-        """Forgets everybody."""
+        """Delete all tracks."""
         self.tracks, self.followed = [], None
 
     def update(self, found: Sequence[Located], T_fixed_optical: Transform, now: float) -> None:
-        """Takes what was found in one image.
+        """Update the tracks with the detections of one image.
 
         Args:
-            found: in the optical frame.
-            T_fixed_optical: the camera's pose in a frame that stands still.
-            now: the image's time [s].
+            found: detections in the optical frame.
+            T_fixed_optical: pose of the camera in the fixed frame.
+            now: time of the image [s].
         """
         for track in self.tracks:
             track.predict(now)
@@ -164,25 +164,25 @@ class Identity:
              for track in self.tracks]
         ).reshape(len(self.tracks), len(found))  # fmt: skip
         pairs = assign(costs, _IMPOSSIBLE)
-        taken = set(pairs.values())
+        assigned = set(pairs.values())
         for i, track in enumerate(self.tracks):
             if i in pairs:
-                self._take(track, found, pairs[i], T_fixed_optical)
+                self._correct(track, found, pairs[i], T_fixed_optical)
             else:
                 track.missed()
         for j, located in enumerate(found):
-            if j not in taken:
+            if j not in assigned:
                 self._number += 1
                 position = np.array(T_fixed_optical @ located.point)
                 self.tracks.append(Track(self._number, located, position, now))
-        self.tracks = [track for track in self.tracks if self._kept(track, now)]
+        self.tracks = [track for track in self.tracks if self._is_kept(track, now)]
         self._choose()
 
     def follow(self, track: Track) -> None:
-        """Keeps to this one from now on."""
+        """Follow this track."""
         self.followed = track
 
-    def _take(
+    def _correct(
         self, track: Track, found: Sequence[Located], index: int, T_fixed_optical: Transform
     ) -> None:
         located = found[index]
@@ -199,7 +199,7 @@ class Identity:
             track.appearance = 0.95 * track.appearance + 0.05 * located.appearance
 
     def _cost(self, track: Track, located: Located, T_optical_fixed: Transform) -> float:
-        """How unlikely it is that they are the same; 1 is about as far as it may go."""
+        """Return the cost of assigning a detection to a track."""
         if located.candidate.label != track.label:
             return _IMPOSSIBLE
         if located.candidate.unique:
@@ -219,12 +219,12 @@ class Identity:
         lost, here = not track.recent[-1], angle <= 0.03 + located.radius
         if angle > reach or ratio > 0.7 or (lost and angle * away > _FARTHEST):
             return _IMPOSSIBLE
-        looks = appearance_distance(track.appearance, located.appearance)
-        if looks > (_OTHER_LOOKS if here and not lost else _OTHER_LOOKS_ELSEWHERE):
+        difference = appearance_distance(track.appearance, located.appearance)
+        if difference > (_MOST_DIFFERENT if here and not lost else _MOST_DIFFERENT_AFTER_LOSS):
             return _IMPOSSIBLE
-        return angle / reach + 2.0 * ratio + 3.0 * looks
+        return angle / reach + 2.0 * ratio + 3.0 * difference
 
-    def _kept(self, track: Track, now: float) -> bool:
+    def _is_kept(self, track: Track, now: float) -> bool:
         track.believed = track.believed or track.confirmed(self.parameters.confirm_images)
         if track.believed:
             return now - track.seen <= self.parameters.memory
@@ -233,7 +233,7 @@ class Identity:
     def _choose(self) -> None:
         if self.followed is not None and self.followed in self.tracks:
             return
-        sure = [
+        certain = [
             track
             for track in self.tracks
             if track.located is not None
@@ -241,7 +241,7 @@ class Identity:
             and track.confidence >= self.parameters.min_confidence
         ]
         self.followed = max(
-            sure,
+            certain,
             key=lambda track: track.latest.candidate.box.width,
             default=None,
         )

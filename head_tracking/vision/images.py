@@ -1,4 +1,4 @@
-"""The data of sensor_msgs/Image messages as arrays: pictures of any usual encoding, and depths."""
+"""Decode the data of sensor_msgs/Image and CompressedImage: colours and depths."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ Pixels: TypeAlias = npt.NDArray[np.uint8]
 
 
 class ImageError(HeadTrackingError, ValueError):
-    """An image can't be used; the message says why."""
+    """An image cannot be used."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawImage:
-    """An image as it came.
+    """An encoded image.
 
     Attributes:
-        encoding: by the names of sensor_msgs/image_encodings.
-        width: in pixels.
-        height: in pixels.
+        encoding: name in sensor_msgs/image_encodings.
+        width: [pixels].
+        height: [pixels].
         step: bytes from one row to the next.
-        data: at least height times step bytes; anything with a buffer.
-        is_bigendian: the order of bytes in a number of several bytes.
+        data: an object with the buffer protocol, at least height * step bytes.
+        is_bigendian: byte order of numbers with several bytes.
     """
 
     encoding: str
@@ -43,10 +43,10 @@ class RawImage:
     is_bigendian: bool = False
 
     def rows(self, kind: str, channels: int) -> npt.NDArray[Any]:
-        """The numbers without padding, shape (height, width, channels), in this machine's order.
+        """Return the numbers, shape (height, width, channels), in native byte order.
 
         Raises:
-            ImageError: there is less data than that.
+            ImageError: the image is empty, or there are too few bytes.
         """
         dtype = np.dtype(kind)
         row = self.width * channels * dtype.itemsize
@@ -69,10 +69,10 @@ class RawImage:
 
 
 class Picture:
-    """A picture in the forms that detectors want, each made when it is asked for.
+    """An image in the colour spaces of detectors, converted on demand.
 
     Args:
-        bgr: shape (height, width, 3): blue, green, red.
+        bgr: blue, green, red; shape (height, width, 3).
     """
 
     def __init__(self, bgr: Pixels) -> None:
@@ -95,11 +95,11 @@ class Picture:
 
 
 class DepthImage:
-    """Distances along the optical axis.
+    """Depths along the optical axis.
 
     Args:
-        numbers: shape (height, width), millimetres as integers or metres as floats; 0, negative
-            and not finite: unknown.
+        numbers: integers [mm] or floats [m], shape (height, width); 0, negative and not finite
+            values mean unknown.
     """
 
     def __init__(self, numbers: npt.NDArray[Any]) -> None:
@@ -114,7 +114,7 @@ class DepthImage:
     def metres(
         self, rows: slice = slice(None), columns: slice = slice(None)
     ) -> npt.NDArray[np.float32]:
-        """The depths of a part [m]; NaN where they are unknown."""
+        """Return the depths of a part [m]; NaN: unknown."""
         part = self._numbers[rows, columns].astype(np.float32)
         if self._unit != 1.0:
             part *= self._unit
@@ -122,75 +122,75 @@ class DepthImage:
         return part
 
     def part(self, box: Box) -> npt.NDArray[np.float32]:
-        """The depths inside a box [m]; empty if it is outside of the image."""
+        """Return the depths in a box [m]; empty outside the image."""
         return self.metres(*box.clipped(*self.size).slices())
 
 
 def decode_picture(image: RawImage) -> Picture:
-    """The picture of an image in colour or grey.
+    """Decode an image in colour or grey.
 
     Raises:
-        ImageError: the encoding is not one of a picture, or the data does not fit it.
+        ImageError: the encoding is not supported, or the data does not match it.
     """
     try:
         decode = _DECODERS[image.encoding.lower()]
     except KeyError:
         raise ImageError(
-            f"the encoding {image.encoding!r} is not one of a picture; usable are "
+            f"the image encoding {image.encoding!r} is not supported; supported are "
             f"{', '.join(sorted(_DECODERS))}"
         ) from None
     return Picture(decode(image))
 
 
 def decode_depth(image: RawImage) -> DepthImage:
-    """The distances of a depth image: 16UC1 or mono16 in millimetres, or 32FC1 in metres.
+    """Decode a depth image: 16UC1 or mono16 [mm], or 32FC1 [m].
 
     Raises:
-        ImageError: another encoding, or the data does not fit it.
+        ImageError: the encoding is not supported, or the data does not match it.
     """
     kind = {"16uc1": "u2", "mono16": "u2", "32fc1": "f4"}.get(image.encoding.lower())
     if kind is None:
         raise ImageError(
-            f"the encoding {image.encoding!r} is not one of depths; usable are 16UC1 "
+            f"the depth encoding {image.encoding!r} is not supported; supported are 16UC1 "
             "(millimetres) and 32FC1 (metres)"
         )
     return DepthImage(image.rows(kind, 1)[..., 0])
 
 
 def decode_compressed_picture(data: Any, described: str) -> Picture:
-    """The picture of a sensor_msgs/CompressedImage.
+    """Decode a sensor_msgs/CompressedImage.
 
     Args:
-        data: a JPEG, a PNG, or whatever else OpenCV reads; anything with a buffer.
-        described: the message's `format`.
+        data: JPEG, PNG or another format of OpenCV; an object with the buffer protocol.
+        described: `format` of the message.
 
     Raises:
-        ImageError: OpenCV cannot read it.
+        ImageError: OpenCV cannot decode it.
     """
     return Picture(_decompressed(data, described, cv2.IMREAD_COLOR))
 
 
 def decode_compressed_depth(data: Any, described: str) -> DepthImage:
-    """The distances of a CompressedImage of image_transport's `compressedDepth`.
+    """Decode a CompressedImage of the image transport `compressedDepth`.
 
-    Twelve bytes (an unused number and two floats a and b) stand before a PNG with 16 bits. Of 16UC1
-    it holds millimetres; of 32FC1 it holds a / depth + b, and 0 where the depth is unknown (source:
+    Twelve bytes (an unused number and two floats a and b) precede a PNG with 16 bits. It contains
+    millimetres for 16UC1, and a / depth + b (0: unknown) for 32FC1 (source:
     compressed_depth_image_transport).
 
     Args:
-        data: anything with a buffer.
-        described: the message's `format`, such as "16UC1; compressedDepth png".
+        data: an object with the buffer protocol.
+        described: `format` of the message, such as "16UC1; compressedDepth png".
 
     Raises:
-        ImageError: another compression, or the data is damaged.
+        ImageError: the compression is not supported, or the data is damaged.
     """
     encoding, _, how = (part.strip().lower() for part in described.partition(";"))
     if encoding not in ("16uc1", "mono16", "32fc1") or how not in (
         "compresseddepth", "compresseddepth png",
     ):  # fmt: skip
         raise ImageError(
-            f"the format {described!r} is not one of compressed depths; usable are '16UC1; "
-            "compressedDepth png' and '32FC1; compressedDepth png'"
+            f"the format {described!r} of a compressed depth image is not supported; supported are "
+            "'16UC1; compressedDepth png' and '32FC1; compressedDepth png'"
         )
     numbers = _decompressed(np.frombuffer(data, np.uint8)[12:], described, cv2.IMREAD_UNCHANGED)
     if numbers.dtype != np.uint16 or numbers.ndim != 2:
@@ -207,16 +207,16 @@ def decode_compressed_depth(data: Any, described: str) -> DepthImage:
     return DepthImage(depths)
 
 
-def _decompressed(data: Any, described: str, how: int) -> npt.NDArray[Any]:
+def _decompressed(data: Any, described: str, flags: int) -> npt.NDArray[Any]:
     coded = np.frombuffer(data, np.uint8)
     try:
-        decoded = cv2.imdecode(coded, how) if coded.size else None
+        decoded = cv2.imdecode(coded, flags) if coded.size else None
     except cv2.error as error:
         raise ImageError(f"the compressed image {described!r} is damaged: {error}") from error
     if decoded is None:
         raise ImageError(
-            f"the compressed image {described!r} of {coded.size} bytes is damaged, or compressed "
-            "in a way that OpenCV cannot read"
+            f"the compressed image {described!r} of {coded.size} bytes is damaged, or OpenCV does "
+            "not support its compression"
         )
     return np.asarray(decoded)
 
@@ -243,7 +243,9 @@ def _bayer(kind: str, conversion: str) -> _Decoder:
 
     def decode(image: RawImage) -> Pixels:
         if image.width < 2 or image.height < 2:
-            raise ImageError(f"a Bayer image of {image.width}x{image.height} pixels has no colours")
+            raise ImageError(
+                f"the Bayer image has {image.width}x{image.height} pixels; the minimum is 2x2"
+            )
         return convert(image)
 
     return decode
@@ -271,7 +273,7 @@ _DECODERS: dict[str, _Decoder] = {
         (f"bgra{bits}", _converted(kind, 4, "BGRA2BGR")),
         (f"rgba{bits}", _converted(kind, 4, "RGBA2BGR")),
         (f"mono{bits}", _converted(kind, 1, "GRAY2BGR")),
-        # OpenCV names a pattern by its second row: rggb is its BayerBG
+        # OpenCV names a pattern by its second row: rggb is BayerBG
         (f"bayer_rggb{bits}", _bayer(kind, "BayerBG2BGR")),
         (f"bayer_bggr{bits}", _bayer(kind, "BayerRG2BGR")),
         (f"bayer_gbrg{bits}", _bayer(kind, "BayerGR2BGR")),

@@ -1,4 +1,4 @@
-"""What things look like: histograms of colours, to tell one person from another."""
+"""Appearance of objects: colour histograms that distinguish people."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from head_tracking.vision.opencv import cv2
 Appearance: TypeAlias = npt.NDArray[np.float32]
 
 _BINS = (12, 4, 4)
-_DEEP = 0.35  # m: body and clothes are within this of the face; what is farther is background
+_DEPTH = 0.35  # m between face and clothes at most; other pixels are background
 
 
 def colours_of(frame: Frame, candidate: Candidate, depth: float | None = None) -> Appearance:
-    """Return how the colours of a thing, and of what is below it (clothes), are distributed.
+    """Return colour histograms of an object and of the region below it (clothes).
 
     Args:
-        frame: the image, which has a picture.
-        candidate: what was found in it.
-        depth: how far away it is [m], to leave out the background; None: unknown.
+        frame: the image, with colours.
+        candidate: the object.
+        depth: depth of the object [m], to exclude the background; None: unknown.
 
     Returns:
-        Shares of hue, saturation and value: of the thing, and of what is below it; shape (2, 192).
-        The sum of a row is 1, or 0 where nothing of that part is seen.
+        Histograms of hue, saturation and value, shape (2, 192): object, region below. The sum of a
+        row is 1, or 0 if that region is not visible.
     """
     box = candidate.box
     below = Box(box.x, box.y + box.height, box.width, 0.35 * box.height)
     rows = [
         _histogram(frame, box, depth, _mask(frame, candidate)),
-        # a mask is the whole thing
+        # a mask covers the whole object
         _histogram(frame, below, depth) if candidate.mask is None else _NOTHING,
     ]
     return np.stack(rows)
 
 
 def appearance_distance(a: Appearance, b: Appearance) -> float:
-    """Return the Hellinger distance of two appearances in the part in which they differ most.
+    """Return the larger Hellinger distance of the two histograms.
 
     Returns:
-        0 for equal ones, and where nothing can be compared; 1 for those with nothing in common.
+        0 (equal, or not comparable) to 1 (no common colour).
     """
     if not a.size or a.shape != b.shape:
         return 0.0
@@ -57,7 +57,7 @@ def appearance_distance(a: Appearance, b: Appearance) -> float:
 
 
 def _mask(frame: Frame, candidate: Candidate) -> Mask:
-    """Return which pixels of the box, as far as it is in the image, are the thing."""
+    """Return the pixels of the object in the visible part of its box."""
     assert frame.picture is not None
     rows, columns = candidate.box.clipped(*frame.picture.size).slices()
     shape = (rows.stop - rows.start, columns.stop - columns.start)
@@ -70,7 +70,7 @@ _NOTHING = np.zeros(math.prod(_BINS), np.float32)
 
 
 def _histogram(frame: Frame, box: Box, depth: float | None, mask: Mask | None = None) -> Appearance:
-    """Return the shares of the colours in a box, shape (192,); zeros if it shows nothing."""
+    """Return the colour histogram of a box, shape (192,); zeros if it is not visible."""
     assert frame.picture is not None
     part = frame.picture.hsv[box.clipped(*frame.picture.size).slices()]
     height, width = part.shape[:2]
@@ -81,7 +81,7 @@ def _histogram(frame: Frame, box: Box, depth: float | None, mask: Mask | None = 
     if depth is not None and frame.depth is not None:
         depths = frame.depth.part(box)
         if depths.shape == mask.shape:
-            mask = mask & ~(np.abs(depths - depth) > _DEEP)  # an unknown depth counts
+            mask = mask & ~(np.abs(depths - depth) > _DEPTH)  # unknown depths are included
     chosen = np.ascontiguousarray(mask, np.uint8)
     counts = cv2.calcHist([part], [0, 1, 2], chosen, list(_BINS), [0, 180, 0, 256, 0, 256])
     total = float(counts.sum())

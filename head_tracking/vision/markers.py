@@ -1,4 +1,4 @@
-"""ArUco and AprilTag markers."""
+"""Detector of ArUco and AprilTag markers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from head_tracking.parameters import parameter
 from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Box, Camera
-from head_tracking.vision.candidate import Candidate, Frame
+from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.images import Pixels
 from head_tracking.vision.opencv import cv2
 
@@ -24,48 +24,35 @@ DICTIONARIES = (
     "APRILTAG_36h10",
     "APRILTAG_36h11",
 )
-"""The families of markers that OpenCV knows."""
+"""Marker families of OpenCV."""
 
 
 @dataclass(frozen=True, slots=True)
 class MarkerParameters:
-    """Which markers count."""
+    """Family, number and size of the markers."""
 
-    dictionary: str = parameter("4X4_50", "The family of markers.", choices=DICTIONARIES)
-    marker_id: int = parameter(
-        -1, "The number of the marker; -1: any.", minimum=-1, maximum=100_000
-    )
+    dictionary: str = parameter("4X4_50", "Marker family.", choices=DICTIONARIES)
+    marker_id: int = parameter(-1, "Number of the marker; -1: any.", minimum=-1, maximum=100_000)
     marker_size: float = parameter(
         0.0,
-        "Edge of the black square; its pose then gives the distance where there is no depth.",
+        "Edge of the black square, to measure the distance without depths; 0: unknown.",
         unit="m",
         minimum=0.0,
         maximum=100.0,
     )
 
 
-class MarkerDetector:
-    """Finds markers of one family."""
+class MarkerDetector(Detector):
+    """Detects markers of one family."""
 
     def __init__(self, parameters: MarkerParameters) -> None:
-        self._parameters = parameters
-        self._detector = _detector(parameters.dictionary)
+        self.parameters: MarkerParameters = parameters
+        self._family, self._detector = parameters.dictionary, _detector(parameters.dictionary)
         self._selected: int | None = None
 
-    @property
-    def parameters(self) -> MarkerParameters:
-        """Which markers count; may change on the way."""
-        return self._parameters
-
-    @parameters.setter
-    def parameters(self, parameters: MarkerParameters) -> None:
-        if parameters.dictionary != self._parameters.dictionary:
-            self._detector = _detector(parameters.dictionary)
-        self._parameters = parameters
-
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """All markers that count."""
-        wanted = self._parameters.marker_id if self._selected is None else self._selected
+        """Return all markers with the required number."""
+        wanted = self.parameters.marker_id if self._selected is None else self._selected
         return [
             self._candidate(number, corners, frame.camera)
             for number, corners in self._markers(frame)
@@ -73,19 +60,22 @@ class MarkerDetector:
         ]
 
     def select(self, frame: Frame, box: Box) -> None:
-        """Takes the marker in a rectangle."""
+        """Follow the marker in a box."""
         for number, corners in self._markers(frame):
             if box.contains(_middle(corners)):
                 self._selected = number
 
     def reset(self) -> None:
-        """Back to the markers of the parameters."""
+        """Use the number of the parameters again."""
         self._selected = None
 
     def _markers(self, frame: Frame) -> list[tuple[int, npt.NDArray[np.float32]]]:
-        # smaller than this OpenCV's adaptive threshold has no room
+        # minimum size for the adaptive threshold of OpenCV
         if frame.picture is None or min(frame.picture.size) < 16:
             return []
+        if self.parameters.dictionary != self._family:
+            self._family = self.parameters.dictionary
+            self._detector = _detector(self._family)
         corners, numbers, _ = self._detector(frame.picture.gray)
         if numbers is None:
             return []
@@ -96,7 +86,7 @@ class MarkerDetector:
         self, number: int, corners: npt.NDArray[np.float32], camera: Camera
     ) -> Candidate:
         x, y, width, height = cv2.boundingRect(corners)
-        size = self._parameters.marker_size
+        size = self.parameters.marker_size
         mask = np.zeros((height, width), np.uint8)
         cv2.fillConvexPoly(mask, np.round(corners - [x, y]).astype(np.int32), 1)
         return Candidate(
@@ -111,16 +101,16 @@ class MarkerDetector:
 
 
 def _detector(dictionary: str) -> Callable[[Pixels], Any]:
-    """OpenCV's function that finds the markers of a family in a grey image."""
+    """Return a function that detects the markers of a family in a grey image."""
     family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
     older = not hasattr(cv2.aruco, "ArucoDetector")  # before 4.7, as on Ubuntu 24.04
     settings = cv2.aruco.DetectorParameters_create() if older else cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     if older:
-        # it takes the outline of the white border for the marker's if they are nearer than this
+        # the default merges the outlines of the marker and of its white border
         settings.minMarkerDistanceRate = 0.03
         if dictionary.startswith("APRILTAG"):
-            # the tags of 36h11 differ by 11 bits: up to 5 wrong ones can be told; it allows none
+            # tags of 36h11 differ by 11 bits, so 5 wrong bits can be corrected; the default is 0
             family.maxCorrectionBits = (int(dictionary.rpartition("h")[2]) - 1) // 2
         return lambda gray: cv2.aruco.detectMarkers(gray, family, parameters=settings)
     find: Callable[[Pixels], Any] = cv2.aruco.ArucoDetector(family, settings).detectMarkers
@@ -128,7 +118,7 @@ def _detector(dictionary: str) -> Callable[[Pixels], Any]:
 
 
 def _middle(corners: npt.NDArray[np.float32]) -> tuple[float, float]:
-    """Where the diagonals meet: the middle of the square, also in perspective."""
+    """Return the intersection of the diagonals: the middle of the square in perspective."""
     a, b, c, d = np.column_stack((corners, np.ones(4)))
     u, v, w = np.cross(np.cross(a, c), np.cross(b, d))
     return float(u / w), float(v / w)

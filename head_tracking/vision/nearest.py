@@ -1,4 +1,4 @@
-"""The nearest thing in a depth image."""
+"""Detector of the nearest object in a depth image."""
 
 from __future__ import annotations
 
@@ -9,39 +9,35 @@ import numpy as np
 
 from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
-from head_tracking.vision.candidate import Candidate, Frame, Mask
+from head_tracking.vision.candidate import Candidate, Detector, Frame, Mask
 from head_tracking.vision.opencv import cv2
 
-_COLUMNS = 160  # about so many are looked at
+_COLUMNS = 160  # of the reduced depth image, about
 
 
 @dataclass(frozen=True, slots=True)
 class NearestParameters:
-    """What counts as a thing."""
+    """Definition of the nearest object."""
 
     thickness: float = parameter(
-        0.2, "Depths up to so far behind the nearest belong to it.", unit="m", minimum=0.01,
+        0.2, "Maximum depth of the object behind its nearest point.", unit="m", minimum=0.01,
         maximum=5.0,
     )  # fmt: skip
     min_blob: float = parameter(
         0.001, "Smallest blob, as a share of the image.", minimum=1e-5, maximum=1.0
     )
-    near: float = parameter(
-        0.3, "What is nearer does not count.", unit="m", minimum=0.0, maximum=100.0
-    )
-    far: float = parameter(
-        2.0, "What is farther does not count.", unit="m", minimum=0.01, maximum=100.0
-    )
+    near: float = parameter(0.3, "Minimum depth.", unit="m", minimum=0.0, maximum=100.0)
+    far: float = parameter(2.0, "Maximum depth.", unit="m", minimum=0.01, maximum=100.0)
 
 
-class NearestDetector:
-    """Finds the nearest blob of a depth image, inside a range; needs no picture."""
+class NearestDetector(Detector):
+    """Detects the nearest connected region of a depth image; needs no colours."""
 
     def __init__(self, parameters: NearestParameters) -> None:
         self.parameters = parameters
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """The nearest blob, if there is one."""
+        """Return the nearest region, if there is one."""
         if frame.depth is None:
             return []
         p = self.parameters
@@ -49,7 +45,7 @@ class NearestDetector:
         step = max(1, width // _COLUMNS)
         every = slice(None, None, step)
         depths = frame.depth.metres(every, every)
-        # a single wrong depth has no neighbours that agree with it
+        # remove single wrong depths
         depths = cv2.medianBlur(np.nan_to_num(depths, nan=1e6), 3)
         counts = (depths >= p.near) & (depths <= p.far)
         least = max(3, round(p.min_blob * depths.size))
@@ -77,13 +73,7 @@ class NearestDetector:
                 ]
         return []
 
-    def select(self, frame: Frame, box: Box) -> None:
-        """There is only one nearest thing."""
-
-    def reset(self) -> None:
-        """Remembers nothing."""
-
 
 def _enlarged(mask: Mask, factor: int) -> Mask:
-    """Every pixel as a square of `factor` pixels."""
+    """Return a mask with each pixel repeated `factor` times in both directions."""
     return np.repeat(np.repeat(mask, factor, axis=0), factor, axis=1)

@@ -1,4 +1,4 @@
-"""OpenCV, where it is installed; the only file that imports it, and only when it is used."""
+"""Lazy import of OpenCV; no other module imports it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from head_tracking.exceptions import HeadTrackingError
 
 
 class OpenCVMissingError(HeadTrackingError, ImportError):
-    """OpenCV is needed and not there; the message says how to get it."""
+    """OpenCV is not installed."""
 
     def __init__(self) -> None:
         super().__init__(
             "OpenCV is not installed. In a checkout: pip install -r requirements/vision.txt; "
-            "elsewhere: pip install 'head_tracking[vision]', or OpenCV 4.6 or newer by other ways "
-            "(4.8 for the net that finds faces)"
+            "elsewhere: pip install 'head_tracking[vision]', or another OpenCV of at least 4.6 "
+            "(4.8 for the neural network that detects faces)"
         )
 
 
 class _OpenCV:
-    """The module cv2, loaded at its first use: most runs have no camera."""
+    """The module cv2, imported at the first access."""
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -30,15 +30,13 @@ class _OpenCV:
 
 
 cv2: Any = _OpenCV()
-"""The module cv2; without it every attribute raises `OpenCVMissingError`."""
+"""The module cv2; every access raises `OpenCVMissingError` if it is not installed."""
 
 
 def require_opencv() -> None:
-    """Makes OpenCV ready for a node: it works in the node's own thread only.
-
-    Its worker threads would take all cores, and the servo bus beside them would come too late.
+    """Import OpenCV and disable its worker threads, which would delay the servo bus.
 
     Raises:
-        OpenCVMissingError: it is not there.
+        OpenCVMissingError: OpenCV is not installed.
     """
     cv2.setNumThreads(1)

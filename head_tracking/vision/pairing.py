@@ -1,4 +1,4 @@
-"""Pictures and depth images of the same moment."""
+"""Match images and depth images by their stamps."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _KEPT = 6
 
 
 class Pairing(Generic[P, D]):
-    """Puts pictures and depth images together by their stamps; both can come first.
+    """Matches images and depth images that arrive in any order.
 
     Args:
-        tolerance: stamps that differ by no more are of the same moment [ns].
+        tolerance: maximum difference of the stamps [ns].
 
     Attributes:
-        dropped: how many pictures went without a depth image since the last pair.
+        dropped: number of images without a depth image since the last pair.
     """
 
     def __init__(self, tolerance: int) -> None:
@@ -28,17 +28,17 @@ class Pairing(Generic[P, D]):
         self.dropped = 0
 
     def picture(self, stamp: int, picture: P) -> tuple[P, D] | None:
-        """Takes a picture; the pair that it completes."""
+        """Add an image; return the pair that it completes, if any."""
         self._pictures.append((stamp, picture))
         return self._match()
 
     def depth(self, stamp: int, depth: D) -> tuple[P, D] | None:
-        """Takes a depth image; the pair that it completes."""
+        """Add a depth image; return the pair that it completes, if any."""
         self._depths.append((stamp, depth))
         return self._match()
 
     def _match(self) -> tuple[P, D] | None:
-        """The newest pair; what came before it is dropped."""
+        """Return the latest pair; discard what is older."""
         while self._pictures:
             stamp, picture = self._pictures[-1]
             near = min(self._depths, key=lambda item: abs(item[0] - stamp), default=None)
@@ -50,12 +50,12 @@ class Pairing(Generic[P, D]):
                 return picture, near[1]
             if len(self._pictures) == 1:
                 return None
-            # the newest one still waits for its depth; is an older one complete?
-            newest = self._pictures.pop()
+            # the latest image still waits for its depth; an older one may be complete
+            latest = self._pictures.pop()
             pair = self._match()
             if pair is None:
                 self.dropped += 1
                 self._pictures.clear()
-            self._pictures.append(newest)
+            self._pictures.append(latest)
             return pair
         return None

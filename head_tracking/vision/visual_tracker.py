@@ -1,4 +1,4 @@
-"""From images to a point in space: detection, distance, identity."""
+"""Track one target in images: detection, distance, identity."""
 
 from __future__ import annotations
 
@@ -17,30 +17,26 @@ from head_tracking.vision.looks import colours_of
 from head_tracking.vision.opencv import cv2
 
 _LONGEST_PAUSE = 5.0  # s
-_LOOKED_FOR = 0.3  # s for which a thing that was lost is looked for where it should be
-_SEARCHED_FOR = 10  # images in which what a person has selected may be found
+_HINTED = 0.3  # s after a loss in which the predicted position is a hint
+_SELECTION = 10  # images in which a selected object may be detected
 
 
 @dataclass(frozen=True, slots=True)
 class DistanceParameters:
-    """How far away things may be, and what to take where no depth is measured."""
+    """Limits of measured depths, and the distance where no depth is measured."""
 
-    min_distance: float = parameter(
-        0.2, "Nearer depths do not count.", unit="m", minimum=0.01, maximum=100.0
-    )
-    max_distance: float = parameter(
-        8.0, "Farther depths do not count.", unit="m", minimum=0.02, maximum=1000.0
-    )
+    min_distance: float = parameter(0.2, "Minimum depth.", unit="m", minimum=0.01, maximum=100.0)
+    max_distance: float = parameter(8.0, "Maximum depth.", unit="m", minimum=0.02, maximum=1000.0)
     object_size: float = parameter(
         0.0,
-        "True width of what is followed: tells its distance where there is no depth; 0: unknown.",
+        "Width of the object, to estimate the distance without depths; 0: unknown.",
         unit="m",
         minimum=0.0,
         maximum=100.0,
     )
     distance: float = parameter(
         0.0,
-        "Distance to assume where there is neither depth nor size; 0: such targets are left out.",
+        "Assumed distance without depth and object_size; 0: publish no target then.",
         unit="m",
         minimum=0.0,
         maximum=1000.0,
@@ -49,8 +45,8 @@ class DistanceParameters:
     def __post_init__(self) -> None:
         if self.min_distance >= self.max_distance:
             raise ValueError(
-                f"min_distance is {self.min_distance} and max_distance {self.max_distance}; the "
-                "first must be smaller"
+                f"min_distance is {self.min_distance} and max_distance {self.max_distance}; "
+                "min_distance must be smaller"
             )
 
 
@@ -59,11 +55,11 @@ class Sighting:
     """The target in one image.
 
     Attributes:
-        stamp: when the image was taken [ns].
-        point: where the target is in the optical frame [m].
+        stamp: time of the image [ns].
+        point: position in the optical frame [m].
         confidence: 0 to 1.
-        candidate: what the detector found.
-        number: of the thing; it stays the same while it is the same thing.
+        candidate: the detection.
+        number: number of the track.
     """
 
     stamp: int
@@ -74,7 +70,14 @@ class Sighting:
 
 
 class VisualTracker:
-    """Finds one target in images, and keeps to it."""
+    """Tracks one target in images.
+
+    Attributes:
+        detector: detects candidates.
+        distances: limits and assumption of distances.
+        identity: the tracks.
+        without_distance: number of detections in the latest image without a known distance.
+    """
 
     def __init__(
         self, detector: Detector, distances: DistanceParameters, identity: IdentityParameters
@@ -89,16 +92,16 @@ class VisualTracker:
 
     @property
     def tracks(self) -> Sequence[Track]:
-        """Everything that is known at the moment."""
+        """All tracks."""
         return self.identity.tracks
 
     def step(self, frame: Frame, T_fixed_optical: Transform | None = None) -> Sighting | None:
-        """The target in an image; None if it is not seen there.
+        """Return the target in an image; None: not visible.
 
         Args:
-            frame: the image with its camera and depth.
-            T_fixed_optical: the camera's pose in a frame that stands still, when the image was
-                taken; None: the camera is taken to stand still.
+            frame: the image with its camera and depths.
+            T_fixed_optical: pose of the camera in the fixed frame at the time of the image; None:
+                the camera does not move.
 
         Raises:
             ImageError: the sizes of picture, depth and camera differ.
@@ -109,33 +112,33 @@ class VisualTracker:
         try:
             candidates = self.detector.detect(frame, self._hints(frame, pose))
         except cv2.error as error:
-            raise ImageError(f"OpenCV can do nothing with this image: {error}") from error
-        located = [place for c in candidates if (place := self._locate(frame, c)) is not None]
+            raise ImageError(f"OpenCV cannot process this image: {error}") from error
+        located = [found for c in candidates if (found := self._locate(frame, c)) is not None]
         self.without_distance = len(candidates) - len(located)
-        return self._keep(frame.stamp, located, pose)
+        return self._associate(frame.stamp, located, pose)
 
-    def place(
+    def update(
         self, stamp: int, located: Sequence[Located], T_fixed_frame: Transform | None = None
     ) -> Sighting | None:
-        """The target among things whose places are known without an image; None: it is not there.
+        """Return the target among detections with known positions; None: not detected.
 
         Args:
-            stamp: when they were there [ns].
-            located: in any frame.
-            T_fixed_frame: that frame in one that stands still; None: it does so itself.
+            stamp: time of the detections [ns].
+            located: the detections, in any frame.
+            T_fixed_frame: pose of that frame in the fixed frame; None: it does not move.
         """
         self._begin(stamp)
-        return self._keep(stamp, located, T_fixed_frame or Transform.identity())
+        return self._associate(stamp, located, T_fixed_frame or Transform.identity())
 
     def select(self, frame: Frame, box: Box) -> None:
-        """A person has drawn a rectangle around the target."""
+        """Follow the object in a box that a user has drawn."""
         self.detector.select(frame, box)
-        self._wanted, self._patience = box, _SEARCHED_FOR
+        self._wanted, self._patience = box, _SELECTION
         if not self._follow_wanted():
             self.identity.reset()
 
     def reset(self) -> None:
-        """Forgets the target and what a person has selected."""
+        """Delete all tracks and the selection."""
         self.identity.reset()
         self.detector.reset()
         self._wanted = None
@@ -147,8 +150,10 @@ class VisualTracker:
                 self.identity.reset()
         self._stamp = stamp
 
-    def _keep(self, stamp: int, located: Sequence[Located], pose: Transform) -> Sighting | None:
-        """Tells who is who; the target."""
+    def _associate(
+        self, stamp: int, located: Sequence[Located], pose: Transform
+    ) -> Sighting | None:
+        """Assign an identity to every candidate and return the followed one."""
         self.identity.update(located, pose, stamp * 1e-9)
         self._follow_wanted()
         track = self.identity.sighted
@@ -158,7 +163,7 @@ class VisualTracker:
         return Sighting(stamp, found.point, track.confidence, found.candidate, track.number)
 
     def _follow_wanted(self) -> bool:
-        """Keeps to what is in the rectangle that a person has drawn, as soon as it is seen."""
+        """Follow a track in the selected box; return whether there is one."""
         if self._wanted is None:
             return False
         middle = self._wanted.centre
@@ -177,12 +182,12 @@ class VisualTracker:
         return True
 
     def _hints(self, frame: Frame, pose: Transform) -> list[Box]:
-        """Where things that are believed should be in the image now."""
+        """Return the predicted boxes of the tracks."""
         T_optical_fixed = pose.inverse()
         hints = []
         now = frame.stamp * 1e-9
         for track in self.tracks:
-            if now - track.seen > _LOOKED_FOR:
+            if now - track.seen > _HINTED:
                 continue
             ahead = track.position + track.velocity * (now - track.now)
             pixel = frame.camera.pixel(T_optical_fixed @ ahead.tolist())
@@ -194,7 +199,7 @@ class VisualTracker:
         return hints
 
     def _locate(self, frame: Frame, candidate: Candidate) -> Located | None:
-        """The candidate with its place; None if its distance is not known."""
+        """Return a candidate with its position; None: its distance is not known."""
         depth = self._depth(frame, candidate)
         if depth is not None:
             point = frame.camera.point(candidate.centre, depth)
@@ -213,8 +218,7 @@ class VisualTracker:
         radius = candidate.box.width / 2 / frame.camera.focal_length()
         if frame.picture is None:
             return Located(candidate, point, known, radius)
-        looks = colours_of(frame, candidate, depth)
-        return Located(candidate, point, known, radius, looks)
+        return Located(candidate, point, known, radius, colours_of(frame, candidate, depth))
 
     def _depth(self, frame: Frame, candidate: Candidate) -> float | None:
         if frame.depth is None:
@@ -225,11 +229,10 @@ class VisualTracker:
         if mask is None or mask.shape != depths.shape:
             mask = ellipse_mask(*depths.shape)
         d = self.distances
-        found = surface_depth(depths[mask], d.min_distance, d.max_distance)
-        return None if found is None else found.metres
+        return surface_depth(depths[mask], d.min_distance, d.max_distance)
 
     def _assumed_distance(self, frame: Frame, candidate: Candidate) -> float:
-        """The distance from the camera [m]; 0: unknown."""
+        """Return the distance from the camera without depths [m]; 0: unknown."""
         size = self.distances.object_size
         if size and candidate.box.width > 0:
             return frame.camera.focal_length() * size / candidate.box.width

@@ -1,6 +1,6 @@
-"""A bare node: what any ROS program in Python takes that does nothing at 50 Hz.
+"""A minimal node at 50 Hz, to which the cost of a run is compared.
 
-Publishes two messages and receives one of them, under EventsExecutor by spin_once, until SIGTERM.
+It publishes two messages and receives one of them, with an EventsExecutor, until SIGTERM.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ RATE = 50.0  # Hz
 
 
 def main() -> None:
-    """Runs until SIGTERM."""
+    """Run until SIGTERM."""
     ending: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, _: ending.append(number))
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

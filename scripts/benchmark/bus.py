@@ -1,7 +1,7 @@
-"""The servo bus: how near it comes to the wire, and what it survives.
+"""The servo bus: time of a cycle, and behaviour with faults.
 
-Ours, dynamixel_sdk's own way and rustypot take turns, round after round, on one simulated bus in
-a process of its own, so that all of them see the machine in all its moods.
+This driver, dynamixel_sdk and rustypot take turns on one simulated bus in another process, so that
+changes in the load of the machine affect all of them.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ UPDATE_RATES = (50, 100, 200, 500)  # Hz
 
 
 class Cost(NamedTuple):
-    """What a cycle costs, us: from begin to end, and processor."""
+    """Duration and processor time of a cycle, us."""
 
     wall: float
     processor: float
@@ -93,7 +93,7 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def whole_bus(port_name: str) -> Iterator[Callable[[int], object]]:
-    """`ServoBus.step` with a new command each cycle: units, limits, protection and all."""
+    """`ServoBus.step` with a new command in each cycle."""
     joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     bus = ServoBus(DynamixelPort(port_name), joints)
     bus.connect()
@@ -113,7 +113,7 @@ def whole_bus(port_name: str) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def sdk(port_name: str) -> Iterator[Callable[[int], object]]:
-    """dynamixel_sdk as its examples use it."""
+    """dynamixel_sdk, used as in its examples."""
     port, packets = PortHandler(port_name), PacketHandler(1.0)
     port.openPort()
     port.setBaudRate(1_000_000)
@@ -137,7 +137,7 @@ def sdk(port_name: str) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def rustypot(port_name: str) -> Iterator[Callable[[int], object]]:
-    """The one from PyPI; it writes goals without speeds, 4 bytes less."""
+    """Use rustypot from PyPI, which writes goals without speeds, 4 bytes less."""
     import rustypot as library
 
     controller = library.AxPyController(port_name, 1_000_000, 0.1)
@@ -154,7 +154,7 @@ def rustypot(port_name: str) -> Iterator[Callable[[int], object]]:
 
 
 def contenders() -> dict[str, Any]:
-    """By name, ours first; without what is not installed."""
+    """Return the drivers that are installed, by name."""
     found: dict[str, Any] = {"port": ours, "whole bus": whole_bus, "dynamixel_sdk": sdk}
     with suppress(ImportError):
         import rustypot as _  # noqa: F401
@@ -232,7 +232,7 @@ def _cost(contender: Any, port_name: str, loaded: bool) -> Cost:
 
 
 def bus() -> str:
-    """The table; each row is also shown when it is made."""
+    """Return the table; print each row when it is done."""
     rows = ["| work | ours | others | asked for |", "|---|---|---|---|"]
     for row in _rows():
         print(row, file=sys.stderr, flush=True)
@@ -281,7 +281,7 @@ def _row(work: str, figures: dict[str, str], wanted: str) -> str:
 
 
 def silent_servo() -> str:
-    """One of two servos falls silent: what that costs the other."""
+    """Measure the delay of one servo when the other falls silent."""
     firsts, others, rates = [], [], []
     for _ in range(9):
         with served(0, 2) as (port_name, server):
@@ -335,7 +335,7 @@ class SimulatedDevice:
 
 
 def faulty_cycles() -> str:
-    """Everything that can go wrong, in simulated time, with mixed models and protocols."""
+    """Run cycles with all simulated faults, in simulated time, with two models and protocols."""
     random = Random(4)
     faults = Faults(random, 0.0, tuple(Fault), late=(0.005, 0.05))
     # boot_time 0: what counts is the time from when a servo listens again
@@ -422,7 +422,7 @@ class FaultyRun:
         goals = {
             joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
             for joint in self._joints
-            if not driver.joint(joint.joint_name).torque.waits
+            if not driver.joint(joint.joint_name).torque.refuses
         }
         with suppress(GoalError):
             driver.command(goals)
@@ -519,7 +519,7 @@ def driven(
 
 
 def searched_replies() -> str:
-    """Cycles in which a reply is not just what was expected, through a usual adapter."""
+    """Count cycles with a reply that is not the next bytes received."""
     shares = []
     for name in MODELS:
         driver, _, clock, port = driven(servo_model(name), MODELS[name], 0.001, 500)
@@ -535,7 +535,7 @@ def searched_replies() -> str:
 
 
 def free_running() -> str:
-    """Cycles a second that the wire allows, in simulated time."""
+    """Measure cycles per second without a pause, in simulated time."""
     found = []
     for name, baud_rate in MODELS.items():
         rates = []
@@ -556,9 +556,9 @@ def free_running() -> str:
 
 
 def update_rates() -> str:
-    """How well a joint follows a path, by cycles a second, in simulated time.
+    """Measure lag and remaining error of a joint on a path, by cycles per second.
 
-    What the servo lags behind, a tracker leads by (`laws.py`): it is told apart from what is left.
+    A tracker compensates the lag (`laws.py`).
     """
     found = []
     for name, baud_rate in MODELS.items():
@@ -604,7 +604,7 @@ def _on_path(servo_id: int, seconds: float) -> float:
 
 
 def in_a_run() -> str:
-    """How long a cycle takes while page, camera and detector run as in a run."""
+    """Measure the duration of a cycle in a run with page, camera and detector."""
     times: dict[str, list[float]] = {}
     runs = {
         "with page, camera and detector": ("--target", "face", "--viewer"),
@@ -628,7 +628,7 @@ def in_a_run() -> str:
 
 
 def replugging() -> str:
-    """The adapter unplugged and plugged in again, many times."""
+    """Unplug the adapter and plug it in again, many times."""
     joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     times: list[float] = []
     with tempfile.TemporaryDirectory() as folder:

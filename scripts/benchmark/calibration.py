@@ -1,4 +1,4 @@
-"""Random heads that are calibrated: how exactly they point, and whether deviations are true."""
+"""Pointing errors of random heads before and after calibration, and coverage of its intervals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HEADS = 200
 
 
 def calibration() -> str:
-    """The table."""
+    """Return the table."""
     rows = [_row(noise, play) for noise, play in ((0.5, 0.0), (2.0, 0.0), (0.5, 1.0))]
     return table(
         "noise of a corner, play behind the encoders | pointing error on held-out views before: "

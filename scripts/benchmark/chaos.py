@@ -1,4 +1,4 @@
-"""A head that is struck by whatever can happen, for a while: see test/support/chaos.py."""
+"""Random faults in a running head: see test/support/chaos.py."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from typing import Any
 from frame import report, row, table
 
 PROGRAM = Path(__file__).parents[2] / "test" / "support" / "chaos.py"
-SECONDS = 40.0  # of one robot's life
+SECONDS = 40.0  # for each robot
 LAYOUTS = (
-    ("a composed run", ("--run", "composed")),
+    ("a run", ("--run", "composed")),
     ("a process for each node", ("--run", "nodes")),
-    ("a composed run whose clock jumps", ("--run", "composed", "--clock")),
-    ("a process for each node, and the clock jumps", ("--run", "nodes", "--clock")),
+    ("a run, the clock jumps", ("--run", "composed", "--clock")),
+    ("a process for each node, the clock jumps", ("--run", "nodes", "--clock")),
 )
 
 
 def chaos(minutes: float, seed: int) -> str:
-    """The table: one robot after the other, each with a seed of its own, counted up."""
+    """Return the table of robots that were tested one after the other, each with its own seed."""
     end = time.monotonic() + 60.0 * minutes
-    told: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    broken: list[str] = []
+    results: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    violations: list[str] = []
     while time.monotonic() < end:
         for name, layout in LAYOUTS:
             command = [sys.executable, str(PROGRAM), "--seed", str(seed), *layout]
@@ -35,36 +35,35 @@ def chaos(minutes: float, seed: int) -> str:
             )
             if done.returncode:
                 lines = done.stderr.splitlines() or [f"exit code {done.returncode}"]
-                said = next((line for line in lines if line.startswith("chaos ")), lines[-1])
-                broken.append(f"- `{said}`")
+                first = next((line for line in lines if line.startswith("chaos ")), lines[-1])
+                violations.append(f"- `{first}`")
                 report(done.stderr)
             else:
-                told[name].append(json.loads(done.stdout))
+                results[name].append(json.loads(done.stdout))
                 report(f"{name} {seed} {done.stdout}")
             seed += 1
+    faults: Counter[str] = Counter()
     rows = []
-    struck: Counter[str] = Counter()
-    for name, robots in told.items():
-        blows: Counter[str] = sum((Counter(one["struck"]) for one in robots), Counter())
-        struck += blows
+    for name, robots in results.items():
+        of_layout: Counter[str] = sum((Counter(one["faults"]) for one in robots), Counter())
+        faults += of_layout
         rows.append(
             row(
                 name,
                 len(robots),
-                blows.total(),
+                of_layout.total(),
                 sum(one["stops"] for one in robots),
                 f"{max(one['slowest_stop'] for one in robots):.2f} s",
                 sum(one["recoveries"] for one in robots),
                 f"{max(one['slowest_recovery'] for one in robots):.2f} s",
             )
         )
-    head = "robot | robots | blows | STOPs | slowest STOP | recoveries | slowest recovery"
-    blows_told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in struck.most_common())
-    end_of_list = ":" if broken else "."
+    head = "robot | robots | faults | STOPs | slowest STOP | recoveries | slowest recovery"
+    listed = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in faults.most_common())
     return "\n".join(
         [
-            f"{table(head, rows)}\n\nBlows: {blows_told}.\n",
-            f"Did not hold {len(broken)} times{end_of_list}",
-            *broken,
+            f"{table(head, rows)}\n\nFaults: {listed}.\n",
+            f"Violated conditions: {len(violations)}{':' if violations else '.'}",
+            *violations,
         ]
     )

@@ -1,4 +1,4 @@
-"""What a run's processes do when they are killed, and what heads do that start side by side."""
+"""Killed processes of a run, and a simulated run beside a real head."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def killed(count: float = KILLS) -> str:
     for name in ("vision", "page"):
         times = [_again_after(name, seed) for seed in range(round(count / 2))]
         again = f"{statistics.median(times):.1f} s, {max(times):.1f} s"
-        rows.append(row(f"{name}: the head goes on, it runs again", len(times), again, ""))
-    return table("killed | times | torque off: median, largest | asked", rows)
+        rows.append(row(f"{name}, restarted while the head continues", len(times), again, ""))
+    return table("killed | times | torque off or restarted: median, largest | limit", rows)
 
 
 def _torque_off_after(name: str, seed: int) -> float:
@@ -49,11 +49,13 @@ def _torque_off_after(name: str, seed: int) -> float:
 
 
 def _again_after(name: str, seed: int) -> float:
-    """Return the time from SIGKILL until the process runs again [s]; the servos go on."""
+    """Return the time from SIGKILL until the process runs again [s]."""
     with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
         ros = ("-p", "viewer:port:=0")
         run = bench.run("--target", "face" if name == "vision" else "smooth", "--viewer", ros=ros)
         pid = _wait(lambda: child(run, name))
+        if name == "page":
+            _wait(lambda: bench.servos.torque == [1, 1])
         time.sleep(2.0 + random.Random(seed).uniform(0.0, 1.0))
         start = time.monotonic()
         control, before = child(run, "control"), bench.servos.torque
@@ -64,7 +66,7 @@ def _again_after(name: str, seed: int) -> float:
 
 
 def beside(tries: float = TRIES) -> str:
-    """Return the table of simulated runs started before, after, and at once with a real head."""
+    """Return the table of simulated runs started before, after and with a real head."""
     orders = ("the real head first", "the simulated run first", "at once")
     moved = dict.fromkeys(orders, 0)
     count = dict.fromkeys(orders, 0)
@@ -75,11 +77,11 @@ def beside(tries: float = TRIES) -> str:
             moved[order] += 1
             report(f"moved: {order} {seed}")
     rows = [row(order, count[order], moved[order], 0) for order in orders]
-    return table("order | tries | a real servo had torque or moved | asked", rows)
+    return table("order | tries | torque or motion of a real servo | limit", rows)
 
 
 def _moves_a_real_head(order: str, rnd: random.Random) -> bool:
-    """Return whether a simulated run's target or joints did anything to real servos."""
+    """Return whether a simulated run has switched torque on or moved real servos."""
     with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
         start: tuple[Callable[[], Program], ...] = (
             lambda: bench.run("--target", "none"),
@@ -87,7 +89,7 @@ def _moves_a_real_head(order: str, rnd: random.Random) -> bool:
         )
         gap = {"at once": rnd.uniform(0.0, 0.4)}.get(order, rnd.uniform(1.0, 2.5))
         first = order == "the simulated run first" or (order == "at once" and rnd.random() < 0.5)
-        bench.servos.true  # noqa: B018  the port is made before anybody starts
+        bench.servos.true  # noqa: B018  makes the port before the programs start
         for begin in start[::-1] if first else start:
             begin()
             time.sleep(gap)
@@ -99,10 +101,10 @@ def _moves_a_real_head(order: str, rnd: random.Random) -> bool:
         return False
 
 
-def _wait(what: Callable[[], int]) -> int:
+def _wait(condition: Callable[[], int]) -> int:
     end = time.monotonic() + 60.0
-    while not (found := what()):
+    while not (found := condition()):
         if time.monotonic() > end:
-            raise SystemExit("waited for a minute in vain")
+            raise SystemExit("no result within 60 s")
         time.sleep(_SLICE)
     return found

@@ -1,4 +1,4 @@
-"""Faces of real people: how many the net and the cascade find, and what that costs."""
+"""Detection rate and processor time of the network and the cascade, on photographs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ROUNDS = 9
 
 
 def faces() -> str:
-    """The table; says why there is none where the photographs cannot be fetched."""
+    """Return the table, or the reason why it cannot be measured."""
     require_opencv()  # one thread, as in the nodes: two that wait for each other cost more
     try:
         fetch()
@@ -86,7 +86,7 @@ def _empty(contenders: dict[str, FaceDetector]) -> str:
 
 
 def _cost(contenders: dict[str, FaceDetector]) -> str:
-    """Processor time, in rounds side by side; by the images with a face and those without."""
+    """Measure processor time with and without faces, in interleaved rounds."""
     shots = [shot.picture for kind in KINDS for shot in photographs(kind, 20, (60,), (1.0,))]
     pictures = shots + list(empty(1))[: len(shots)]
     net = contenders["net"]

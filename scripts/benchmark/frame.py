@@ -1,4 +1,4 @@
-"""What the benchmarks share: rounds in which all contenders take turns, and tables."""
+"""Alternating rounds, medians and tables for benchmarks."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ Measured = TypeVar("Measured")
 def in_turns(
     contenders: Mapping[str, Callable[[], Measured]], rounds: int
 ) -> dict[str, list[Measured]]:
-    """Measure all contenders, round after round, and report each result at once.
+    """Measure all contenders in alternating rounds, so that the load of the machine affects all.
 
-    So all of them see the machine in all its moods.
+    Args:
+        contenders: measuring functions by name.
+        rounds: number of measurements of each.
     """
     found: dict[str, list[Measured]] = {name: [] for name in contenders}
     for _ in range(rounds):
@@ -26,17 +28,17 @@ def in_turns(
 
 
 def medians(results: Iterable[Sequence[float]]) -> list[float]:
-    """Return the median of each column of some results."""
+    """Return the median of each column of the results."""
     return [statistics.median(column) for column in zip(*results, strict=True)]
 
 
 def report(text: str) -> None:
-    """Show what was measured while the benchmark goes on."""
+    """Print progress to stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
 def row(*cells: object) -> str:
-    """Return a row of a table, after it has been reported."""
+    """Return a row of a table, and report it."""
     text = f"| {' | '.join(map(str, cells))} |"
     report(text)
     return text
@@ -46,7 +48,7 @@ def table(head: str, rows: Iterable[str]) -> str:
     """Return a table in Markdown.
 
     Args:
-        head: the titles of the columns, with | between them.
-        rows: as `row` makes them.
+        head: the titles of the columns, separated by |.
+        rows: made by `row`.
     """
     return "\n".join([f"| {head} |", "|" + "---|" * (head.count("|") + 1), *rows])

@@ -1,4 +1,4 @@
-"""Who is followed among rendered people who leave, are replaced, come back and cross."""
+"""Identity of the followed person among rendered people who leave, return and cross."""
 
 from __future__ import annotations
 

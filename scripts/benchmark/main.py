@@ -1,4 +1,4 @@
-"""Benchmarks of head_tracking; each makes one table of docs/benchmarks.md."""
+"""Benchmarks of head_tracking; each writes one table of docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pkgutil import resolve_name
 
 RESULTS = Path(__file__).parents[2] / "docs" / "benchmarks.md"
 
-# Loaded when it is asked for: not all of them have all libraries.
+# Loaded on demand, because some need further libraries.
 BENCHMARKS = {
     **{
         name: f"{name}:{name}"
         for name in (
             "bus", "calibration", "chaos", "faces", "identity", "interfaces", "pointing",
-            "robots", "run", "soak", "target_path", "tracking", "transforms", "vision",
+            "robots", "run", "target_path", "tracking", "transforms", "vision",
         )
     },
     "beside": "crash:beside",
@@ -26,21 +26,21 @@ BENCHMARKS = {
 
 
 def write(name: str, table: str) -> None:
-    """Puts the table between its marks in docs/benchmarks.md."""
+    """Write a table between its marks in docs/benchmarks.md."""
     text = RESULTS.read_text()
     marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-    assert marks.search(text), f"{RESULTS} has no place for {name}"
+    assert marks.search(text), f"{RESULTS} has no marks for {name}"
     RESULTS.write_text(marks.sub(lambda match: f"{match[1]}{table}\n{match[2]}", text))
 
 
 def main() -> None:
-    """Runs one benchmark and writes its table."""
+    """Run one benchmark and write its table."""
     parser = argparse.ArgumentParser(prog="scripts/benchmark/measure", description=__doc__)
     parser.add_argument("name", choices=sorted(BENCHMARKS))
     parser.add_argument(
         "--minutes",
         type=float,
-        help="of soak, chaos and page-open (default: 10)",
+        help="of chaos and page-open (default: 10)",
     )
     parser.add_argument("--seed", type=int, default=1, help="of chaos (default: 1)")
     parser.add_argument("--times", type=int, help="of crash (default: 50) and beside (200)")
@@ -52,7 +52,6 @@ def main() -> None:
         parser.error(f"unknown arguments: {' '.join(others)}")
     name, minutes = options.name, options.minutes
     arguments: dict[str, tuple[float, ...]] = {
-        "soak": (minutes or 10.0,),
         "chaos": (minutes or 10.0, options.seed),
         "page-open": (minutes or 10.0,),
     }

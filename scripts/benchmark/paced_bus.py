@@ -1,7 +1,7 @@
-"""AX servos behind a pty, byte by byte at the pace of the wire; a process of its own.
+"""AX servos behind a pseudo-terminal, with the timing of a 1 Mbaud line, in a process of its own.
 
-Holds registers, checks checksums, knows ping, read, write and sync write, and spins to answer at
-the microsecond. For `scripts/benchmark/measure bus`; `simulated_bus` is the colleague that moves.
+It has registers, checks checksums, supports ping, read, write and sync write, and polls without a
+pause to reply in time. For `scripts/benchmark/measure bus`. `simulated_bus` has servos that move.
 
 Usage: paced_bus.py RETURN_DELAY_US [ID ...]; prints the port to open. SIGUSR1 silences the servos
 with these ids.
@@ -25,13 +25,13 @@ PR_SET_TIMERSLACK = 29
 
 
 def main() -> None:
-    """Answers until it is ended."""
+    """Reply to packets until the process is ended."""
     delay = float(sys.argv[1]) * 1e-6
     silent: set[int] = set()
     signal.signal(signal.SIGUSR1, lambda *_: silent.update(map(int, sys.argv[2:])))
     ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1)
     with suppress(OSError):
-        os.nice(-19)  # the wire is punctual, however busy the machine is
+        os.nice(-19)  # keep the timing on a busy machine
     master, slave = os.openpty()
     tty.setraw(slave)
     print(os.ttyname(slave), flush=True)
@@ -64,7 +64,7 @@ def main() -> None:
 
 
 def take(buffer: bytes) -> bytes | None:
-    """The first packet of a buffer that begins with one."""
+    """Return the first packet of a buffer, or None if it is incomplete."""
     if len(buffer) < 6 or len(buffer) < buffer[3] + 4:
         return None
     packet = buffer[: buffer[3] + 4]
@@ -73,7 +73,7 @@ def take(buffer: bytes) -> bytes | None:
 
 
 def obey(packet: bytes, memory: dict[int, bytearray]) -> bytes:
-    """Does what a packet says; the answer, if there is one."""
+    """Execute an instruction; return the reply, or nothing."""
     servo_id, instruction, parameters = packet[2], packet[4], packet[5:-1]
     if instruction == 0x83:
         address, size = parameters[:2]

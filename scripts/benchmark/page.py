@@ -1,4 +1,4 @@
-"""The viewer's page in Chromium: how fluid it is, and whether it grows while it is left open."""
+"""The page in Chromium: states and frames per second, processor time, memory over time."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 
 SAMPLES = 8
-FIRST = 2.0  # minutes: until then the last minute, which is kept for a recording, fills up
+FIRST = 2.0  # minutes until the buffer of the last minute is full
 ROUNDS = 3
 SETTLING, SECONDS = 4.0, 10.0
 
-# moves what is no servo's, as a driver of the arms would
+# publishes the joints of the arms, as their driver would
 MOVER = """
 import math, time, rclpy
 from sensor_msgs.msg import JointState
@@ -78,13 +78,13 @@ COUNTED = "({...window.frameCount})"
 
 
 class Fluidity(NamedTuple):
-    """What reached somebody who watches.
+    """The rates of one round.
 
     Attributes:
-        read: states a second that reach a client that draws nothing.
-        drawn: frames a second that it drew.
-        offered: frames a second that the browser offered it (requestAnimationFrame).
-        viewer: the viewer's process while the client read [share of a core].
+        read: states per second received by a client that draws nothing.
+        drawn: frames per second drawn by a browser.
+        offered: frames per second that the browser offered (requestAnimationFrame).
+        viewer: processor time of the page while the client read [fraction of a core].
     """
 
     read: float
@@ -94,7 +94,7 @@ class Fluidity(NamedTuple):
 
 
 def fluidity() -> str:
-    """The table: 15 and 60 links take turns; medians of the rounds."""
+    """Return a table for 15 and 60 links, which take turns; medians of the rounds."""
     with tempfile.TemporaryDirectory() as folder:
         small = load_robot_model(robot_file("kinectbot"))
         sources, urdf = Path(folder, "sources.yaml"), Path(folder, "sixty_links.urdf")
@@ -140,7 +140,7 @@ def _fluidity(robot: str, sources: Path) -> Fluidity:
 
 
 def _read_only(run: SimulatedRun) -> tuple[float, float]:
-    """Updates a second for somebody who draws nothing, and what the viewer used for it."""
+    """Return states per second for a client that draws nothing, and the page's processor time."""
     client = ReadingClient(run.port, keep=True)
     try:
         time.sleep(SETTLING)
@@ -173,19 +173,19 @@ class Sample(NamedTuple):
 
 
 def left_open(minutes: float) -> str:
-    """A table with a line for every part of the time: one page, a head that tracks."""
+    """Return a table with a row for each part of the time; a browser watches a tracking head."""
     own_domain()
     rows = []
     with SimulatedRun("--viewer") as run, open_browser() as browser:
         viewer = run.viewer_pid
         page = open_page(browser, run.port, 600, 500)
-        open_tab(page, "health")  # what changes most
+        open_tab(page, "health")  # with the most changes
         debugger = page.context.new_cdp_session(page)
         debugger.send("Performance.enable")
         start = time.monotonic()
 
         def sample() -> Sample:
-            return Sample(time.monotonic(), processor_time(viewer), len(run.told))
+            return Sample(time.monotonic(), processor_time(viewer), len(run.statuses))
 
         before = sample()
         for number in range(SAMPLES + 1):
@@ -195,7 +195,7 @@ def left_open(minutes: float) -> str:
             debugger.send("HeapProfiler.collectGarbage")
             heap, nodes = _page_memory(debugger)
             seconds = now.at - before.at
-            rates = [one.rate for one in run.told[before.told :]]
+            rates = [one.rate for one in run.statuses[before.told :]]
             rows.append(
                 row(
                     f"{(now.at - start) / 60:.1f}",
@@ -218,14 +218,14 @@ def left_open(minutes: float) -> str:
 
 
 def _page_memory(debugger: Any) -> tuple[float, int]:
-    """The JavaScript heap after a collection [MB], and the nodes of the document."""
+    """Return the JavaScript heap after a collection [MB], and the number of DOM nodes."""
     metrics = debugger.send("Performance.getMetrics")["metrics"]
     found = {one["name"]: one["value"] for one in metrics}
     return found["JSHeapUsedSize"] / 1e6, int(found["Nodes"])
 
 
 def _renderers() -> float:
-    """Resident memory of the processes that show pages [MB]."""
+    """Return the resident memory of the browser's renderer processes [MB]."""
     return sum(
         memory(pid) for pid in descendants(os.getpid()) if b"--type=renderer" in command(pid)
     )

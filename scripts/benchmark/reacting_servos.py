@@ -1,13 +1,12 @@
-"""Two AX-12 behind a pty, a process of its own, that tells how soon its readings are answered.
+"""Two simulated AX-12 in a process of their own, which measure how fast their readings are used.
 
-Usage: reacting_servos.py [shaking]; prints the port to open, and at its end, by SIGTERM, one line
-of JSON, all times from the last byte of a reading to the arrival of a packet of goals:
-"first": CLOCK_MONOTONIC of the first packet, ns; "next": how soon the next packet came, s;
-"answers": for shaking servos, how soon the packet came that was made from this reading, s.
+Usage: reacting_servos.py [shaking]. It prints the port to open, and after SIGTERM one line of JSON:
+"first": time of the first packet by CLOCK_MONOTONIC [ns];
+"next": times from the last byte of a reading to the next packet of goals [s];
+"answers": for shaking servos, times to the packet of goals that was computed from the reading [s].
 
-Shaking servos say in every cycle that they stand a few ticks aside, never twice the same. The
-tutorials' law aims at `lead_target_angle` from where a joint says that it is: so a packet tells
-from which reading it was made.
+Shaking servos report a random offset in every cycle. The law speed aims at `lead_target_angle` from
+the measured position, so a goal shows the reading from which it was computed.
 """
 
 from __future__ import annotations
@@ -19,56 +18,56 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from random import Random
 
-from head_tracking.simulation import Answer, SerialLine, SimulatedBus, SimulatedServo
+from head_tracking.simulation import Answer, Faults, SerialLine, SimulatedBus, SimulatedServo
 from head_tracking.simulation.port import PseudoTerminal
 
-LEAD = 0.3  # rad, the lead_target_angle of who is to be measured with shaking servos
+LEAD = 0.3  # rad, the lead_target_angle of the measured tracker
 IDS = (1, 2)
 _LEAD_TICKS = math.degrees(LEAD) / (300.0 / 1023.0)
 _GOALS, _STATUS = 0x83, 14  # instruction sync write; length of a status with 8 bytes
-_STEP, _STEPS = 2, 16  # ticks; positions aside that a servo says at most
+_STEP, _STEPS = 2, 16  # ticks; number of different offsets
 
 
 @dataclass(slots=True)
 class Reading:
-    """What both servos said in one cycle [ticks], and when the last one had."""
+    """The positions of both servos in one cycle [ticks], and the time of the last byte [ns]."""
 
     positions: dict[int, int]
     time: int = 0
 
 
-class ReactingServos:
-    """Stands between the bus's answers and the pty; keeps what was read and how it was answered."""
+class ReactingServos(Faults):
+    """Changes the answers of the servos, and records readings and the times of their goals."""
 
     def __init__(self, shaking: bool) -> None:
+        super().__init__(Random(1), 0.0)
         self.readings: deque[Reading] = deque([Reading({})], maxlen=6)
         self.next: list[float] = []
         self.answers: list[float] = []
-        self._random = Random(1) if shaking else None
+        self._shaking = Random(1) if shaking else None
 
-    def line(self, answer: Answer) -> Iterator[Answer]:
-        """What becomes of a servo's answer."""
+    def answer(self, answer: Answer) -> list[Answer]:
+        """Return a servo's answer with the offset."""
         data = bytearray(answer.data)
         if len(data) == _STATUS:
-            aside = self._random.randrange(_STEPS) * _STEP if self._random else 0
-            position = int.from_bytes(data[5:7], "little") + aside
+            offset = self._shaking.randrange(_STEPS) * _STEP if self._shaking else 0
+            position = int.from_bytes(data[5:7], "little") + offset
             data[5:7] = position.to_bytes(2, "little")
             data[-1] = ~sum(data[2:-1]) & 0xFF
             if data[2] == IDS[0]:
                 self.readings.append(Reading({}))
             self.readings[-1].positions[data[2]] = position
-        yield replace(answer, data=bytes(data))
+        return [replace(answer, data=bytes(data))]
 
     def sent(self, now: int) -> None:
-        """An answer's last byte went out."""
+        """Record the time when the last byte of an answer was sent."""
         self.readings[-1].time = now
 
-    def heard(self, data: bytes, now: int) -> None:
-        """Takes the time of a packet of goals."""
+    def received(self, data: bytes, now: int) -> None:
+        """Record the time of a packet of goals."""
         start = data.find(b"\xff\xff\xfe")
         if start < 0 or data[start + 4 : start + 5] != bytes((_GOALS,)):
             return
@@ -81,7 +80,7 @@ class ReactingServos:
         if set(goals) != set(IDS):
             return
         self.next.append((now - self.readings[-1].time) * 1e-9)
-        if self._random is None:
+        if self._shaking is None:
             return
         for reading in reversed(self.readings):
             ahead = [goal - reading.positions.get(joint, 0) for joint, goal in goals.items()]
@@ -91,12 +90,12 @@ class ReactingServos:
 
 
 def main() -> None:
-    """Serves until SIGTERM."""
+    """Serve the servos until SIGTERM."""
     servos = [SimulatedServo(number, position=512) for number in IDS]
     for servo in servos:
         servo.set_register("Return Delay Time", 0)
     reacting = ReactingServos("shaking" in sys.argv[1:])
-    bus = SimulatedBus(servos, reacting.line)
+    bus = SimulatedBus(servos, faults=reacting)
     line = SerialLine(bus)
     terminal = PseudoTerminal()
     ending: list[int] = []
@@ -109,11 +108,11 @@ def main() -> None:
         if ready:
             first = first or now
             data = terminal.read()
-            reacting.heard(data, now)
+            reacting.received(data, now)
             line.send(data, now, 0)
         else:
             bus.advance(now)
-        if answer := line.take(now):
+        if answer := line.receive(now):
             terminal.write(answer)
             reacting.sent(time.monotonic_ns())
     print(json.dumps({"first": first, "next": reacting.next, "answers": reacting.answers}))

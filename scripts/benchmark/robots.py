@@ -1,4 +1,4 @@
-"""Every robot that comes with the package, in simulated time: its gaze, tracking and bus."""
+"""Gaze, tracking and bus of every robot of the package, in simulated time."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A whole run by the wall clock: how well it follows, what it takes, and how soon it answers.
+"""Whole runs in real time: tracking error, processor time, memory, reaction time and start time.
 
-Everything that is compared takes turns in one run, and medians are shown.
+Everything that is compared is measured in alternating rounds; the tables have medians.
 """
 
 from __future__ import annotations
@@ -19,35 +19,29 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from frame import medians, report, row, table
+from frame import in_turns, medians, report, row, table
 from reacting_servos import LEAD
 from simulated_run import descendants, memory, processor_time
 
 HERE = Path(__file__).parent
 SECONDS = 20
-WARM_UP = 6.0  # s; until then a run sets itself up, and looks whether it is alone
-ROUNDS = 3
+WARM_UP = 6.0  # s until a run has started all of its nodes
+ROUNDS = 5
 TUTORIAL = """\
 /**/head_tracker:
   ros__parameters: {law: speed, rate: 10, k_pan: 1.5, k_tilt: 1.5, max_joint_speed: %s}
 """
-# slow, so that the head is under way all the time
-TELLING = """\
+SLOW = """\
 /**/head_tracker:
   ros__parameters: {law: speed, lead_target_angle: %s, max_joint_speed: 0.03}
 """
+"""With these parameters the head moves all the time, and its goals show the reading they use."""
 FAR = "1,2.5,2.2@base_link"
+LOCAL = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # for several processes
 
 
-class Followed(NamedTuple):
-    """What a run says of itself at its end.
-
-    Attributes:
-        rms: [degrees].
-        largest: [degrees].
-        cycles: of the bus.
-        faults: of the bus.
-    """
+class Summary(NamedTuple):
+    """The summary of a run: error [degrees], bus cycles and faults."""
 
     rms: float
     largest: float
@@ -55,66 +49,57 @@ class Followed(NamedTuple):
     faults: int
 
 
-class Taken(NamedTuple):
-    """What a program with all of its processes took.
+class Cost(NamedTuple):
+    """Processor time of a program with its children [cores], and memory [MB].
 
     Attributes:
-        processor: of one core.
-        memory: of the program itself, and of its largest process [MB].
+        processor: of all processes.
+        memory: of the program itself.
+        largest: memory of its largest process.
     """
 
     processor: float
-    memory: tuple[float, float]
+    memory: float
+    largest: float
 
 
 def run() -> str:
-    """All tables."""
-    return "\n\n".join((_following(), _costs()))
+    """Return all tables."""
+    return f"{_errors()}\n\n{_costs()}"
 
 
-def _following() -> str:
-    """How well whole runs follow their targets, judged by the true angles."""
+def _errors() -> str:
+    """Return the table of tracking errors, by the true angles."""
     variants = {
-        (robot, "fictitious", name): (robot, "fictitious", parameters)
+        (robot, "fictitious", name): parameters
         for robot in ("kinectbot", "turtlebot")
         for name, parameters in (
             ("tutorials' (k 1.5, 0.5 rad/s, 10 Hz)", TUTORIAL % 0.5),
             ("tutorials', faster (k 1.5, 2.0 rad/s, 10 Hz)", TUTORIAL % 2.0),
-            ("as shipped", ""),
+            ("default", ""),
         )
     }
-    for target in ("face", "ball"):
-        variants["kinectbot", target, "as shipped"] = ("kinectbot", target, "")
-    found: dict[Any, list[Followed]] = defaultdict(list)
+    variants |= {("kinectbot", target, "default"): "" for target in ("face", "ball")}
+    results: dict[Any, list[Summary]] = defaultdict(list)
     for turn in range(ROUNDS):
-        for name, (robot, target, parameters) in variants.items():
+        for name, parameters in variants.items():
             if turn and parameters:
-                continue  # the tutorials' values are so far off that once is enough
-            found[name].append(_follow(robot, target, parameters))
-            report(f"{name}: {found[name][-1]}")
+                continue  # one round is enough for the large errors of the tutorials
+            results[name].append(_follow(name[0], name[1], parameters))
+            report(f"{name}: {results[name][-1]}")
     rows = []
-    for (robot, target, values), runs in found.items():
-        each = ", ".join(f"{one.rms:.2f}" for one in runs)
+    for names, runs in results.items():
         rms, largest, cycles, _ = medians(runs)
+        each = ", ".join(f"{one.rms:.2f}" for one in runs)
         faults = sum(one.faults for one in runs)
-        rows.append(
-            row(
-                robot,
-                target,
-                values,
-                f"{rms:.2f}°",
-                each,
-                f"{largest:.2f}°",
-                f"{cycles:.0f}",
-                faults,
-            )
-        )
+        rows.append(row(*names, f"{rms:.2f}°", each, f"{largest:.2f}°", f"{cycles:.0f}", faults))
     return table(
-        "robot | target | values | error rms | of each run | error max | bus cycles | faults", rows
+        "robot | target | parameters | error rms | of each run | error max | bus cycles | faults",
+        rows,
     )
 
 
-def _follow(robot: str, target: str, parameters: str) -> Followed:
+def _follow(robot: str, target: str, parameters: str) -> Summary:
     with _parameter_file(parameters) as file:
         finished = subprocess.run(
             [
@@ -125,80 +110,111 @@ def _follow(robot: str, target: str, parameters: str) -> Followed:
             stderr=subprocess.DEVNULL,
             text=True,
             check=True,
-            env=os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+            env=LOCAL,
         )
     summary = finished.stdout.splitlines()[-1]
-    said = re.search(r"error ([\d.]+)° rms, ([\d.]+)° max.*; (\d+) bus cycles, (\d+)", summary)
-    assert said is not None, summary
-    rms, largest, cycles, faults = said.groups()
-    return Followed(float(rms), float(largest), int(cycles), int(faults))
+    match = re.search(r"error ([\d.]+)° rms, ([\d.]+)° max.*; (\d+) bus cycles, (\d+)", summary)
+    assert match is not None, summary
+    rms, largest, cycles, faults = match.groups()
+    return Summary(float(rms), float(largest), int(cycles), int(faults))
 
 
 def _costs() -> str:
-    """Processor time and memory beside a bare node's, the way of a reading, and the start."""
-    bare, whole, driver = [], [], []
-    next_packet: list[list[float]] = []
+    """Return the table of costs, reaction times and start times."""
+    next_packets: list[list[float]] = []
     answers: list[list[float]] = []
-    starts = []
-    for turn in range(ROUNDS):
-        bare.append(_take(str(HERE / "bare_node.py")))
-        whole.append(_take("-m", "head_tracking", "--sim"))
-        with _servos() as (port, told):
-            started = time.monotonic_ns()
-            driver.append(_take("-m", "head_tracking", "--port", port, "--target", "fictitious"))
-        next_packet.append(told["next"])
-        if turn:  # the first start also reads the files from the disk
-            starts.append((told["first"] - started) * 1e-9)
-        with _servos("shaking") as (port, told), _parameter_file(TELLING % LEAD) as file:
-            _take("-m", "head_tracking", "--port", port, "--target", FAR, *file)
-        answers.append(told["answers"])
-        report(
-            f"{bare[-1]} {whole[-1]} {driver[-1]} {_milliseconds(next_packet[-1:])} "
-            f"{_milliseconds(answers[-1:])} {starts[-1:]}"
+    starts: list[float] = []
+
+    def with_servos_elsewhere() -> Cost:
+        with _servos() as (port, times):
+            start = time.monotonic_ns()
+            cost = _measure("-m", "head_tracking", "--port", port, "--target", "fictitious")
+        next_packets.append(times["next"])
+        starts.append((times["first"] - start) * 1e-9)
+        return cost
+
+    def with_shaking_servos() -> Cost:
+        with _servos("shaking") as (port, times), _parameter_file(SLOW % LEAD) as file:
+            cost = _measure("-m", "head_tracking", "--port", port, "--target", FAR, *file)
+        answers.append(times["answers"])
+        return cost
+
+    simulated = ("-m", "head_tracking", "--sim")
+    found = in_turns(
+        {
+            "bare node": lambda: _measure(str(HERE / "bare_node.py")),
+            "a simulated run": lambda: _measure(*simulated),
+            "the same with simulated servos in another process": with_servos_elsewhere,
+            "a simulated run with a face": lambda: _measure(*simulated, "--target", "face"),
+            "shaking": with_shaking_servos,
+        },
+        ROUNDS,
+    )
+    bare, run = found.pop("bare node"), found["a simulated run"]
+    del found["shaking"], starts[0]  # the first start also reads files from the disk
+    base = 100.0 * statistics.median(one.processor for one in bare)
+    rows = []
+    for (name, costs), limit in zip(found.items(), (5, 3, 8), strict=True):
+        ratios = [one.processor / b.processor for one, b in zip(costs, bare, strict=True)]
+        percent = 100.0 * statistics.median(one.processor for one in costs)
+        rows.append(
+            row(
+                f"processor time of {name}, over a bare node's ({base:.1f} % of a core)",
+                f"**{statistics.median(ratios):.1f}** ({min(ratios):.1f} to {max(ratios):.1f}): "
+                f"{percent:.0f} % of a core",
+                limit,
+            )
         )
-    ratios = [
-        [one.processor / base.processor for one, base in zip(runs, bare, strict=True)]
-        for runs in (whole, driver)
-    ]
-    base = statistics.median(one.processor for one in bare)
-    bare_memory = statistics.median(one.memory[0] for one in bare)
-    rows = [
-        f"| processor time of {what}, over a bare node's ({100 * base:.1f} % of a core) | "
-        f"**{statistics.median(ratio):.1f}** ({min(ratio):.1f} to {max(ratio):.1f}): "
-        f"{100 * statistics.median(one.processor for one in runs):.0f} % of a core | {asked} |"
-        for what, runs, ratio, asked in (
-            ("a simulated run", whole, ratios[0], 4),
-            ("the same with the servos simulated in another process", driver, ratios[1], 3),
-        )
-    ]
+    bare_memory = statistics.median(one.memory for one in bare)
     rows += [
-        "| from a reading's last byte to the packet made from it, law speed: p50, p99, largest | "
-        f"{_milliseconds(answers)} | 1 ms, 3 ms |",
-        "| from a reading's last byte to the next packet of goals, law predictive: p50, p99, "
-        f"largest | {_milliseconds(next_packet)} | |",
-        f"| memory of the control process; a bare node's is {bare_memory:.0f} MB | "
-        f"{statistics.median(one.memory[1] for one in whole):.0f} MB | 90 MB |",
-        "| memory of the supervisor | "
-        f"{statistics.median(one.memory[0] for one in whole):.0f} MB | 20 MB |",
-        "| warm start, from the command to the first packet on the wire | "
-        f"{statistics.median(starts):.2f} s ({max(starts):.2f} s at most) | 1.5 s |",
+        row(
+            "from the last byte of a reading to the packet made from it, law speed: p50, p99, "
+            "largest",
+            _milliseconds(answers),
+            "0.7 ms, 1.8 ms",
+        ),
+        row(
+            "from the last byte of a reading to the next packet of goals, law predictive: p50, "
+            "p99, largest",
+            _milliseconds(next_packets),
+            "",
+        ),
+        row(
+            f"memory of the control process; a bare node's is {bare_memory:.0f} MB",
+            f"{statistics.median(one.largest for one in run):.0f} MB",
+            "90 MB",
+        ),
+        row(
+            "memory of the supervisor",
+            f"{statistics.median(one.memory for one in run):.0f} MB",
+            "20 MB",
+        ),
+        row(
+            "warm start, from the command to the first packet on the wire",
+            f"{statistics.median(starts):.2f} s ({max(starts):.2f} s at most)",
+            "1.5 s",
+        ),
     ]
-    return table("what | measured | asked", rows)
+    return table("quantity | measured | limit", rows)
 
 
-def _take(*arguments: str) -> Taken:
-    """What a Python program takes between its warming up and its end by SIGTERM."""
+def _measure(*arguments: str) -> Cost:
+    """Return the cost of a Python program between its warm-up and SIGTERM."""
     process = subprocess.Popen(
-        [sys.executable, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=LOCAL,
     )
     try:
         time.sleep(WARM_UP)
-        pids = [process.pid, *descendants(process.pid)]
-        before, start = sum(map(processor_time, pids)), time.monotonic()
+        before = {pid: processor_time(pid) for pid in (process.pid, *descendants(process.pid))}
+        start = time.monotonic()
         time.sleep(SECONDS)
-        used = sum(map(processor_time, pids)) - before
-        largest = max(map(memory, pids))
-        return Taken(used / (time.monotonic() - start), (memory(process.pid), largest))
+        pids = before.keys() & {process.pid, *descendants(process.pid)}  # without short-lived ones
+        used = sum(processor_time(pid) - before[pid] for pid in pids)
+        processor = used / (time.monotonic() - start)
+        return Cost(processor, memory(process.pid), max(map(memory, pids)))
     finally:
         process.terminate()
         process.wait()
@@ -206,21 +222,21 @@ def _take(*arguments: str) -> Taken:
 
 @contextmanager
 def _servos(*arguments: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Servos in a process of their own: their port, and after the block what they tell."""
+    """Run servos in a process of their own; yield the port, and a dict filled at the end."""
     program = [sys.executable, str(HERE / "reacting_servos.py"), *arguments]
-    told: dict[str, Any] = {}
+    times: dict[str, Any] = {}
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
-            yield process.stdout.readline().strip(), told
+            yield process.stdout.readline().strip(), times
         finally:
             process.terminate()
-            told.update(json.loads(process.stdout.read() or "{}"))
+            times.update(json.loads(process.stdout.read() or "{}"))
 
 
 @contextmanager
 def _parameter_file(parameters: str) -> Iterator[tuple[str, ...]]:
-    """The arguments for parameters in YAML, if there are any."""
+    """Yield the arguments for parameters in YAML; none for an empty text."""
     if not parameters:
         yield ()
         return
@@ -231,7 +247,7 @@ def _parameter_file(parameters: str) -> Iterator[tuple[str, ...]]:
 
 
 def _milliseconds(rounds: Sequence[Sequence[float]]) -> str:
-    """Medians of the rounds' percentiles."""
+    """Return the medians of the percentiles of each round."""
     percentiles = [
         [1e3 * sorted(times)[int(share * (len(times) - 1))] for share in (0.5, 0.99, 1.0)]
         for times in rounds
@@ -239,5 +255,5 @@ def _milliseconds(rounds: Sequence[Sequence[float]]) -> str:
     ]
     if not percentiles:
         return "-"
-    middle, high, largest = (statistics.median(column) for column in zip(*percentiles, strict=True))
+    middle, high, largest = medians(percentiles)
     return f"{middle:.2f} ms, {high:.2f} ms, {largest:.1f} ms"

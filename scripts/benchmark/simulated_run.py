@@ -1,4 +1,4 @@
-"""A simulated head that runs in a process of its own, and what it tells while it does."""
+"""A simulated run in a process of its own, its status lines, and the figures of processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PATIENCE = 60.0
 
 
 class Status(NamedTuple):
-    """What the status line says.
+    """A status line.
 
     Attributes:
         error: angle between the camera and the target [degrees].
@@ -27,12 +27,12 @@ class Status(NamedTuple):
 
 
 class SimulatedRun:
-    """`head_tracking --sim` with more arguments, until the end of the block.
+    """`head_tracking --sim` with more arguments, as a context manager.
 
     Attributes:
-        pid: of its supervisor.
-        port: where its page is; 0 without `--viewer`.
-        told: every status line since it was ready, newest last.
+        pid: process id of the supervisor.
+        port: of its page; 0 without `--viewer`.
+        statuses: every status line since it was ready, the latest last.
     """
 
     def __init__(self, *arguments: str) -> None:
@@ -47,16 +47,16 @@ class SimulatedRun:
         self._reader = threading.Thread(target=self._read)
         self.pid = self._process.pid
         self.port = 0
-        self.told: list[Status] = []
+        self.statuses: list[Status] = []
 
     @property
     def viewer_pid(self) -> int:
-        """Of the viewer's process."""
+        """Process id of the page."""
         return self._process_id(b"page")
 
     @property
     def control_pid(self) -> int:
-        """Of the control process."""
+        """Process id of control."""
         return self._process_id(b"control")
 
     def _process_id(self, name: bytes) -> int:
@@ -66,7 +66,7 @@ class SimulatedRun:
         self._reader.start()
         if not self._ready.wait(PATIENCE):
             self.__exit__()
-            raise SystemExit("the simulated head is not ready within a minute")
+            raise SystemExit(f"the simulated head is not ready within {PATIENCE:g} s")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -80,19 +80,19 @@ class SimulatedRun:
             if found := re.search(r"the robot is at http://\S+:(\d+)", line):
                 self.port = int(found[1])
             if found := re.search(r"error +([\d.]+)°.*\| bus (\d+) Hz", line):
-                self.told.append(Status(float(found[1]), int(found[2])))
+                self.statuses.append(Status(float(found[1]), int(found[2])))
                 if self.port or not self._shown:
                     self._ready.set()
 
 
 def own_domain() -> None:
-    """Put this process and those that it starts into a ROS domain of their own."""
+    """Use an own ROS domain in this process and its children."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 
 
 def descendants(pid: int) -> Iterator[int]:
-    """All processes that a process started, and those that these started."""
+    """Yield the process ids of all children, their children, and so on."""
     parents = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -100,15 +100,15 @@ def descendants(pid: int) -> Iterator[int]:
         except OSError:
             continue  # it has just ended
         parents.setdefault(int(fields[1]), []).append(int(folder.name))
-    waiting = [pid]
-    while waiting:
-        found = parents.get(waiting.pop(), [])
+    pending = [pid]
+    while pending:
+        found = parents.get(pending.pop(), [])
         yield from found
-        waiting.extend(found)
+        pending.extend(found)
 
 
 def command(pid: int) -> bytes:
-    """A process's command line; empty if it has ended."""
+    """Return the command line of a process; empty if it has ended."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
@@ -116,22 +116,22 @@ def command(pid: int) -> bytes:
 
 
 def processor_time(pid: int) -> float:
-    """What a process used up to now [s]."""
+    """Return the processor time of a process [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def memory(pid: int) -> float:
-    """Resident memory of a process [MB]."""
+    """Return the resident memory of a process [MB]."""
     text = Path(f"/proc/{pid}/status").read_text()
     return int(text.split("VmRSS:")[1].split()[0]) / 1024.0
 
 
 def threads(pid: int) -> int:
-    """How many threads a process has."""
+    """Return the number of threads of a process."""
     return len(os.listdir(f"/proc/{pid}/task"))
 
 
 def file_descriptors(pid: int) -> int:
-    """How many file descriptors a process has open."""
+    """Return the number of open file descriptors of a process."""
     return len(os.listdir(f"/proc/{pid}/fd"))

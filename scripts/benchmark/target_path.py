@@ -1,7 +1,7 @@
-"""Count what one target point passes through: from its message to the command for the joints.
+"""Count the functions that process one target point, from its message to the joint command.
 
-A head_tracker node that has followed a moving target for two seconds is handed one more message,
-and then asked for its part in the cycle, as the loop does. Only functions of this package count.
+A head_tracker node follows a moving target for two seconds. Then it receives one more message, and
+the loop runs one more cycle. Only functions of this package are counted.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 
 import head_tracking
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.share import robot_file
 from head_tracking.tf import Buffer
 from head_tracking.transforms import load_robot_model
@@ -38,8 +39,8 @@ def target_path() -> str:
 
     def on_event(frame: FrameType, event: str, _: Any) -> None:
         path = frame.f_code.co_filename
-        if event == "call" and (path.startswith(PACKAGE) or path.startswith("<")):
-            # (what is compiled at run time carries no file name: it is transforms' lookup)
+        if event == "call" and (path.startswith((PACKAGE, "<")) and not path.startswith("<frozen")):
+            # (code that the package compiles at run time, such as its lookups, has no file name)
             calls[path, frame.f_code.co_qualname] += 1
 
     for k in range(100):
@@ -54,7 +55,7 @@ def target_path() -> str:
         message.header.stamp = now.to_msg()
         last = k == 99
         sys.setprofile(on_event if last else None)
-        node.interface._on_target(message)
+        node.interface.control.accept(target_from_message(message))
         node.interface.control.update()
         sys.setprofile(None)
     node.destroy_node()

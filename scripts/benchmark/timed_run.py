@@ -1,7 +1,7 @@
-"""The head with its usual arguments; at its end, how long the cycles of its servo bus took, s.
+"""Runs head_tracking and prints the duration of each cycle of its servo bus [s].
 
-Usage: timed_run.py ARGUMENT ...; the last line of the output that begins with a bracket is a JSON
-list. The bus runs in the control process, which this program starts as itself.
+Usage: timed_run.py ARGUMENT ...; the last output line that begins with a bracket is a JSON list.
+The bus runs in the control process, which this program replaces by itself.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from head_tracking.run import supervisor
 
 CHILD = "head_tracking.run.child"
 
-took: list[float] = []
+durations: list[float] = []
 
 
 class _Stopwatch:
@@ -28,7 +28,7 @@ class _Stopwatch:
 
 
 def timed() -> None:
-    """Take the time from the begin of each bus's read to the end of its write."""
+    """Measure the time from the start of each read to the end of the write."""
     read, write = Cycle.read, Cycle.write
 
     def timed_read(cycle: Cycle) -> BusReading:
@@ -37,17 +37,17 @@ def timed() -> None:
 
     def timed_write(cycle: Cycle) -> tuple[BusEvent, ...]:
         events = write(cycle)
-        took.append(time.perf_counter() - _Stopwatch.begin)
+        durations.append(time.perf_counter() - _Stopwatch.begin)
         return events
 
     Cycle.read, Cycle.write = timed_read, timed_write  # type: ignore[method-assign]
 
 
 class ChildProcess(subprocess.Popen[bytes]):
-    """A process of the run; control is started by this program.
+    """A process of the run; control is started with this program.
 
     Args:
-        command: as the supervisor has it.
+        command: of the supervisor.
     """
 
     def __init__(self, command: list[str], **options: Any) -> None:
@@ -65,4 +65,4 @@ if __name__ == "__main__":
     try:
         runpy.run_module(CHILD, run_name="__main__")
     finally:
-        print(json.dumps([round(seconds, 6) for seconds in took]), flush=True)
+        print(json.dumps([round(seconds, 6) for seconds in durations]), flush=True)

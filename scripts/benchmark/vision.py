@@ -1,4 +1,4 @@
-"""Following what a camera sees: speed, errors in space, closed loops, false finds."""
+"""Visual targets: processor time, position errors, closed loops, false detections."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ EMPTY_FRAMES = 10_000
 
 
 def vision() -> str:
-    """All tables; also draws docs/pictures/camera.jpg."""
+    """Return all tables; draw docs/pictures/camera.jpg."""
     require_opencv()
     draw_camera(ROOT / "docs" / "pictures" / "camera.jpg")
     parts = (speed, errors, encodings, closed_loop, empty_scene)
@@ -53,7 +53,7 @@ def vision() -> str:
 
 
 def speed() -> str:
-    """Processor time of the whole way from message data to point, at 640 by 480."""
+    """Measure the processor time from message data to position, at 640 by 480."""
     rows = []
     for what, scene, name, select, least in (*METHODS, ("face, whole image", *METHODS[3][1:])):
         view = _view(scene)
@@ -85,7 +85,7 @@ def speed() -> str:
 
 
 def errors() -> str:
-    """How far the point is from the surface, or from the middle where no depth is known."""
+    """Measure the position error, against the surface (depth) or the middle (no depth)."""
     rows = []
     sizes: dict[str, tuple[Any, dict[str, float]]] = {
         "colour": (None, {"object_size": 0.16}),
@@ -109,7 +109,7 @@ def errors() -> str:
 
 
 def encodings() -> str:
-    """The same for every encoding of the picture."""
+    """Measure the position error for every image encoding."""
     rows = []
     for encoding, encode in ENCODERS.items():
         what, scene = ("marker", "marker") if encoding in COLOURLESS else ("colour", "ball")
@@ -132,7 +132,7 @@ def encodings() -> str:
 
 
 def closed_loop() -> str:
-    """How far from the picture's middle the target is while the head follows it."""
+    """Measure the pointing error while the head follows a detected target."""
     runs: tuple[tuple[str, str, str, str, tuple[float, float] | None], ...] = (
         ("face", "face", "face", "face", None),
         ("ball", "colour", "ball", "ball", None),
@@ -163,7 +163,7 @@ def closed_loop() -> str:
 
 
 def empty_scene() -> str:
-    """How many targets are found where nothing is."""
+    """Count the targets detected in an empty room."""
     view = _view("empty", camera=SMALL, noise=8.0, swing=1.2)
     found = dict.fromkeys(("face", "colour", "marker"), 0)
     trackers = {what: _tracker(what) for what in found}
@@ -178,7 +178,7 @@ def empty_scene() -> str:
 
 
 def draw_camera(file: Path) -> None:
-    """What the simulated camera sees, and what is found in it."""
+    """Draw the image of the simulated camera with detections, and its depths."""
     view = _view("everything", swing=0.0, noise=4.0)
     trackers = [_tracker(what) for what in ("face", "colour", "marker")]
     for _, frame, pose in view.frames(20, 12.0):

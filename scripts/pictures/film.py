@@ -26,7 +26,7 @@ FEWEST = 4.0  # pictures a second: with fewer it is no film
 
 
 def filmed(visitor: Visitor, seconds: float) -> list[tuple[float, bytes]]:
-    """The page's pictures as it draws them, each with its time [s].
+    """Yield the images of the page, with their times [s].
 
     Raises:
         Failed: the head did not follow all the time.
@@ -54,7 +54,7 @@ def filmed(visitor: Visitor, seconds: float) -> list[tuple[float, bytes]]:
 
 
 def first_good(visitor: Visitor) -> list[tuple[float, bytes]]:
-    """The first take on which the head follows; none if there is none."""
+    """Return the first recording in which the head follows; empty: none."""
     for take in range(1, TAKES + 1):
         try:
             return filmed(visitor, SECONDS)
@@ -64,7 +64,7 @@ def first_good(visitor: Visitor) -> list[tuple[float, bytes]]:
 
 
 def main() -> int:
-    """Films it; 1 if the machine is too busy for that."""
+    """Record the film; return 1 if the computer is too busy."""
     path = Path(sys.argv[1]) / "viewer.webp"
     own_domain()
     with open_browser() as browser, SimulatedRun("--viewer", "--target", "face") as run:

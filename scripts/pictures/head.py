@@ -34,7 +34,7 @@ Samples = dict[str, list[float]]
 
 
 def record(head: Composition) -> tuple[Samples, dict[str, float], tuple[float, ...]]:
-    """Wanted and true joint positions [rad] over time [s]; a moment of it, and its target."""
+    """Set-points and true joint positions [rad] over time [s]; one moment, and its target."""
     tracker, simulated = head.nodes["head_tracker"], head.simulated
     assert simulated is not None
     seen: list[Any] = []
@@ -46,18 +46,18 @@ def record(head: Composition) -> tuple[Samples, dict[str, float], tuple[float, .
     start = time.monotonic()
     while (now := time.monotonic() - start) < SECONDS:
         rclpy.spin_once(node, timeout_sec=0.01)
-        if not seen or tracker.interface.control.head is None:
+        if not seen or tracker.interface.control.frames.head is None:
             continue
         message = seen[-1]
         point = (message.point.x, message.point.y, message.point.z)
         try:
             placed = head.buffer.core.transform_point(
-                point, tracker.interface.control.head.base_frame, message.header.frame_id
+                point, tracker.interface.control.frames.head.base_frame, message.header.frame_id
             )
         except TransformException:
             continue
         pan, tilt = (simulated.true_position(f"head_{name}_joint") for name in ("pan", "tilt"))
-        gaze = tracker.interface.control.head.gaze(placed, pan, tilt)
+        gaze = tracker.interface.control.frames.head.gaze(placed, pan, tilt)
         for key, value in zip(samples, (now, pan, tilt, gaze.pan, gaze.tilt), strict=True):
             samples[key].append(value)
         if not moment and now > 3.0 and -0.7 < pan < -0.5:
@@ -68,7 +68,7 @@ def record(head: Composition) -> tuple[Samples, dict[str, float], tuple[float, .
 
 
 def draw_robot(axes: Any, model: RobotModel, positions: dict[str, float], target: Any) -> None:
-    """The shapes of the model, the camera's line of sight and the target."""
+    """Draw the shapes of the model, the optical axis and the target."""
     robot = yourdfpy.URDF.load(
         io.BytesIO(model.urdf.encode()), build_scene_graph=False, load_meshes=False
     ).robot
@@ -94,14 +94,14 @@ def draw_robot(axes: Any, model: RobotModel, positions: dict[str, float], target
 
 
 def brightness(triangles: np.ndarray) -> np.ndarray:
-    """How bright each triangle is, lit from above and in front; shape (N,)."""
+    """Return the brightness of each triangle, shape (N,); light from above and in front."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     return 0.72 + 0.28 * normals @ np.array([0.35, -0.55, 0.76])
 
 
 def shape(geometry: Any) -> np.ndarray:
-    """Triangles of a box, cylinder or sphere, shape (N, 3, 3) [m]."""
+    """Return the triangles of a box, cylinder or sphere, shape (N, 3, 3) [m]."""
     if geometry.box is not None:
         mesh = trimesh.creation.box(geometry.box.size)
     elif geometry.cylinder is not None:
@@ -115,7 +115,7 @@ def shape(geometry: Any) -> np.ndarray:
 def draw_head(
     path: Path, model: RobotModel, samples: Samples, moment: dict[str, float], target: Any
 ) -> None:
-    """The picture of the README."""
+    """Draw the picture."""
     figure = plt.figure(figsize=(10, 4.2))
     draw_robot(figure.add_axes((0.0, -0.05, 0.42, 1.1), projection="3d"), model, moment, target)
     for index, joint in enumerate(("pan", "tilt")):
@@ -140,7 +140,7 @@ def draw_head(
 
 
 def main() -> None:
-    """Runs the simulated head and draws what it did."""
+    """Run the simulated head and draw its motion."""
     folder = Path(sys.argv[1])
     plan = parse_arguments(["--sim"])
     rclpy.init(args=plan.ros_arguments)

@@ -10,12 +10,12 @@ from simulated_run import SimulatedRun, own_domain
 from visitor import Visitor, face, first_sight
 
 SIZE, PHONE = (1280, 800), (390, 844)
-SETTLING = 20.0  # s: plots need something to show
+SETTLING = 20.0  # s until the chart is filled
 LARGEST = 400_000  # bytes
 
 
 def take(visitor: Visitor, path: Path) -> int:
-    """Takes a picture; how large it is [bytes]."""
+    """Take a picture; return its size [bytes]."""
     visitor.page.wait_for_timeout(2e3)
     visitor.page.screenshot(path=path)
     size = path.stat().st_size
@@ -24,7 +24,7 @@ def take(visitor: Visitor, path: Path) -> int:
 
 
 def main() -> int:
-    """Runs a simulated head and takes pictures of its page; 1 if one is too large."""
+    """Take pictures of the page of a simulated head; return 1 if one is too large."""
     own_domain()
     folder, sizes = Path(sys.argv[1]), []
     with open_browser() as browser, SimulatedRun("--viewer") as run:
@@ -34,9 +34,9 @@ def main() -> int:
         face(visitor)
         visitor.page.wait_for_timeout(1e3 * SETTLING)
         sizes.append(take(visitor, folder / "viewer.png"))
-        for place in ("joints", "tune", "health"):
-            open_tab(visitor.page, place)
-            sizes.append(take(visitor, folder / f"viewer-{place}.png"))
+        for tab in ("joints", "tune", "health"):
+            open_tab(visitor.page, tab)
+            sizes.append(take(visitor, folder / f"viewer-{tab}.png"))
         visitor.page.close()
         width, height = PHONE
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="dark")

@@ -1,4 +1,4 @@
-"""Walks through the page of a run in 25 steps and takes a picture of each, in Debian's chromium."""
+"""Goes through the page of a run in 25 steps and takes a screenshot of each."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ SETTLING = 1500  # ms after each step
 
 
 def welcome(page: Any) -> Iterator[str]:
-    """What a newcomer sees."""
+    """The welcome."""
     for name in ("head", "stop", "follow"):
         page.locator("#welcome").wait_for()
         yield f"welcome-{name}"
         page.locator("#welcome-next").dispatch_event("click")
 
 
-def looking(page: Any) -> Iterator[str]:
-    """What the head can look at."""
+def modes(page: Any) -> Iterator[str]:
+    """The modes."""
     yield "live"
     for mode in ("face", "ball", "marker"):
         choose_mode(page, mode)
@@ -50,8 +50,8 @@ def looking(page: Any) -> Iterator[str]:
     page.locator("#drawn summary").dispatch_event("click")
 
 
-def places(page: Any) -> Iterator[str]:
-    """The other places, and STOP."""
+def tabs(page: Any) -> Iterator[str]:
+    """The other tabs, and STOP."""
     open_tab(page, "joints")
     yield "joints"
     press(page, "Randomise")
@@ -79,11 +79,11 @@ def places(page: Any) -> Iterator[str]:
     yield "no-picture"
 
 
-STAGES: tuple[Callable[[Any], Iterator[str]], ...] = (welcome, looking, places)
+STAGES: tuple[Callable[[Any], Iterator[str]], ...] = (welcome, modes, tabs)
 
 
 def main() -> int:
-    """Take the pictures; return 1 if a step could not be done."""
+    """Take the screenshots of the chosen sizes and schemes, such as 390-dark; default: of all."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     chosen = sys.argv[2:]

@@ -1,4 +1,4 @@
-"""A person before the page of a run, in Debian's chromium."""
+"""A visitor of the page of a run, in Debian's chromium."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _HAS_PICTURE = "document.getElementById('picture').naturalWidth > 0"
 
 
 class Failed(Exception):
-    """A step did not do what it says; says what was there instead."""
+    """A step did not have the expected result."""
 
 
 class Visitor:
-    """A person before a page, whom it does not welcome any more.
+    """A visitor of a page, without the welcome.
 
     Attributes:
         page: Playwright's.
@@ -32,21 +32,21 @@ class Visitor:
 
     @property
     def word(self) -> str:
-        """What the head does, by the pill."""
+        """The status of the head."""
         return str(self.page.locator("#pill").get_attribute("data-word"))
 
     def sees(self, what: str, is_so: Callable[[], Any]) -> None:
-        """Wait until something is so.
+        """Wait until a condition holds.
 
         Raises:
-            Failed: it has not become so; says what the page showed.
+            Failed: it has not become true; with what the page showed.
         """
         deadline = time.monotonic() + PATIENCE
         while not is_so():
             if time.monotonic() > deadline:
                 pill = " ".join(self.page.locator("#pill").inner_text().split())
                 mode = self.page.evaluate("headPage.about.mode")
-                raise Failed(f"{what}: not so within {PATIENCE:.0f} s; {pill}; looks at {mode}")
+                raise Failed(f"{what}: not within {PATIENCE:.0f} s; {pill}; looks at {mode}")
             self.page.wait_for_timeout(100)
 
     def stays_on_target(self, seconds: float = 2.0) -> None:
@@ -63,14 +63,14 @@ class Visitor:
 
 
 def first_sight(visitor: Visitor) -> None:
-    """The robot by its name, and what its camera sees, without a click."""
+    """See the robot's name and its camera picture without a click."""
     visitor.sees("the robot's name", lambda: visitor.page.title() == "kinectbot")
     visitor.sees("the camera's picture", lambda: visitor.page.evaluate(_HAS_PICTURE))
     visitor.sees("on target", lambda: visitor.word == "on target")
 
 
 def face(visitor: Visitor) -> None:
-    """The head follows a face that its camera finds."""
+    """Let the head follow a face."""
     open_tab(visitor.page, "live")
     choose_mode(visitor.page, "face")
     visitor.stays_on_target()

@@ -14,6 +14,7 @@ from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
+from head_tracking.exceptions import FrameError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
 from head_tracking.share import robot_file, robot_parameters
@@ -29,7 +30,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(gathering, "_SPEED", 2.0)
 
 
-def test_from_a_wrong_mounting_to_a_right_one(quick, tmp_path):
+def test_a_wrong_mounting_is_corrected(quick, tmp_path):
     output = tmp_path / "camera.yaml"
     arguments = ["camera", "--sim", "--yes", "--output", str(output)]
     assert calibrate.main(arguments) == DONE
@@ -42,7 +43,7 @@ def test_from_a_wrong_mounting_to_a_right_one(quick, tmp_path):
     assert Calibration.load(output).views > 8
 
 
-def test_nothing_moves_before_somebody_agrees(tmp_path):
+def test_nothing_moves_without_confirmation(tmp_path):
     output = tmp_path / "camera.yaml"
 
     def ask(question):
@@ -108,6 +109,43 @@ def test_a_view_counts_only_while_the_joints_stand(quick, monkeypatch):
     )
     assert found.views > 8
     assert abs(found.estimates["camera yaw"].value) < math.radians(0.5)
+
+
+def test_a_camera_clock_that_is_ahead_costs_no_time(quick, monkeypatch):
+    monkeypatch.setattr(gathering, "_LATE", 5.0)
+    model = load_robot_model(robot_file("kinectbot"))
+    head = LateHead(model, 0.0)
+
+    def camera(stamp):
+        return model.transform("base_link", "camera_optical_frame", head.true)
+
+    pictures = ((stamp + 3.0, picture) for stamp, picture in film("still marker", camera))
+    begin = time.monotonic()
+    found = calibrate_camera(head, pictures, marker=MarkerParameters("4X4_50", -1, 0.16))
+    assert found.views > 8
+    assert time.monotonic() - begin < 45.0
+
+
+def test_unmeasured_joints_interrupt_a_calibration_but_do_not_end_it(quick, monkeypatch):
+    model = load_robot_model(robot_file("kinectbot"))
+    head = LateHead(model, 0.0)
+    turn, calls = head.look_at, []
+
+    def look_at(point, frame, *, max_velocity):
+        calls.append(point)
+        if len(calls) in (3, 4):
+            raise FrameError(frame, "the joints are not measured")
+        turn(point, frame, max_velocity=max_velocity)
+
+    monkeypatch.setattr(head, "look_at", look_at)
+
+    def camera(stamp):
+        return model.transform("base_link", "camera_optical_frame", head.true)
+
+    film_of_marker = film("still marker", camera)
+    found = calibrate_camera(head, film_of_marker, marker=MarkerParameters("4X4_50", -1, 0.16))
+    assert calls[2] == calls[3] == calls[4]
+    assert found.views > 8
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1.0])

@@ -33,7 +33,7 @@ def file(geometry, tmp_path):
     return tmp_path / "calibration.yaml"
 
 
-def test_the_model_sees_what_the_solver_saw(geometry, file):
+def test_the_calibrated_model_agrees_with_the_solver(geometry, file):
     model = calibrated(geometry.model, file)
     pans, tilts = np.array([0.0, 0.7, -0.4]), np.array([0.3, -0.2, 0.0])
     turns, places = geometry.cameras(CHANGES, pans, tilts)

@@ -1,4 +1,4 @@
-"""doctor: each of its checks in a case in which it is red, and what it must not do."""
+"""doctor: a red case for each check, and what doctor must not do."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ X_HEAD = """
 
 
 class Head:
-    """Two simulated servos on a port, and the doctor who checks them."""
+    """Two simulated servos on a port, and doctor."""
 
     def __init__(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         self.tmp_path, self._capsys = tmp_path, capsys
@@ -48,7 +48,7 @@ class Head:
         self.latency = 0.0  # s
         self.opening: Callable[[], object] = lambda: None
         self.arguments = ["--listen", "0"]
-        self.baud_rate = 0  # the only one that servos hear; 0: any
+        self.baud_rate = 0  # of the servos; 0: any
         self.sent: list[bytes] = []
 
     def servos(self, *servos: SimulatedServo, faults: Faults | None = None) -> None:
@@ -89,7 +89,7 @@ class Head:
 
     @property
     def levels(self) -> dict[str, str]:
-        """Check and colour of what was printed; the worst of those of one name."""
+        """The highest level of each check."""
         found: dict[str, str] = {}
         order = ["-", "green", "amber", "red"]
         for line in self.output.splitlines():
@@ -177,15 +177,13 @@ RED: list[tuple[str, Callable[[Head], None]]] = [
 
 
 @pytest.mark.parametrize(("check", "spoil"), RED)
-def test_each_check_is_red_where_it_should_be(
-    check: str, spoil: Callable[[Head], None], head: Head
-) -> None:
+def test_each_check_can_be_red(check: str, spoil: Callable[[Head], None], head: Head) -> None:
     spoil(head)
     assert head.check() == 2
     assert head.levels.get(check) == "red", head.output
 
 
-def test_a_head_in_order_is_green(head: Head) -> None:
+def test_a_correct_head_is_green(head: Head) -> None:
     assert head.check() == 0
     assert {check for check, _ in RED} < head.levels.keys()
     assert {check for check, level in head.levels.items() if level != "green"} == {"network"}
@@ -201,17 +199,15 @@ def test_a_head_in_order_is_green(head: Head) -> None:
         ("port", _opening(PortBusyError("/dev/ttyUSB0"))),
     ],
 )
-def test_what_is_worth_a_look_is_amber(
-    check: str, spoil: Callable[[Head], None], head: Head
-) -> None:
+def test_minor_problems_are_amber(check: str, spoil: Callable[[Head], None], head: Head) -> None:
     spoil(head)
     assert head.check() == 1, head.output
     assert head.levels[check] == "amber"
     assert head.sent or check == "port"  # a port that another program owns is left alone
 
 
-def test_servos_are_pinged_and_read_and_nothing_else(head: Head) -> None:
-    """Also servos with torque on keep it, and stand where they stood."""
+def test_servos_are_only_pinged_and_read(head: Head) -> None:
+    """Servos keep torque and position."""
     for servo in head.bench.bus:
         servo.set_register("Torque Enable", 1)
     before = [servo.true_position for servo in head.bench.bus]
@@ -260,11 +256,11 @@ def test_clocks_and_stamps_that_differ_are_reported(
     assert check_targets(_later(seconds)).level is targets
 
 
-def test_without_messages_nothing_is_known_of_clocks() -> None:
+def test_without_messages_the_clocks_are_not_checked() -> None:
     assert check_clocks({}).level is check_targets([]).level is Grade.SKIPPED
 
 
-def test_diagnostics_are_repeated(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diagnostics_are_shown(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
     diagnostics = {"servo_bus: head_pan_joint": (2, "lost: it does not answer")}
     monkeypatch.setattr(network, "listen", lambda *_: Received({}, diagnostics, 3))
     head.arguments = []
@@ -273,20 +269,18 @@ def test_diagnostics_are_repeated(head: Head, monkeypatch: pytest.MonkeyPatch) -
     assert head.levels["diagnostics"] == "red"
 
 
-def test_a_middleware_that_makes_no_node_is_red(
-    head: Head, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_middleware_error_is_red(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     head.arguments = ["--listen", "0.1"]
     assert head.check() == 2
     assert head.levels["network"] == "red"
 
 
-# What it needs itself
+# Requirements of doctor itself
 
 
 @pytest.mark.parametrize("options", [("-I", "-S"), ("-I",)])
-def test_it_starts_without_libraries_and_without_ros(options: tuple[str, ...]) -> None:
+def test_it_runs_without_libraries_and_without_ros(options: tuple[str, ...]) -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(SOURCE)!r}); sys.modules['rclpy'] = None\n"
         "from head_tracking.cli.doctor.__main__ import main\n"
@@ -300,7 +294,7 @@ def test_it_starts_without_libraries_and_without_ros(options: tuple[str, ...]) -
     assert len(missing) == (1 if "-S" in options else 0)
 
 
-def test_a_wrong_command_line_is_no_verdict() -> None:
+def test_a_wrong_command_line_has_its_own_exit_code() -> None:
     with pytest.raises(SystemExit) as ending:
         main(["--nonsense"])
     assert ending.value.code == 3

@@ -1,4 +1,4 @@
-"""head_setup: says what it will do, asks, and touches nothing before that."""
+"""head_setup: prints its steps and asks before it runs them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return prefix
 
 
-def test_it_says_what_it_will_do_and_does_nothing_unless_told(
+def test_nothing_is_done_without_confirmation(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     done: list[Sequence[str]] = []
@@ -38,7 +38,7 @@ def test_it_says_what_it_will_do_and_does_nothing_unless_told(
     assert not done
 
 
-def test_it_stops_at_the_first_step_that_fails(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failed_step_ends_the_set_up(capsys: pytest.CaptureFixture[str]) -> None:
     done: list[Sequence[str]] = []
 
     def execute(command: Sequence[str]) -> int:
@@ -50,13 +50,13 @@ def test_it_stops_at_the_first_step_that_fails(capsys: pytest.CaptureFixture[str
     assert "failed: one 1" in capsys.readouterr().err
 
 
-def test_a_command_that_is_not_there_is_a_failure(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_command_is_a_failure(capsys: pytest.CaptureFixture[str]) -> None:
     steps = [Step("x", ("no-such-program-anywhere",))]
     assert carry_out(steps, dry_run=False, yes=True) == FAILED
     assert "no-such-program" in capsys.readouterr().err
 
 
-def test_the_rules_it_installs_are_shipped_and_set_the_latency() -> None:
+def test_the_udev_rules_set_latency_and_group() -> None:
     install, *_ = head_setup.udev_steps(share_directory())
     source, target = install.command[-2:]
     assert target == "/etc/udev/rules.d/99-dynamixel.rules"
@@ -78,7 +78,7 @@ def test_the_unit_is_complete(workspace: Path) -> None:
     assert "@" not in text.partition("[Unit]")[2]
 
 
-def test_the_reader_of_urdfs_goes_into_the_workspace_beside_ros(
+def test_libraries_are_installed_into_the_workspace(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "prefix", sys.base_prefix)
@@ -88,15 +88,13 @@ def test_the_reader_of_urdfs_goes_into_the_workspace_beside_ros(
     assert "--break-system-packages" not in step.command
 
 
-def test_the_page_leaves_ros_the_numpy_that_it_is_built_on(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_keeps_the_numpy_of_ros(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "prefix", sys.base_prefix)
     (step,) = head_setup.library_steps("viewer")
     assert f"numpy=={numpy.__version__}" in step.command
 
 
-def test_what_it_installs_is_what_the_requirements_say() -> None:
+def test_the_libraries_are_those_of_the_requirements() -> None:
     lists = share_directory() / "requirements"
     lines = [
         line
@@ -108,20 +106,20 @@ def test_what_it_installs_is_what_the_requirements_say() -> None:
         assert set(packages) <= set(lines)
 
 
-def test_what_follows_service_is_for_the_head(
+def test_arguments_after_service_are_those_of_the_head(
     workspace: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--port", "/dev/ttyUSB0", "--sim", "--params", "a b.yaml"]
     assert head_setup.main(["--dry-run", "service", *words]) == DONE
-    said = capsys.readouterr().out.split()
-    unit = Path(said[said.index("0644") + 1]).read_text()
+    words_printed = capsys.readouterr().out.split()
+    unit = Path(words_printed[words_printed.index("0644") + 1]).read_text()
     assert "--port /dev/ttyUSB0 --sim --params \\'a b.yaml\\'" in unit
     with pytest.raises(SystemExit):
         head_setup.main(["udev", "--port", "/dev/ttyUSB0"])
     assert "unrecognized arguments: --port /dev/ttyUSB0" in capsys.readouterr().err
 
 
-def test_without_a_workspace_it_says_so(
+def test_a_service_needs_a_workspace(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/nowhere")

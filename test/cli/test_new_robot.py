@@ -1,4 +1,4 @@
-"""new-robot on simulated servos: from a port with unknown servos to a head that tracks."""
+"""new-robot on simulated servos: from unknown servos to a head that tracks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simulated_device import Bench
 
 from head_tracking import Head
 from head_tracking.cli import new_robot
-from head_tracking.cli.servo.bench import Terminal, Workshop
+from head_tracking.cli.servo.session import Session, Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
@@ -23,8 +23,8 @@ class Keyboard(io.StringIO):
         return True
 
 
-class Newcomer:
-    """Somebody with a head that nobody has described: tilt is servo 5, pan 9, an arm has 3."""
+class User:
+    """A user with an unknown head: tilt is servo 5, pan is servo 9, servo 3 belongs to an arm."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.folder = folder
@@ -50,8 +50,8 @@ class Newcomer:
             bus.advance(clock.now)
 
     def run(self, *arguments: str) -> int:
-        def workshop(terminal: Terminal, port_name: str, baud_rate: int) -> Workshop:
-            return Workshop(
+        def session(terminal: Terminal, port_name: str, baud_rate: int) -> Session:
+            return Session(
                 terminal, port_name, baud_rate, lambda *_: self.bench.port, clock=self.bench.clock
             )
 
@@ -61,7 +61,7 @@ class Newcomer:
 
         self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))
         words = ["my_head", "--folder", str(self.folder), "--port", "/dev/sim", *arguments]
-        return new_robot.main(words, workshop, show)
+        return new_robot.main(words, session, show)
 
     @property
     def files(self) -> list[Path]:
@@ -74,8 +74,8 @@ class Newcomer:
 
 
 @pytest.fixture
-def newcomer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Newcomer:
-    return Newcomer(tmp_path, monkeypatch)
+def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> User:
+    return User(tmp_path, monkeypatch)
 
 
 BY_HAND = [{}, {9: 600}, {9: 2600}, {9: 1500, 5: 2900}, {5: 1700}]
@@ -84,21 +84,21 @@ BY_HAND = [{}, {9: 600}, {9: 2600}, {9: 1500, 5: 2900}, {5: 1700}]
 GIVEN = ("--pan", "9", "--tilt", "5")
 
 
-def test_a_head_that_nobody_has_described_tracks(newcomer: Newcomer) -> None:
-    newcomer.poses = [dict(pose) for pose in BY_HAND]
-    newcomer.answers = "0 0 0.12\n0 0.01 0.05\n0.04 0 0.02\n"
-    before = newcomer.bench.bus[3].true_ticks
-    assert newcomer.run("--show") == DONE
-    assert newcomer.bench.bus[3].true_ticks == before
-    pan, tilt = newcomer.motors()
+def test_an_unknown_head_is_described_and_tracks(user: User) -> None:
+    user.poses = [dict(pose) for pose in BY_HAND]
+    user.answers = "0 0 0.12\n0 0.01 0.05\n0.04 0 0.02\n"
+    before = user.bench.bus[3].true_ticks
+    assert user.run("--show") == DONE
+    assert user.bench.bus[3].true_ticks == before
+    pan, tilt = user.motors()
     assert (pan["id"], tilt["id"]) == (9, 5)
     assert pan["init"] == pytest.approx(1500, abs=3)
     assert pan["min"] == pytest.approx(2580, abs=5)  # 0.03 rad, 20 ticks, from the end
     assert pan["max"] == pytest.approx(620, abs=5)
     assert tilt["min"] == pytest.approx(2880, abs=5)
     assert tilt["max"] == pytest.approx(1720, abs=5)
-    model = newcomer.folder / "my_head.urdf.xacro"
-    assert str(model) in newcomer.shown
+    model = user.folder / "my_head.urdf.xacro"
+    assert str(model) in user.shown
 
     servos = [
         SimulatedServo(i, "XL430-W250", position=p) for i, p in ((3, 2048), (5, 2100), (9, 1500))
@@ -122,52 +122,52 @@ def test_a_head_that_nobody_has_described_tracks(newcomer: Newcomer) -> None:
     assert worst < math.radians(10.0)
 
 
-def test_a_joint_with_two_servos_is_described(newcomer: Newcomer) -> None:
-    newcomer.poses = [{}, {9: 600}, {9: 2600}, {9: 1500, 5: 2900, 3: 1250}, {5: 1700, 3: 2450}]
-    newcomer.answers = "\n\n\ny\n"
-    assert newcomer.run() == DONE
-    text = yaml.safe_load((newcomer.folder / "my_head.yaml").read_text())
+def test_a_joint_with_two_servos_is_described(user: User) -> None:
+    user.poses = [{}, {9: 600}, {9: 2600}, {9: 1500, 5: 2900, 3: 1250}, {5: 1700, 3: 2450}]
+    user.answers = "\n\n\ny\n"
+    assert user.run() == DONE
+    text = yaml.safe_load((user.folder / "my_head.yaml").read_text())
     bus = text["/**/servo_bus"]["ros__parameters"]
     tilt = bus["head_tilt_controller"]
     assert {tilt["motor"]["id"], tilt["second_motor"]["id"]} == {3, 5}
     assert "second_motor" not in bus["head_pan_controller"]
     directions = [motor["max"] - motor["min"] for motor in (tilt["motor"], tilt["second_motor"])]
     assert directions[0] * directions[1] < 0
-    with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:
+    with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         assert head.look_at((2.0, 0.8, 0.3)).arrived
 
 
-def test_options_replace_the_poses(newcomer: Newcomer) -> None:
+def test_options_replace_the_poses(user: User) -> None:
     options = ("--pan-zero", "1500", "--reverse-tilt", "--tilt-range", "-30", "20")
-    assert newcomer.run(*GIVEN, *options, "--pan-xyz", "0", "0", "0.3", "--yes") == DONE
-    pan, tilt = newcomer.motors()
+    assert user.run(*GIVEN, *options, "--pan-xyz", "0", "0", "0.3", "--yes") == DONE
+    pan, tilt = user.motors()
     assert (pan["init"], pan["min"], pan["max"]) == (1500, 476, 2524)
     assert (tilt["init"], tilt["min"], tilt["max"]) == (2048, 2389, 1820)
-    assert newcomer.shown == []
-    with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:
+    assert user.shown == []
+    with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         camera = head.frames.lookup_transform("base_link", "camera_link").transform.translation
         assert camera[2] == pytest.approx(0.37, abs=0.002)
 
 
-def test_the_direction_in_the_memory_of_a_servo_is_noted(newcomer: Newcomer) -> None:
-    newcomer.bench.bus[5].set_register("Drive Mode", 1)
-    assert newcomer.run(*GIVEN, "--yes") == DONE
-    assert [motor["reverse"] for motor in newcomer.motors()] == [0, 1]
+def test_the_direction_in_the_memory_of_a_servo_is_recorded(user: User) -> None:
+    user.bench.bus[5].set_register("Drive Mode", 1)
+    assert user.run(*GIVEN, "--yes") == DONE
+    assert [motor["reverse"] for motor in user.motors()] == [0, 1]
 
 
-def test_feetech_servos_are_described_with_the_offset_in_their_memory(newcomer: Newcomer) -> None:
-    newcomer.bench = Bench([SimulatedServo(5, "STS3215"), SimulatedServo(9, "STS3215")])
-    newcomer.bench.bus[5].set_offset(-85)
-    assert newcomer.run(*GIVEN, "--yes") == DONE
-    pan, tilt = newcomer.motors()
+def test_feetech_servos_are_described_with_the_offset_in_their_memory(user: User) -> None:
+    user.bench = Bench([SimulatedServo(5, "STS3215"), SimulatedServo(9, "STS3215")])
+    user.bench.bus[5].set_offset(-85)
+    assert user.run(*GIVEN, "--yes") == DONE
+    pan, tilt = user.motors()
     assert (pan["model"], pan["offset"], tilt["offset"]) == ("STS3215", 0, -85)
-    with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:
+    with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         assert head.look_at((2.0, 0.8, 0.3)).arrived
 
 
-def test_a_camera_on_its_side_is_described(newcomer: Newcomer) -> None:
-    assert newcomer.run(*GIVEN, "--camera-roll", "90", "--yes") == DONE
-    with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:
+def test_a_rotated_camera_is_described(user: User) -> None:
+    assert user.run(*GIVEN, "--camera-roll", "90", "--yes") == DONE
+    with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         turned = head.frames.lookup_transform(
             "base_link", "camera_optical_frame"
         ).transform.rotation
@@ -175,19 +175,19 @@ def test_a_camera_on_its_side_is_described(newcomer: Newcomer) -> None:
 
 
 @pytest.mark.parametrize("name", ["my_head.yaml", "my_head.urdf.xacro"])
-def test_nothing_is_overwritten(newcomer: Newcomer, name: str) -> None:
-    (newcomer.folder / name).write_text("precious")
-    assert newcomer.run(*GIVEN, "--yes") == REFUSED
-    assert (newcomer.folder / name).read_text() == "precious"
-    assert len(newcomer.files) == 1
+def test_nothing_is_overwritten(user: User, name: str) -> None:
+    (user.folder / name).write_text("precious")
+    assert user.run(*GIVEN, "--yes") == REFUSED
+    assert (user.folder / name).read_text() == "precious"
+    assert len(user.files) == 1
 
 
-def test_torque_stays_as_it_is_until_somebody_agrees(newcomer: Newcomer) -> None:
-    newcomer.bench.bus[5].set_register("Torque Enable", 1)
-    newcomer.answers = "\n\n\nn\n"
-    assert newcomer.run() == REFUSED
-    assert newcomer.bench.bus[5].register("Torque Enable") == 1
-    assert newcomer.files == []
+def test_torque_off_needs_confirmation(user: User) -> None:
+    user.bench.bus[5].set_register("Torque Enable", 1)
+    user.answers = "\n\n\nn\n"
+    assert user.run() == REFUSED
+    assert user.bench.bus[5].register("Torque Enable") == 1
+    assert user.files == []
 
 
 @pytest.mark.parametrize(
@@ -201,12 +201,10 @@ def test_torque_stays_as_it_is_until_somebody_agrees(newcomer: Newcomer) -> None
     ],
     ids=["none", "same", "both", "unlike", "zero"],
 )
-def test_poses_that_make_no_sense_are_refused(
-    newcomer: Newcomer, poses: list[dict[int, int]]
-) -> None:
-    newcomer.poses = [dict(pose) for pose in poses]
-    assert newcomer.run() == REFUSED
-    assert newcomer.files == []
+def test_impossible_poses_are_refused(user: User, poses: list[dict[int, int]]) -> None:
+    user.poses = [dict(pose) for pose in poses]
+    assert user.run() == REFUSED
+    assert user.files == []
 
 
 @pytest.mark.parametrize(
@@ -219,20 +217,18 @@ def test_poses_that_make_no_sense_are_refused(
     ],
     ids=["tilt is missing", "same", "range", "beyond the servo"],
 )
-def test_options_that_are_not_possible_are_refused(
-    newcomer: Newcomer, arguments: tuple[str, ...]
-) -> None:
-    assert newcomer.run(*arguments, "--yes") == REFUSED
-    assert newcomer.files == []
+def test_impossible_options_are_refused(user: User, arguments: tuple[str, ...]) -> None:
+    assert user.run(*arguments, "--yes") == REFUSED
+    assert user.files == []
 
 
-def test_servos_that_do_not_answer_are_an_error(newcomer: Newcomer) -> None:
-    assert newcomer.run("--pan", "7", "--tilt", "5", "--yes") == FAILED
-    assert newcomer.files == []
+def test_servos_that_do_not_answer_are_an_error(user: User) -> None:
+    assert user.run("--pan", "7", "--tilt", "5", "--yes") == FAILED
+    assert user.files == []
 
 
-def test_a_folder_that_is_not_there_is_an_error(newcomer: Newcomer) -> None:
-    assert newcomer.run(*GIVEN, "--folder", str(newcomer.folder / "none"), "--yes") == FAILED
+def test_a_missing_folder_is_an_error(user: User) -> None:
+    assert user.run(*GIVEN, "--folder", str(user.folder / "none"), "--yes") == FAILED
 
 
 @pytest.mark.parametrize(
@@ -247,9 +243,9 @@ def test_a_wrong_command_line_ends_with_2(
     assert end.value.code == 2
 
 
-def test_an_answer_that_is_no_measure_is_asked_for_again(newcomer: Newcomer) -> None:
-    newcomer.answers = "high\n0 0\n0 0 0.4\n\n\n"
-    assert newcomer.run(*GIVEN) == DONE
-    with Head.simulated(robot=newcomer.folder / "my_head.urdf.xacro") as head:
+def test_an_invalid_answer_is_asked_again(user: User) -> None:
+    user.answers = "high\n0 0\n0 0 0.4\n\n\n"
+    assert user.run(*GIVEN) == DONE
+    with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         camera = head.frames.lookup_transform("base_link", "camera_link").transform.translation
         assert camera[2] == pytest.approx(0.47, abs=0.002)

@@ -1,4 +1,4 @@
-"""Servos mounted the wrong way round, or crosswise: a camera on the head tells, and it stops."""
+"""Wrongly mounted servos: a camera on the head detects them, and the head stops."""
 
 import math
 from collections import deque
@@ -71,13 +71,13 @@ def run(head, path, turns, watched, conditions=ON_HEAD):
 @pytest.mark.parametrize(
     ("turns", "joint", "said"),
     [
-        (((-1, 0), (0, 1)), 0, "head_pan_joint turns against"),
-        (((1, 0), (0, -1)), 1, "head_tilt_joint turns against"),
-        (((-1, 0), (0, -1)), 0, "head_pan_joint and head_tilt_joint turn against"),
-        (((0, 1), (1, 0)), 0, "crosswise"),
-        (((0, -1), (1, 0)), 0, "crosswise"),
-        (((0, 1), (-1, 0)), 0, "crosswise"),
-        (((0, -1), (-1, 0)), 0, "crosswise"),
+        (((-1, 0), (0, 1)), 0, "head_pan_joint turns in"),
+        (((1, 0), (0, -1)), 1, "head_tilt_joint turns in"),
+        (((-1, 0), (0, -1)), 0, "head_pan_joint and head_tilt_joint turn in"),
+        (((0, 1), (1, 0)), 0, "swapped"),
+        (((0, -1), (1, 0)), 0, "swapped"),
+        (((0, 1), (-1, 0)), 0, "swapped"),
+        (((0, -1), (-1, 0)), 0, "swapped"),
     ],
 )
 def test_it_is_named_and_the_head_stops(head, law, turns, joint, said):
@@ -162,7 +162,7 @@ def test_the_node_says_so_and_gives_the_head_up_until_it_is_enabled(world, kinec
 
     world.every(33_000_000, see)
     world.run(2.5)
-    assert states[-1][1].data.startswith("disabled: head_pan_joint turns against")
+    assert states[-1][1].data.startswith("disabled: head_pan_joint turns in")
     assert not enabled[-1][1].data
     assert set(world.loop.owners.of(node.interface.control.joints).values()) == {""}
     newest = diagnoses[-1][1].status[0]

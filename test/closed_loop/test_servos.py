@@ -60,6 +60,16 @@ def test_a_late_computer_does_not_carry_the_head_past_its_target(head, seed):
         assert abs(ours.between(3.0).positions[:, 0]).max() < reach + 0.25
 
 
+def test_a_weak_servo_stops_at_a_target_that_has_jumped(head):
+    weak = PlainServo(dead_time=0.018, lag=0.02, acceleration=20.0, resolution=0.005)
+
+    def jumping(t):
+        return around(0.25 if t % 3.0 < 1.5 else -0.25)
+
+    ours, _ = run(head, jumping, replace(BESIDE, servos=weak))
+    assert abs(ours.between(6.0).positions[:, 0]).max() < 0.25 + 0.06
+
+
 class Deaf:
     """Servos that hear no command for a while, as between two plugs or before their torque is on.
 

@@ -10,6 +10,7 @@ from plant import Streamed
 from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import (
     LAWS,
+    JointReading,
     SetpointStream,
     Tracker,
 )
@@ -30,46 +31,58 @@ def test_a_target_is_followed_through_a_late_controller_for_good(head, dead_time
     assert recording.between(20.0).rms < most
 
 
-def stream(commands, start=(0.0, 0.0), period=0.02, ahead=0.0, obeys=True):
-    """What is said for commands, each for a second, by joints that are where they were told."""
-    made, measured, said = SetpointStream(period, ahead), start, []
-    for number, command in enumerate(commands):
-        for k in range(50):
-            positions = made.positions(command if k == 0 else None, measured, number + 0.02 * k)
-            if positions is not None:
-                said.append(positions)
-                measured = positions if obeys else measured
-    return said
+def stream(commands, *, obeys=True):
+    """Return the positions sent for commands that come once a second."""
+    stream, measured, sent = SetpointStream(0.02, 0.0), (0.0, 0.0), []
+    for step in range(50 * len(commands)):
+        command, now = commands[step // 50] if step % 50 == 0 else None, 0.02 * step
+        positions = stream.positions(command, JointReading(now, measured), now)
+        if positions is not None:
+            sent.append(positions)
+            measured = positions if obeys else measured
+    return sent
 
 
-def test_a_goal_is_approached_at_its_speed_and_then_nothing_is_said():
-    said = stream([HeadCommand(0.3, -0.1, 1.0, 0.25)])
-    assert said[-1] == pytest.approx((0.3, -0.1))
-    pans = [pan for pan, _ in said]
-    assert pans[0] == pytest.approx(0.05)  # it comes after by some hundredths of a second
+def test_the_stream_approaches_a_goal_at_its_speed_and_ends():
+    sent = stream([HeadCommand(0.3, -0.1, 1.0, 0.25)])
+    assert sent[-1] == pytest.approx((0.3, -0.1))
+    pans = [pan for pan, _ in sent]
+    assert pans[0] == pytest.approx(0.05)
     assert max(b - a for a, b in pairwise(pans)) == pytest.approx(0.02)
-    assert 13 <= len(said) <= 22
+    assert 13 <= len(sent) <= 22
 
 
-def test_a_joint_that_does_not_move_is_not_left_behind():
-    said = stream([HeadCommand(2.0, 0.0, 1.0, 1.0)] * 2, obeys=False)
-    assert max(pan for pan, _ in said) < 0.8
-    assert said[-1][0] < 0.1
+def test_the_setpoint_of_a_joint_that_does_not_follow_returns_to_the_joint():
+    sent = stream([HeadCommand(2.0, 0.0, 1.0, 1.0)] * 2, obeys=False)
+    assert max(pan for pan, _ in sent) < 0.8
+    assert sent[-1][0] < 0.1
 
 
-def test_a_joint_that_comes_late_does_not_hold_its_setpoint_back():
-    made, said = SetpointStream(0.02, 0.0), []
-    for k in range(60):
-        measured = max(0.0, 2.0 * (0.02 * k - 0.3)) if k < 40 else 1.0
+def test_the_setpoint_of_a_joint_that_is_not_measured_for_a_while_goes_on():
+    stream, sent = SetpointStream(0.02, 0.0), []
+    for step in range(60):
+        now = 0.02 * step
+        measured = JointReading(min(now, 0.1), (0.0, 0.0))
+        sent.append(stream.positions(HeadCommand(2.0, 0.0, 1.0, 1.0), measured, now))
+    pans = [pan for pan, _ in sent]
+    assert all(b > a for a, b in pairwise(pans))
+    assert pans[-1] == pytest.approx(1.23, abs=0.01)
+
+
+def test_a_late_joint_does_not_hold_its_setpoint_back():
+    stream, sent = SetpointStream(0.02, 0.0), []
+    for step in range(60):
+        now = 0.02 * step
+        pan = min(max(0.0, 2.0 * (now - 0.3)), 1.0)
         command = HeadCommand(1.0, 0.0, 2.0, 2.0)
-        said.append(made.positions(command, (min(measured, 1.0), 0.0), 0.02 * k))
-    assert said[20][0] == pytest.approx(0.9, abs=0.01)
-    assert said[30][0] == 1.0
+        sent.append(stream.positions(command, JointReading(now, (pan, 0.0)), now))
+    assert sent[20][0] == pytest.approx(0.9, abs=0.01)
+    assert sent[30][0] == 1.0
 
 
-def test_after_a_pause_it_begins_where_the_joint_is():
-    made = SetpointStream(0.02, 0.0)
-    made.positions(HeadCommand(0.1, 0.0, 9.0, 9.0), (0.0, 0.0), 0.0)
-    assert made.positions(HeadCommand(1.0, 0.0, 1.0, 1.0), (0.7, 0.0), 5.0) == (0.75, 0.0)
-    made.stop()
-    assert made.positions(None, (0.7, 0.0), 5.1) is None
+def test_after_a_pause_the_stream_starts_at_the_measured_position():
+    stream, measured = SetpointStream(0.02, 0.0), JointReading(5.0, (0.7, 0.0))
+    stream.positions(HeadCommand(0.1, 0.0, 9.0, 9.0), JointReading(0.0, (0.0, 0.0)), 0.0)
+    assert stream.positions(HeadCommand(1.0, 0.0, 1.0, 1.0), measured, 5.0) == (0.75, 0.0)
+    stream.stop()
+    assert stream.positions(None, measured, 5.1) is None

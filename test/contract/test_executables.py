@@ -32,7 +32,7 @@ def test_a_program_has_help(bench, name):
 @pytest.mark.parametrize(
     "words", ["head_tracking --sim", "servo_bus", "recorder", "look 1,0,1@base_link"]
 )
-def test_a_program_that_needs_ros_ends_with_a_sentence_where_there_is_none(words):
+def test_a_program_that_needs_ros_reports_that_ros_is_missing(words):
     name, *arguments = words.split()
     *python, script = command(name)
     done = subprocess.run(
@@ -82,7 +82,7 @@ def test_a_program_that_needs_ros_ends_with_a_sentence_where_there_is_none(words
         ("new_robot", 2),
     ],
 )
-def test_a_mistake_has_its_exit_code_and_no_traceback(bench, words, code):
+def test_usage_errors_have_an_exit_code_and_no_traceback(bench, words, code):
     program = bench.start(*words.split())
     assert program.end() == code, program.output
     assert program.output

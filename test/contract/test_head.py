@@ -81,7 +81,7 @@ def test_looking_waits_until_the_head_has_arrived(robot):
     assert head.state is HeadState.CLOSED
 
 
-def test_the_true_angles_are_where_it_says(head, servos):
+def test_the_reported_angles_are_the_true_angles(head, servos):
     assert servos.torque == [0, 0]
     assert head.look_at(LEFT, max_velocity=4.0).arrived
     assert servos.true[0] == pytest.approx(bearing(LEFT), abs=DEGREE)
@@ -123,7 +123,7 @@ def swing_until_learned(head, value):
     wait_for(learns)
 
 
-def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
+def test_learned_values_are_reported_frozen_forgotten_and_set(head):
     pan = next(name for name in head.learned if "pan" in name)
     assert head.learned[pan].source == "not observable"
     swing_until_learned(head, pan)
@@ -145,7 +145,7 @@ def test_what_is_learned_can_be_seen_kept_forgotten_and_given(head):
             head.learn(**wrong)
 
 
-def test_the_next_run_knows_the_servos(servos, kinectbot, tmp_path, monkeypatch):
+def test_learned_servo_values_are_saved_for_the_next_run(servos, kinectbot, tmp_path, monkeypatch):
     adapter = tmp_path / "usb-FTDI_USB_Adapter_A1"
     adapter.symlink_to(servos.name)
     monkeypatch.setattr("head_tracking.dynamixel.port.stable_name", lambda _: str(adapter))
@@ -180,7 +180,7 @@ def test_following_does_not_wait_for_the_servos(head, servos):
     assert servos.torque == [1, 1]
 
 
-def test_a_frame_that_moves_is_met_and_one_on_the_head_stays_where_it_was(head, servos):
+def test_look_at_follows_a_moving_frame_and_fixes_a_point_on_the_head(head, servos):
     ended = threading.Event()
 
     def move():
@@ -208,7 +208,7 @@ def test_a_frame_that_moves_is_met_and_one_on_the_head_stays_where_it_was(head, 
 # what it refuses
 
 
-def test_what_cannot_be_looked_at_raises_with_the_facts_and_moves_nothing(head, servos):
+def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, servos):
     with pytest.raises(UnreachableError) as unreachable:
         head.look_at((-2.0, 0.0, 0.6))
     assert 0.2 < unreachable.value.miss < math.pi
@@ -219,7 +219,7 @@ def test_what_cannot_be_looked_at_raises_with_the_facts_and_moves_nothing(head, 
         assert unknown.value.frame == "nose"
     with pytest.raises(FrameError):
         head.look_at((2, 0, 0.5), "camera_link", stamp=1.0)  # 1970
-    for point in ((math.nan, 0, 0), (1, math.inf, 0), (1, 2), "abc"):
+    for point in ((math.nan, 0, 0), (1, math.inf, 0), (1, 2), "abc", None):
         with pytest.raises(ValueError):
             head.look_at(point)
         with pytest.raises(ValueError):
@@ -227,11 +227,19 @@ def test_what_cannot_be_looked_at_raises_with_the_facts_and_moves_nothing(head, 
     for velocity in (0.0, -1.0, math.nan):
         with pytest.raises(ValueError):
             head.look_at((1, 0, 0), max_velocity=velocity)
+        with pytest.raises(ValueError):
+            head.look_at((1, 0, 0), timeout=velocity)
     assert servos.torque == [0, 0]
     assert servos.true == (0.0, 0.0)
 
 
-def test_a_head_that_is_held_has_not_arrived(head, servos):
+def test_a_timeout_before_the_first_step_reports_the_angle_to_the_point(head):
+    result = head.look_at(LEFT, timeout=1e-6)
+    assert not result.arrived
+    assert result.miss == pytest.approx(math.pi / 4, abs=0.1)
+
+
+def test_a_blocked_head_reports_that_it_has_not_arrived(head, servos):
     servos.port.use(lambda bus: bus[1].impede(1.5))  # more than the servo can turn
     result = head.look_at(RIGHT, timeout=5.0)
     assert not result.arrived
@@ -250,7 +258,7 @@ def test_a_newer_command_of_another_thread_supersedes_the_older(head, servos):
     assert servos.true[0] < -0.7
 
 
-def test_missing_ports_and_servos_are_named(servos, kinectbot):
+def test_missing_ports_and_servos_raise_their_errors(servos, kinectbot):
     with pytest.raises(PortMissingError) as missing:
         Head.open("/dev/ttyNOT0")
     assert missing.value.port_name == "/dev/ttyNOT0"
@@ -288,7 +296,7 @@ def test_stop_ends_everything_until_resume(head, servos):
     assert way / (time.monotonic() - began) < 0.4  # slowly at first
 
 
-def test_relaxed_it_is_turned_by_hand_and_takes_no_command_until_resume(head, servos):
+def test_a_relaxed_head_is_turned_by_hand_and_refuses_commands_until_resume(head, servos):
     assert head.look_at((2.0, 0.5, 0.6)).arrived
     head.relax()
     assert servos.torque == [0, 0]
@@ -303,7 +311,7 @@ def test_relaxed_it_is_turned_by_hand_and_takes_no_command_until_resume(head, se
     assert head.look_at((2.0, 0.0, 0.6)).arrived
 
 
-def test_many_threads_at_once_get_an_answer_each(head, servos):
+def test_concurrent_commands_each_get_a_result(head, servos):
     ended, failures = threading.Event(), []
 
     def repeat(call):
@@ -335,7 +343,7 @@ def test_many_threads_at_once_get_an_answer_each(head, servos):
     assert head.look_at((2.0, 0.0, 0.6)).arrived
 
 
-def test_a_servo_that_falls_silent_ends_a_turn_with_an_error(head, servos):
+def test_a_silent_servo_ends_a_turn_with_an_error(head, servos):
     servo = servos.port.use(lambda bus: bus[1])
     with ThreadPoolExecutor() as threads:
         turning = threads.submit(head.look_at, LEFT, max_velocity=0.3, timeout=30.0)
@@ -348,7 +356,7 @@ def test_a_servo_that_falls_silent_ends_a_turn_with_an_error(head, servos):
     wait_for(lambda: head.state == HeadState.HOLDING)
 
 
-def test_a_computer_that_is_busy_for_a_moment_ends_no_turn(head, servos):
+def test_a_short_delay_of_the_program_does_not_end_a_turn(head, servos):
     """Its programs stand still between a measurement and what follows from it."""
     with ThreadPoolExecutor() as threads:
         turning = threads.submit(head.look_at, LEFT, max_velocity=0.3, timeout=30.0)
@@ -362,7 +370,7 @@ def test_a_computer_that_is_busy_for_a_moment_ends_no_turn(head, servos):
         assert turning.result(30.0).arrived
 
 
-def test_an_exception_and_a_port_that_has_gone_end_it(servos, kinectbot):
+def test_an_exception_closes_the_head(servos, kinectbot):
     with pytest.raises(LookupError), Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         head.look_at((2.0, 0.3, 0.6))
         raise LookupError
@@ -375,7 +383,7 @@ def test_an_exception_and_a_port_that_has_gone_end_it(servos, kinectbot):
 
 
 @pytest.mark.parametrize("number", [1, 3])
-def test_ctrl_c_relaxes_however_often(servos, number):
+def test_repeated_ctrl_c_relaxes_the_servos(servos, number):
     turning = f"with head: head.look_at({LEFT}, max_velocity=0.4)\n"
     program = run_until_it_turns(servos, turning)
     for _ in range(number):
@@ -385,7 +393,7 @@ def test_ctrl_c_relaxes_however_often(servos, number):
     assert servos.torque == [0, 0]
 
 
-def test_a_program_that_ends_without_closing_relaxes(servos):
+def test_the_end_of_the_program_relaxes_the_servos(servos):
     program = run_until_it_turns(servos, f"head.look_at({LEFT}, max_velocity=0.4, timeout=1.0)\n")
     assert program.wait(30) == 0
     assert servos.torque == [0, 0]

@@ -42,7 +42,7 @@ def test_a_face_is_followed(head, follow):
     assert camera.error is None
 
 
-def test_stop_ends_it_and_resume_does_not_go_on(head, servos, follow):
+def test_stop_ends_following_and_resume_does_not_restart_it(head, servos, follow):
     camera = follow()
     wait_for(lambda: follows(head))
     assert not any(head.stop().values())
@@ -66,7 +66,7 @@ def test_stop_ends_it_and_resume_does_not_go_on(head, servos, follow):
         lambda head: (head.relax(), head.resume()),
     ],
 )
-def test_another_command_takes_over(head, follow, command):
+def test_another_command_ends_following(head, follow, command):
     camera = follow()
     wait_for(lambda: follows(head))
     command(head)
@@ -74,7 +74,7 @@ def test_another_command_takes_over(head, follow, command):
     assert isinstance(camera.error, SupersededError)
 
 
-def test_the_second_camera_takes_over_from_the_first(head, follow):
+def test_a_second_camera_replaces_the_first(head, follow):
     first, second = follow(), follow()
     assert first.wait(10.0)
     assert isinstance(first.error, SupersededError)
@@ -82,7 +82,7 @@ def test_the_second_camera_takes_over_from_the_first(head, follow):
     assert second.error is None
 
 
-def test_a_camera_that_shows_nothing_moves_nothing(head, servos):
+def test_a_camera_without_a_face_does_not_move_the_head(head, servos):
     grey = np.full((240, 320, 3), 128, np.uint8)
     camera = head.follow_camera("face", ((time.time(), grey) for _ in range(5)))
     assert camera.wait(10.0)
@@ -90,7 +90,7 @@ def test_a_camera_that_shows_nothing_moves_nothing(head, servos):
     assert servos.true == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_what_cannot_be_followed_is_refused(head, tmp_path):
+def test_invalid_cameras_and_detectors_are_refused(head, tmp_path):
     with pytest.raises(ValueError):
         head.follow_camera("cat")
     with pytest.raises(FrameError):
@@ -104,14 +104,14 @@ def test_what_cannot_be_followed_is_refused(head, tmp_path):
 
 
 @pytest.mark.parametrize("picture", [np.zeros((0, 0, 3), np.uint8), np.zeros(5, np.uint8), "text"])
-def test_what_is_no_picture_ends_it_with_an_error(head, picture):
+def test_an_invalid_picture_ends_following_with_an_error(head, picture):
     camera = head.follow_camera("face", iter([(time.time(), picture)]))
     assert camera.wait(10.0)
     assert camera.error is not None
     assert head.look_at((1.0, 0.2, 0.6)).arrived
 
 
-def test_a_camera_that_fails_ends_it_with_its_error(head):
+def test_a_failing_camera_ends_following_with_its_error(head):
     def fail():
         raise OSError("the cable is out")
         yield

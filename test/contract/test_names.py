@@ -118,7 +118,7 @@ def test_the_servo_bus_describes_its_parameters(running):
     assert_described(running.robot, "servo_bus")
 
 
-def test_the_tutorials_parameters_are_there(running):
+def test_the_parameters_of_the_tutorials_exist(running):
     person = running.robot
     assert person.get("servo_bus", "dynamixels") == ["head_pan", "head_tilt"]
     assert person.get("servo_bus", "head_pan_controller.motor.id") == 1

@@ -66,7 +66,7 @@ def test_a_far_target_in_the_pan_links_frame_centres_the_head(person, start):
     wait_for(lambda: person.looks_at(0.0, 0.0))
 
 
-def test_a_target_above_the_axis_sent_again_and_again_raises_the_head(bench, person):
+def test_a_repeated_target_above_the_axis_raises_the_head(bench, person):
     """Each step is less than half a tick of the servo, as the tutorial has it."""
     _, before = bench.servos.at_rest()
     for _ in range(12):
@@ -89,15 +89,13 @@ def test_a_target_above_the_axis_sent_again_and_again_raises_the_head(bench, per
         ((0.0, 0, 0, "camera_link"), "camera_link"),
     ],
 )
-def test_a_target_that_cannot_be_looked_at_is_refused_and_nothing_moves(
-    bench, person, target, fact
-):
+def test_an_unreachable_target_is_refused_and_nothing_moves(bench, person, target, fact):
     before = bench.servos.true
     person.complaint("point_head", fact, of=lambda: person.look_at(*target))
     assert bench.servos.at_rest() == pytest.approx(before, abs=0.2 * DEGREE)
 
 
-def test_a_head_that_is_held_does_not_say_that_it_arrived(bench, person):
+def test_a_blocked_head_does_not_report_arrival(bench, person):
     bench.servos.port.lead(1, 512, 60.0)  # a hand holds it, stronger than the servo
     person.look_at(1, -0.3, 0, "head_pan_link")
     person.complaint("point_head")
@@ -122,7 +120,7 @@ def test_the_speed_can_be_lowered_while_it_runs(person):
     assert (p1 - p0) / (t1 - t0) < 0.5
 
 
-def test_switched_off_it_takes_no_target_and_lets_others_command(bench, person):
+def test_a_disabled_head_ignores_targets_and_permits_other_commands(bench, person):
     assert set(person.owners.values()) == {"/point_head"}
     person.complaint(
         "servo_bus", "/point_head", of=lambda: person.command("head_pan_controller", 0.5)
@@ -136,7 +134,7 @@ def test_switched_off_it_takes_no_target_and_lets_others_command(bench, person):
     assert bench.servos.at_rest()[0] == pytest.approx(0.5, abs=DEGREE)
 
 
-def test_relaxed_it_stays_where_it_is_whatever_is_asked(bench, person):
+def test_a_relaxed_head_does_not_move(bench, person):
     assert person.call("relax").success
     before = bench.servos.at_rest()
     person.complaint("", of=lambda: person.look_at(1, -1, 0))

@@ -38,7 +38,7 @@ def robot(request):
     return Robot(request.param)
 
 
-def test_there_are_the_robots_that_people_own():
+def test_all_listed_robots_exist():
     interbotix = {"pxxls", "pxxls_cam", "wxxms", "wxxmd", "vxxms", "vxxmd", "locobot"}
     humanoids = {"op3", "darwin_op", "poppy", "wolfgang"}
     others = {"kinectbot", "turtlebot", "stretch", "phantomx_turret", "two_ax_12", "two_sts3215"}

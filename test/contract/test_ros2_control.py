@@ -95,7 +95,7 @@ def test_the_snippet_takes_other_names(tmp_path):
     assert float(said["trigger_joint_command_threshold"]) == 0.01
 
 
-def test_the_servo_bus_speaks_as_the_plugin_does(bench, tmp_path):
+def test_the_messages_match_those_of_the_plugin(bench, tmp_path):
     person, servos = bench.person, bench.servos
     bench.run("--without", "head", "--without", "joint_state_publisher", "--allow-others")
     system = JointStateTopicSystem(person.node, described(tmp_path))

@@ -1,4 +1,4 @@
-"""A run: its options, its parameters, how it ends, and what its servos see of that."""
+"""A run: its options, parameters and end, judged by its servos."""
 
 import os
 import re
@@ -35,7 +35,7 @@ def moves(bench):
 # options
 
 
-def test_a_run_ends_by_itself_with_what_it_did(bench):
+def test_a_run_with_a_duration_ends_with_a_summary(bench):
     run = bench.start(
         "head_tracking", "--sim", "--duration", "4", "--params", params(bench, X_SERVOS)
     )
@@ -53,7 +53,7 @@ def test_a_run_ends_by_itself_with_what_it_did(bench):
         ("servo_bus: {ros__parameters: {updat_rate: 40.0}}\n", "updat_rate"),
     ],
 )
-def test_a_parameter_file_that_is_wrong_ends_the_run_before_anything_moves(bench, text, fact):
+def test_a_wrong_parameter_file_ends_the_run_before_any_motion(bench, text, fact):
     run = bench.run("--params", params(bench, text), "--target", "fictitious")
     assert run.end() == 1
     assert fact in run.last_line
@@ -80,13 +80,13 @@ def test_a_head_that_lacks_a_joint_waits_and_names_it(bench, text, joint):
     "ros",
     [("point_head:head_pan_joint:=neck_yaw_joint"), ("point_head:pointing_frame:=torso_link")],
 )
-def test_a_head_that_the_model_does_not_have_is_named_and_nothing_ends(bench, ros):
+def test_a_head_that_the_model_lacks_is_reported(bench, ros):
     run = bench.start("head_tracking", "--sim", "--mode", "point", "--ros-args", "-p", ros)
     bench.person.complaint("point_head", ros.partition(":=")[2])
     assert run.end(signal.SIGINT) == 0, run.output
 
 
-def test_what_the_robot_has_already_is_left_out(bench):
+def test_nodes_can_be_omitted(bench):
     left_out = ("head", "robot_state_publisher", "joint_state_publisher")
     words = [word for name in left_out for word in ("--without", name)]
     run = bench.run(*words, "--target", "none")
@@ -99,7 +99,7 @@ def test_what_the_robot_has_already_is_left_out(bench):
     assert run.end(signal.SIGINT) == 0, run.output
 
 
-def test_ros_arguments_remap_and_tune(bench):
+def test_ros_arguments_remap_and_set_parameters(bench):
     run = bench.run(
         "--target",
         "none",
@@ -114,10 +114,12 @@ def test_ros_arguments_remap_and_tune(bench):
     assert person.get("servo_bus", "update_rate") == 40.0
     assert person.call("servo_bus/stop").success
     assert "/stop" not in dict(person.node.get_service_names_and_types())
+    relax = bench.start("relax")
+    assert relax.end() == 0, relax.output
     assert run.end(signal.SIGINT) == 0, run.output
 
 
-def test_ros_arguments_tune_the_nodes_of_a_namespace(bench):
+def test_ros_arguments_set_parameters_in_a_namespace(bench):
     words = ("servo_bus:update_rate:=40.0", "robot_state_publisher:frame_prefix:=left_")
     rules = [word for rule in words for word in ("-p", rule)]
     bench.start(
@@ -140,7 +142,7 @@ def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench,
 
 
 @pytest.mark.parametrize("world", ["", "map"])
-def test_a_robot_of_ones_own_has_no_world_above_it_unless_one_is_named(bench, kinectbot, world):
+def test_a_model_of_the_user_has_a_world_frame_only_if_it_is_named(bench, kinectbot, world):
     own = bench.folder / "mine.urdf"
     own.write_text(kinectbot.urdf)
     ros = ("--ros-args", "-p", f"robot_state_publisher:world_frame:={world}") if world else ()
@@ -160,13 +162,13 @@ def test_a_robot_of_ones_own_has_no_world_above_it_unless_one_is_named(bench, ki
     ],
     ids=str,
 )
-def test_a_run_goes_on_without_a_log_file_and_in_ascii(bench, environment):
+def test_a_run_works_without_a_log_file_and_in_ascii(bench, environment):
     run = bench.start("head_tracking", "--sim", "--duration", "0.5", environment=environment)
     assert run.end() == 0, run.output
     assert "Traceback" not in run.output
 
 
-def test_a_run_whose_reader_has_gone_or_whose_disk_is_full_goes_on(bench):
+def test_a_run_continues_with_a_closed_pipe_and_a_full_disk(bench):
     reader, writer = os.pipe()
     run = bench.start("head_tracking", "--sim", "--duration", "2", stdout=writer)
     os.close(writer)
@@ -175,6 +177,13 @@ def test_a_run_whose_reader_has_gone_or_whose_disk_is_full_goes_on(bench):
     assert run.end() == 0
     with open("/dev/full", "w") as full:
         assert bench.start("head_tracking", "--sim", "--duration", "1", stdout=full).end() == 0
+
+
+def test_a_tool_that_waits_for_a_head_ends_by_ctrl_c_with_130(bench):
+    relax = bench.start("relax")
+    bench.person.wait_for_node("relax")
+    assert relax.end(signal.SIGINT) == 130, relax.output
+    assert "Traceback" not in relax.output
 
 
 # the end
@@ -191,7 +200,7 @@ def test_a_signal_stops_and_relaxes_the_head(bench, number):
     bench.servos.at_rest()
 
 
-def test_ctrl_c_that_reaches_all_processes_of_a_run_ends_them_well(bench):
+def test_ctrl_c_in_all_processes_ends_the_run(bench):
     run = bench.start(
         "head_tracking", "--port", bench.servos.name, "--target", "smooth", own_group=True
     )
@@ -202,16 +211,16 @@ def test_ctrl_c_that_reaches_all_processes_of_a_run_ends_them_well(bench):
     assert bench.servos.torque == [0, 0]
 
 
-def test_a_run_that_is_ended_while_it_starts_makes_nothing_more(bench):
+def test_a_run_can_be_ended_during_its_start(bench):
     run = bench.run("--target", "smooth")
     status = Path(f"/proc/{run.process.pid}/status")
-    heard = re.compile(r"SigCgt:\s*(\w+)")
-    wait_for(lambda: int(heard.search(status.read_text())[1], 16) >> (signal.SIGTERM - 1) & 1)
+    caught = re.compile(r"SigCgt:\s*(\w+)")
+    wait_for(lambda: int(caught.search(status.read_text())[1], 16) >> (signal.SIGTERM - 1) & 1)
     assert run.end(signal.SIGTERM) == 0, run.output
     assert bench.servos.torque == [0, 0]
 
 
-def test_a_killed_run_moves_nothing_any_more_and_the_next_one_takes_over(bench):
+def test_after_a_killed_run_nothing_moves_and_the_next_run_works(bench):
     run = bench.run("--target", "smooth")
     moves(bench)
     run.kill()
@@ -226,7 +235,7 @@ def test_a_killed_run_moves_nothing_any_more_and_the_next_one_takes_over(bench):
 
 
 @pytest.mark.parametrize("name", ["head_tracking", "servo_bus"])
-def test_a_bus_whose_adapter_has_gone_ends_with_1_and_names_the_joints(bench, name):
+def test_a_run_without_its_adapter_ends_with_1_and_names_the_joints(bench, name):
     port = bench.servos.name
     words = ("--ros-args", "-p", f"port_name:={port}") if name == "servo_bus" else ("--port", port)
     program = bench.start(name, *words)
@@ -239,7 +248,7 @@ def test_a_bus_whose_adapter_has_gone_ends_with_1_and_names_the_joints(bench, na
     assert "Traceback" not in program.output
 
 
-def test_a_port_whose_name_never_comes_back_ends_the_run(bench):
+def test_a_port_name_that_does_not_return_ends_the_run(bench):
     run = bench.start("head_tracking", "--port", os.path.realpath(bench.servos.name))
     bench.person.wait_for_joints()
     bench.servos.port.close()
@@ -265,7 +274,7 @@ def test_a_port_in_use_and_a_servo_that_is_missing_are_errors(bench):
 # a terminal
 
 
-def test_keys_stop_and_resume_a_run_and_leave_the_terminal_as_it_was(bench, monkeypatch):
+def test_keys_stop_and_resume_a_run(bench, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
     monkeypatch.chdir(SOURCE)
     with closing(Terminal()) as terminal:
@@ -297,8 +306,8 @@ def real_head(bench):
 def test_a_simulated_run_does_not_turn_a_real_head(bench):
     real = real_head(bench)
     simulated = bench.start("head_tracking", "--sim")
-    said = simulated.read_until("servo_bus")  # it refuses, or holds if it hears of it late
-    assert "Traceback" not in simulated.output, said
+    simulated.read_until("servo_bus")  # it refuses, or ends when it discovers the head
+    assert "Traceback" not in simulated.output
     time.sleep(2.0)
     assert bench.servos.torque == [0, 0]
     assert bench.servos.true == (0.0, 0.0)
@@ -314,7 +323,7 @@ def test_a_simulated_run_does_not_turn_a_real_head_that_comes_later(bench):
     assert real.end(signal.SIGINT) == 0, real.output
 
 
-def test_of_two_simulated_runs_the_first_goes_on(bench):
+def test_of_two_simulated_runs_the_first_continues(bench):
     first = bench.start("head_tracking", "--sim")
     wait_for(lambda: bench.person.state("head_tracker") == "tracking")
     second = bench.start("head_tracking", "--sim")

@@ -90,7 +90,7 @@ def person(bench):
     return bench.person
 
 
-def test_stop_relaxes_the_servos_and_everybody_hears_of_it(bench, person):
+def test_stop_relaxes_the_servos_and_is_published(bench, person):
     assert not person.stopped
     answer = person.call("stop")
     assert bench.servos.torque == [0, 0]
@@ -155,7 +155,7 @@ def test_no_topic_moves_a_stopped_head(bench, person):
     assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
 
 
-def test_what_takes_torque_away_is_done_while_stopped_and_changes_nothing_for_later(bench, person):
+def test_requests_to_relax_are_executed_while_stopped(bench, person):
     assert person.call("stop").success
     assert person.call("relax").success
     assert person.call("torque_enable", False).success
@@ -163,7 +163,7 @@ def test_what_takes_torque_away_is_done_while_stopped_and_changes_nothing_for_la
     wait_for(lambda: bench.servos.torque == [1, 1])
 
 
-def test_who_enables_everything_again_and_again_undoes_no_stop(bench, person):
+def test_a_client_that_enables_everything_repeatedly_does_not_undo_stop(bench, person):
     ended, other = threading.Event(), bench.meet("")
 
     def supervise():
@@ -187,7 +187,7 @@ def test_who_enables_everything_again_and_again_undoes_no_stop(bench, person):
         supervisor.join()
 
 
-def test_another_node_takes_the_head_over_by_a_claim_until_it_is_enabled_again(person):
+def test_a_claim_takes_over_the_head_until_it_is_enabled_again(person):
     claim = JointState(name=list(JOINTS))
     claim.header.frame_id = "/other"
     person.publish("joint_claims", claim)
@@ -197,7 +197,7 @@ def test_another_node_takes_the_head_over_by_a_claim_until_it_is_enabled_again(p
     wait_for(lambda: set(person.owners.values()) == {"/head_tracker"})
 
 
-def test_resume_goes_on_slowly_at_first_with_what_was_on(bench, person):
+def test_resume_restores_the_owner_and_starts_slowly(bench, person):
     assert person.call("stop").success
     bench.servos.at_rest()
     assert person.call("resume").success
@@ -210,7 +210,7 @@ def test_resume_goes_on_slowly_at_first_with_what_was_on(bench, person):
     wait_for(lambda: set(person.owners.values()) == {"/head_tracker"})
 
 
-def test_what_was_off_before_a_stop_is_off_after_it(bench, person):
+def test_a_disabled_head_stays_disabled_after_stop_and_resume(bench, person):
     assert person.call("head_tracker/enable", False).success
     assert person.call("stop").success
     assert person.call("resume").success
@@ -221,7 +221,7 @@ def test_what_was_off_before_a_stop_is_off_after_it(bench, person):
     assert set(person.owners.values()) == {""}
 
 
-def test_stop_and_resume_again_and_again_leave_what_was_on(bench, person):
+def test_repeated_stop_and_resume_restore_the_owner(bench, person):
     for _ in range(4):
         assert person.call("stop").success
         assert bench.servos.torque == [0, 0]
@@ -265,7 +265,7 @@ def test_one_client_stops_while_another_commands(bench, person):
         thread.join()
 
 
-def test_a_servo_bus_that_is_started_anew_stays_stopped_until_resume(tmp_path):
+def test_a_restarted_servo_bus_stays_stopped_until_resume(tmp_path):
     with closing(Bench(tmp_path)) as bench:
         person, bus = bench.person, start_bus(bench)
         for name in NODES:

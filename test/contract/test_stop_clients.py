@@ -96,7 +96,7 @@ def stop_and_resume(bench, rnd):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_two_clients_that_ask_for_anything_undo_no_stop(bench, seed):
+def test_random_requests_of_two_clients_do_not_undo_stop(bench, seed):
     rnd, of_client = random.Random(seed), [random.Random(seed + n) for n in (10, 20)]
     acts = [lambda person, own=own: ask_for_something(person, own) for own in of_client]
     with clients(bench, *acts):
@@ -104,7 +104,7 @@ def test_two_clients_that_ask_for_anything_undo_no_stop(bench, seed):
             stop_and_resume(bench, rnd)
 
 
-def test_a_supervisor_that_enables_everything_20_times_a_second_undoes_no_stop(bench):
+def test_a_client_that_enables_everything_at_20_hz_does_not_undo_stop(bench):
     def supervise(person):
         person.call("head_tracker/enable", True)
         person.call("torque_enable", True)

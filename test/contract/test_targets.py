@@ -96,7 +96,7 @@ def test_a_pose_can_be_the_target_and_another_source_can_be_pinned(mixed):
     wait_for(lambda: selected("target_pose") or mixed.latched("target_mux/selected") != "")
 
 
-def test_the_muxs_output_cannot_be_a_source(bench):
+def test_the_output_of_the_mux_is_refused_as_a_source(bench):
     ros = ("-p", "sources:=[face]", "-p", "face.topic:=/target_point")
     mux = bench.start("target_mux", "--ros-args", *ros)
     assert mux.end() == 1
@@ -116,7 +116,7 @@ def test_the_fictitious_target_is_switched_off_and_on(bench):
 
 
 @pytest.mark.parametrize("target", ["ball", "face"])
-def test_what_the_heads_own_camera_sees_is_followed(bench, target):
+def test_a_target_of_the_heads_camera_is_tracked(bench, target):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     run = bench.start("head_tracking", "--sim", "--target", target)
     wait_for(lambda: bench.person.state("head_tracker") == "tracking", 60.0)
@@ -126,7 +126,7 @@ def test_what_the_heads_own_camera_sees_is_followed(bench, target):
     assert run.end(signal.SIGINT) == 0, run.output
 
 
-def test_what_a_camera_on_the_head_saw_is_looked_at_where_it_was(tracked):
+def test_a_target_of_the_heads_camera_is_used_at_its_stamp(tracked):
     """A ball stands still; the camera says where it saw it late, but with the picture's time."""
     person, ball = tracked.person, PointStamped(point=Point(x=1.5, y=0.8, z=0.3))
     ball.header.frame_id = "base_link"

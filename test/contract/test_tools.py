@@ -67,7 +67,7 @@ def test_new_robot_describes_a_head_with_feetech_servos(bench):
     assert bus.end(signal.SIGINT) == 0, bus.output
 
 
-def test_doctor_finds_the_servos_and_says_in_its_exit_code_how_they_are(bench, port):
+def test_doctor_reports_the_servos_by_its_exit_code(bench, port):
     good = bench.start("doctor", "--port", port, "--listen", "0")
     code = good.end()
     levels = {line.split()[0] for line in good.output.splitlines() if JOINTS[0] in line}
@@ -95,7 +95,7 @@ def test_the_servo_tool_asks_on_a_terminal(bench):
 
 
 @pytest.mark.parametrize("ended", ["by ctrl-c", "because the port has vanished"])
-def test_the_monitor_goes_on_until_it_is_ended(bench, ended):
+def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
     with closing(on_terminal(bench, "monitor", "1", "2")) as terminal:
         terminal.waits_for("AX-12.*AX-12.*AX-12")
         if ended == "by ctrl-c":

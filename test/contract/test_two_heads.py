@@ -67,7 +67,7 @@ def heads(request, bench):
     thread.join()
 
 
-def test_each_has_its_own_commands_owners_stop_frames_and_diagnostics(heads):
+def test_two_heads_are_independent(heads):
     left, right = heads
     diagnostics = left.person.hear("/diagnostics", DiagnosticArray)
 

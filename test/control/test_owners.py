@@ -36,7 +36,7 @@ def resume(owners):
     return owners.resume(owners.epoch.value)
 
 
-def test_who_owns_a_joint_keeps_it(owners):
+def test_a_joint_of_another_owner_is_refused(owners):
     owners.claim("/head_tracker", JOINTS)
     with pytest.raises(OwnershipError) as refusal:
         owners.claim("somebody", [TILT], LEASE)
@@ -47,7 +47,7 @@ def test_who_owns_a_joint_keeps_it(owners):
     assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
 
 
-def test_a_claim_by_commands_ends_with_them(owners, clock):
+def test_a_lease_ends_without_commands(owners, clock):
     owners.claim("somebody", [PAN], LEASE)
     with pytest.raises(OwnershipError) as refusal:
         owners.claim("/other", [PAN], LEASE)
@@ -80,7 +80,7 @@ def test_only_resume_ends_a_stop(owners, clock):
     assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
 
 
-def test_a_resume_that_is_older_than_a_stop_does_not_end_it(owners):
+def test_a_resume_older_than_a_stop_does_not_end_it(owners):
     owners.stop(dict)
     epoch = owners.epoch.value
     owners.stop(dict)
@@ -89,7 +89,7 @@ def test_a_resume_that_is_older_than_a_stop_does_not_end_it(owners):
     assert owners.stopped
 
 
-def test_servos_are_relaxed_before_anybody_is_told_and_also_if_that_fails(owners):
+def test_stop_relaxes_before_it_notifies_and_notifies_also_after_an_error(owners):
     said = []
     owners.observe(lambda: said.append(owners.stopped))
     assert owners.stop(lambda: list(said)) == []
@@ -100,7 +100,7 @@ def test_servos_are_relaxed_before_anybody_is_told_and_also_if_that_fails(owners
     assert said == [True, False, True]
 
 
-def test_a_follower_does_as_it_is_told_and_hears_of_what_it_missed(owners):
+def test_the_state_of_a_servo_bus_elsewhere_is_adopted(owners):
     owners.claim("/head_tracker", JOINTS)
     owners.follow(True, 3)
     with pytest.raises(StoppedError):
@@ -115,7 +115,7 @@ def test_a_follower_does_as_it_is_told_and_hears_of_what_it_missed(owners):
     assert owners.owns("/head_tracker", JOINTS)
 
 
-def test_what_is_lost_at_a_servo_bus_elsewhere_is_lost_here(owners):
+def test_joints_lost_at_a_servo_bus_elsewhere_are_lost_here(owners):
     owners.claim("/head_tracker", JOINTS)
     owners.follow(False, 0, dict.fromkeys(JOINTS, "somebody"))  # owned before this owner was heard
     assert owners.owns("/head_tracker", JOINTS)
@@ -129,7 +129,7 @@ def test_what_is_lost_at_a_servo_bus_elsewhere_is_lost_here(owners):
     assert owners.elsewhere(JOINTS) == ""
 
 
-def test_where_others_are_allowed_any_command_counts_and_a_controller_stays_enabled(clock):
+def test_without_exclusive_owners_every_command_is_accepted(clock):
     owners = JointOwners(exclusive=False, clock=clock)
     owners.claim("/head_tracker", JOINTS)
     owners.claim("somebody", [PAN], LEASE)
@@ -138,7 +138,7 @@ def test_where_others_are_allowed_any_command_counts_and_a_controller_stays_enab
         owners.claim("/point_head", JOINTS)
 
 
-def test_each_change_is_told(owners):
+def test_each_change_notifies_the_observers(owners):
     told = []
     owners.observe(lambda: told.append(dict(owners.of([PAN]))))
     owners.claim("/head_tracker", [PAN])
@@ -160,7 +160,7 @@ REQUESTS = st.one_of(
 
 
 @given(st.lists(REQUESTS, max_size=40))
-def test_it_does_what_a_small_model_does(requests):
+def test_random_requests_match_a_model(requests):
     clock = Clock()
     owners = JointOwners(clock=clock)
     nobody = ("", math.inf)
@@ -236,7 +236,7 @@ def ask(owners: JointOwners, rnd: random.Random) -> int:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_client_moves_a_stopped_head_whatever_the_order(seed):
+def test_no_interleaving_of_requests_moves_a_stopped_head(seed):
     """10,000 interleavings of what is asked for at one moment and carried out at a later one."""
     rnd = random.Random(seed)
     for _ in range(2500):

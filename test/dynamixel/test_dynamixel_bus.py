@@ -228,7 +228,7 @@ def test_bus_must_be_connected() -> None:
         lambda: run(bus.switching_torque(None, True)),
         lambda: bus.command({}),
     ):
-        with pytest.raises(NotConnectedError, match="not connected"):
+        with pytest.raises(NotConnectedError):
             use()
 
 
@@ -533,7 +533,7 @@ def test_port_without_any_of_the_servos_is_left_alone() -> None:
 
 def test_port_that_cannot_come_back_ends_the_cycle() -> None:
     port = FakePort()
-    port.comes_back = False
+    port.may_return = False
     bus, _ = connected(port)
     port.gone = True
     with pytest.raises(PortLostError):

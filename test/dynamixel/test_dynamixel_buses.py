@@ -20,6 +20,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     ServoNotFoundError,
+    Torque,
 )
 from head_tracking.dynamixel.servo import run
 
@@ -76,7 +77,7 @@ def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
     buses.start()
     for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
         future.result(PATIENCE)
-    assert buses.holds
+    assert all(buses.joint(each.joint_name).torque is Torque.ON for each in (PAN, TILT))
     (future,) = buses.call(["head_tilt_joint"], lambda bus, joints: joints)
     assert future.result(PATIENCE) == ("head_tilt_joint",)
     with pytest.raises(GoalError):

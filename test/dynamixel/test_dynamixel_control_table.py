@@ -3,51 +3,28 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from head_tracking.dynamixel import (
     ConfigurationError,
+    ErrorBits,
     RangeError,
     Register,
+    describe_errors,
     servo_model,
     servo_model_by_number,
 )
-from head_tracking.dynamixel.control_table import ControlTable
+from head_tracking.dynamixel.control_table import (
+    ControlTable,
+    decode_sign_magnitude,
+    encode_sign_magnitude,
+)
 from head_tracking.dynamixel.exceptions import UnknownRegisterError
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table
-ADDRESSES = {
-    "Model Number": (0, 2), "Firmware Version": (2, 1), "ID": (3, 1), "Baud Rate": (4, 1),
-    "Return Delay Time": (5, 1), "CW Angle Limit": (6, 2), "CCW Angle Limit": (8, 2),
-    "Temperature Limit": (11, 1), "Min Voltage Limit": (12, 1), "Max Voltage Limit": (13, 1),
-    "Max Torque": (14, 2), "Status Return Level": (16, 1), "Alarm LED": (17, 1),
-    "Shutdown": (18, 1), "Torque Enable": (24, 1), "LED": (25, 1),
-    "CW Compliance Margin": (26, 1), "CCW Compliance Margin": (27, 1),
-    "CW Compliance Slope": (28, 1), "CCW Compliance Slope": (29, 1), "Goal Position": (30, 2),
-    "Moving Speed": (32, 2), "Torque Limit": (34, 2), "Present Position": (36, 2),
-    "Present Speed": (38, 2), "Present Load": (40, 2), "Present Voltage": (42, 1),
-    "Present Temperature": (43, 1), "Registered": (44, 1), "Moving": (46, 1), "Lock": (47, 1),
-    "Punch": (48, 2),
-}  # fmt: skip
 BYTE = Register("Byte", 0, 1, True, False, 0, 0, 255)
-
-
-def test_table_has_the_vendors_addresses_and_sizes() -> None:
-    assert {r.name: (r.address, r.size) for r in TABLE} == ADDRESSES
-    assert len(TABLE) == len(ADDRESSES)
-    assert TABLE.size == 50
-
-
-def test_eeprom_ends_before_torque_enable() -> None:
-    assert all(r.eeprom == (r.address < 24) for r in TABLE)
-
-
-def test_read_only_registers() -> None:
-    read_only = {r.name for r in TABLE if not r.writable}
-    assert read_only == {
-        "Model Number", "Firmware Version", "Present Position", "Present Speed", "Present Load",
-        "Present Voltage", "Present Temperature", "Registered", "Moving",
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize("register", [r for r in TABLE if r.writable], ids=lambda r: r.name)
@@ -65,26 +42,10 @@ def test_read_only_register_cannot_be_encoded() -> None:
         TABLE.block("Present Position").encode(1)
 
 
-def test_wrong_number_of_bytes_is_refused() -> None:
-    with pytest.raises(RangeError, match="2 bytes, not 1"):
-        TABLE.block("Present Position").decode(b"\x00")
-
-
 def test_unknown_register_lists_what_there_is() -> None:
     with pytest.raises(UnknownRegisterError, match=r"'Goal Torque'.*Goal Position"):
         TABLE["Goal Torque"]
     assert "Goal Torque" not in TABLE
-
-
-def test_feedback_is_one_read_of_eight_bytes() -> None:
-    assert (AX_12.feedback.address, AX_12.feedback.length) == (36, 8)
-    data = bytes.fromhex("00 02 00 00 00 00 78 1E")
-    assert AX_12.feedback.decode(data) == (512, 0, 0, 120, 30)
-
-
-def test_goal_and_speed_are_one_write_of_four_bytes() -> None:
-    assert (AX_12.goal.address, AX_12.goal.length) == (30, 4)
-    assert AX_12.goal.encode(512, 100) == bytes.fromhex("00 02 64 00")
 
 
 def test_block_skips_what_lies_between() -> None:
@@ -138,3 +99,32 @@ def test_vendors_figures() -> None:
     assert AX_12.speed_unit == pytest.approx(0.0116239, abs=1e-7)
     assert AX_12.no_load_speed == pytest.approx(6.178, abs=1e-3)
     assert AX_12.radians_per_tick * AX_12.ticks == pytest.approx(math.radians(300))
+
+
+@pytest.mark.parametrize(
+    ("raw", "value"), [(0, 0), (100, 100), (1023, 1023), (1024, 0), (1124, -100), (2047, -1023)]
+)
+def test_bit_10_is_the_sign(raw: int, value: int) -> None:
+    assert decode_sign_magnitude(raw) == value
+
+
+@given(st.integers(-1023, 1023))
+def test_sign_and_magnitude_round_trip(value: int) -> None:
+    assert decode_sign_magnitude(encode_sign_magnitude(value)) == value
+
+
+@pytest.mark.parametrize("raw", [-1, 2048, 65535])
+def test_bits_above_the_sign_are_refused(raw: int) -> None:
+    with pytest.raises(RangeError, match="0 to 2047"):
+        decode_sign_magnitude(raw)
+
+
+@pytest.mark.parametrize("value", [1024, -1024])
+def test_magnitude_that_does_not_fit_is_refused(value: int) -> None:
+    with pytest.raises(RangeError, match="-1023 to 1023"):
+        encode_sign_magnitude(value)
+
+
+def test_error_bits_in_words() -> None:
+    assert describe_errors(ErrorBits(36)) == "overheating, overload"
+    assert describe_errors(ErrorBits(0)) == "none"

@@ -16,8 +16,8 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ReadGroup,
     ReadMethod,
-    Reply,
     ServoBus,
+    Status,
     servo_model,
 )
 from head_tracking.simulation import SimulatedLine, SimulatedServo
@@ -121,7 +121,7 @@ def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
     for k in range(200):
         replies = [reply for group in groups for reply in bench.port.read_group(group)]
         assert len(replies) == len(ids)
-        assert all(isinstance(reply, Reply) for reply in replies)
+        assert all(isinstance(reply, Status) for reply in replies)
         bench.pass_time(0.003 + 0.0000137 * k)
     assert bench.port.searches == 0
 

@@ -14,9 +14,11 @@ from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     BusThread,
     DynamixelError,
+    EepromSettings,
     Epoch,
     Goal,
     ServoBus,
+    ServoError,
     StoppedError,
     Torque,
     TorqueError,
@@ -242,6 +244,19 @@ def test_ending_a_request_that_fails_to_end_does_not_keep_the_others_from_ending
     queue.discard_older()
     assert ended == [0, 1, 2]
     assert all(isinstance(future.exception(0.0), StoppedError) for future in futures)
+
+
+def test_the_wait_for_a_joint_with_another_request_is_bounded() -> None:
+    port, clock = FakePort(), FakeClock()
+    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
+    bus.connect()
+    submit(bus, bus.switching_torque([JOINT], True))
+    for _ in range(4):
+        bus.cycle.fill(clock.now + 10**9)
+    assert bus.joint(JOINT).busy  # and no cycle takes the other steps
+    with pytest.raises(ServoError):
+        run(bus.writing_eeprom(JOINT, EepromSettings()), clock.pass_time)
+    assert clock.now < 20e9
 
 
 def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> None:

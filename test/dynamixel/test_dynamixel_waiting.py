@@ -76,27 +76,27 @@ def test_read_after_a_silence_asks_for_another_length() -> None:
     clock = Clock()
     late = LateReplies(clock)
     assert not late.due
-    late.add(group(1, 8).requests[0], clock.now)
-    assert late.distinct(group(1, 8)).length == 9
-    assert late.distinct(group(2, 8)).length == 8
-    assert late.distinct(group(1, 8, 2)).length == 8
-    late.add(group(2, 9).requests[0], clock.now)
+    late.add(group(1, 8).replies[0], clock.now)
+    assert late.unambiguous(group(1, 8)).length == 9
+    assert late.unambiguous(group(2, 8)).length == 8
+    assert late.unambiguous(group(1, 8, 2)).length == 8
+    late.add(group(2, 9).replies[0], clock.now)
     both = ReadGroup(ReadMethod.BULK, 1, 36, 8, (1, 2))
-    assert (late.distinct(both).length, late.distinct(both).address) == (10, 34)
+    assert (late.unambiguous(both).length, late.unambiguous(both).address) == (10, 34)
 
 
 def test_late_reply_is_taken_once_and_old_ones_are_forgotten() -> None:
     clock = Clock()
     late = LateReplies(clock)
-    late.add(group(1, 8).requests[0], clock.now)
+    late.add(group(1, 8).replies[0], clock.now)
     clock.now += 0.25
-    assert late.take(1, Status(1, 0, bytes(9))) is None
-    assert late.take(1, Status(1, 0, bytes(8))) == pytest.approx(0.25)
-    assert late.take(1, Status(1, 0, bytes(8))) is None
+    assert late.remove(1, Status(1, 0, bytes(9))) is None
+    assert late.remove(1, Status(1, 0, bytes(8))) == pytest.approx(0.25)
+    assert late.remove(1, Status(1, 0, bytes(8))) is None
     assert not late.due
-    late.add(group(1, 8).requests[0], clock.now)
+    late.add(group(1, 8).replies[0], clock.now)
     clock.now += 1.1
-    assert late.distinct(group(1, 8)).length == 8
+    assert late.unambiguous(group(1, 8)).length == 8
     assert not late.due
 
 
@@ -104,6 +104,6 @@ def test_after_very_many_silences_nothing_is_asked_for_a_while() -> None:
     clock = Clock()
     late = LateReplies(clock)
     for length in range(8, 40):
-        late.add(group(1, length).requests[0], clock.now)
+        late.add(group(1, length).replies[0], clock.now)
     with pytest.raises(ReplyTimeoutError):
-        late.distinct(group(1, 8))
+        late.unambiguous(group(1, 8))

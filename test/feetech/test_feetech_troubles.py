@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from simulated_device import Bench
 
-from head_tracking.cli.servo.bench import ToolError, find_servo
 from head_tracking.cli.servo.register_values import parse_value
+from head_tracking.cli.servo.session import ToolError, find_servo
 from head_tracking.configuration.bus_parameters import (
     ControllerParameters,
     MotorParameters,

@@ -1,4 +1,4 @@
-"""Ways that go round and round."""
+"""Closed paths."""
 
 import math
 
@@ -6,15 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from head_tracking.page.path import SHAPES, Path, shaped
+from head_tracking.gaze import PanTiltHead
+from head_tracking.page.path import SHAPES, Path, path_ahead
+from head_tracking.page.robot_shapes import robot_for_browser
 
 COORDINATE = st.floats(-2.0, 2.0)
 POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)
-MIDDLE, RIGHT, UP = (1.0, 0.0, 0.5), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 @given(st.lists(POINT, min_size=2, max_size=8), st.floats(0.0, 20.0), st.floats(0.0, 1.0))
-def test_along_a_path_nobody_is_faster_than_the_distance(points, start, step):
+def test_the_distance_along_a_path_bounds_the_distance_of_its_points(points, start, step):
     try:
         path = Path(points)
     except ValueError:
@@ -22,11 +23,10 @@ def test_along_a_path_nobody_is_faster_than_the_distance(points, start, step):
         return
     here, there = path.at(start), path.at(start + step)
     assert math.dist(here, there) <= step + 1e-9
-    again = path.at(start + path.length)
-    assert again == pytest.approx(here, abs=1e-6)
+    assert path.at(start + path.length) == pytest.approx(here, abs=1e-6)
 
 
-def test_a_path_passes_its_points_and_goes_back_to_the_first():
+def test_a_path_passes_its_points_and_returns_to_the_first():
     path = Path([(0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (3.0, 4.0, 0.0)])
     assert path.length == pytest.approx(12.0)
     assert path.at(3.0) == pytest.approx((3.0, 0.0, 0.0))
@@ -34,20 +34,44 @@ def test_a_path_passes_its_points_and_goes_back_to_the_first():
     assert path.at(9.5) == pytest.approx((1.5, 2.0, 0.0))
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_shapes_lie_before_the_camera_and_are_as_wide_as_wanted(shape):
-    path = shaped(shape, MIDDLE, RIGHT, UP, 0.3)
-    points = [path.at(path.length * share / 500) for share in range(500)]
-    xs, ys, zs = zip(*points, strict=True)
-    assert set(xs) == {1.0}
-    assert max(ys) == pytest.approx(0.3, abs=0.01)
-    assert min(ys) == pytest.approx(-0.3, abs=0.01)
-    assert max(zs) - 0.5 == pytest.approx(0.15 if shape == "figure of eight" else 0.3, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("points", "said"), [([(0, 0, 0)], "two points"), ([(1, 0, 0)] * 3, "the same"), ([], "two")]
-)
-def test_what_is_no_path_says_what_to_do(points, said):
-    with pytest.raises(ValueError, match=said):
+@pytest.mark.parametrize("points", [[(0, 0, 0)], [(1, 0, 0)] * 3, []])
+def test_less_than_two_points_are_refused(points):
+    with pytest.raises(ValueError):
         Path(points)
+
+
+@pytest.fixture
+def head(robot) -> PanTiltHead:
+    return PanTiltHead(
+        robot, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.0, 1.2)
+    )
+
+
+def miss(robot, head: PanTiltHead, point) -> float:
+    """The angle by which the head misses a point of the root when it looks there [rad]."""
+    at_zero = dict.fromkeys(robot.independent_joints, 0.0)
+    there = robot.transform(robot.root, head.base_frame, at_zero).inverse() @ point
+    gaze = head.gaze(there, 0.0, 0.0)
+    return head.miss(there, gaze.pan, gaze.tilt)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_head_can_look_along_every_path_which_has_the_requested_width(robot, head, shape):
+    points = path_ahead(robot, head, shape, 0.3).points
+    for point in points[::6]:
+        assert miss(robot, head, point) < 1e-3
+    ys, zs = ([point[axis] for point in points] for axis in (1, 2))
+    assert max(ys) - min(ys) == pytest.approx(0.6, abs=0.01)
+    height = 0.3 if shape == "figure of eight" else 0.6
+    assert max(zs) - min(zs) == pytest.approx(height, abs=0.01)
+
+
+def test_an_unknown_shape_is_refused(robot, head):
+    with pytest.raises(KeyError):
+        path_ahead(robot, head, "spiral", 0.3)
+
+
+def test_the_head_can_look_at_every_point_of_its_reachable_field(robot, head):
+    field = robot_for_browser(robot, head, 1.0, "/mesh/").about["field"]
+    for index in range(0, len(field), 21):
+        assert miss(robot, head, tuple(field[index : index + 3])) < 1e-3

@@ -31,7 +31,7 @@ class _Robot:
 
     def __init__(self) -> None:
         self.stops, self.go_on, self.asked = 0, threading.Event(), threading.Semaphore(0)
-        self.modes = SimpleNamespace(set_mode=self._set_mode, mode=lambda: "nothing")
+        self.modes = SimpleNamespace(set_mode=self._set_mode)
         self.recorder = SimpleNamespace(files=tuple)
         self.parameters = SimpleNamespace(settings=tuple)
         self.stop = SimpleNamespace(resume=lambda: Outcome(True, ""))
@@ -169,9 +169,9 @@ def test_each_card_says_why_its_part_cannot_be_shown(page: Page) -> None:
 _GARBLED = """
 JSON.parse = ((parse) => (text) => {
   const said = parse(text);
-  const troubles = [{ what: "a servo is hot", advice: "", mend: null }];
+  const faults = [{ text: "a servo is hot", advice: "", command: "" }];
   if (said?.type === "about")
-    Object.assign(said, { word: "holding", images: [], modes: null, servos: null, troubles });
+    Object.assign(said, { word: "holding", images: [], modes: null, servos: null, faults });
   return said;
 })(JSON.parse);
 """
@@ -187,8 +187,8 @@ def test_a_part_that_fails_in_the_browser_keeps_no_other_from_being_shown(page: 
         shown.set_default_timeout(1e3 * PATIENCE)
         shown.add_init_script(_GARBLED)
         shown.goto(f"http://127.0.0.1:{page.port}/")
-        shown.wait_for_selector("#troubles strong", state="attached")
-        assert shown.locator("#troubles strong").text_content() == "a servo is hot"
+        shown.wait_for_selector("#faults strong", state="attached")
+        assert shown.locator("#faults strong").text_content() == "a servo is hot"
         assert shown.locator("#lookat .failing").text_content()
         assert shown.locator("#health .failing").text_content()
         shown.close()

@@ -1,43 +1,49 @@
+"""The shapes of a robot for the browser."""
+
 import io
 
 import numpy as np
 import pytest
 import trimesh
 
-from head_tracking.page.robot_shapes import described
-from head_tracking.page.shapes import Box, Cylinder, Mesh, Missing, Sphere, mesh_file, robot_look
+from head_tracking.page.robot_shapes import RobotForBrowser, mesh_file, robot_for_browser
 from head_tracking.transforms import parse_robot_model
 
 
-def urdf(geometry: str, material: str = "") -> str:
-    return (
+def shown(visuals: str, links: str = "", find_package=lambda _: None) -> RobotForBrowser:
+    """A robot whose link `a` has visuals."""
+    text = (
         '<robot name="r"><material name="red"><color rgba="1 0 0 0.5"/></material>'
-        f'<link name="a"><visual><origin xyz="1 2 3"/><geometry>{geometry}</geometry>{material}'
-        "</visual></link></robot>"
+        f'<link name="a">{visuals}</link>{links}</robot>'
     )
+    return robot_for_browser(parse_robot_model(text), None, 1.0, "/mesh/", find_package)
+
+
+def visual(geometry: str, material: str = "") -> str:
+    origin = '<origin xyz="1 2 3"/>'
+    return f"<visual>{origin}<geometry>{geometry}</geometry>{material}</visual>"
 
 
 @pytest.mark.parametrize(
-    ("geometry", "shape"),
+    ("geometry", "kind", "size"),
     [
-        ('<box size="1 2 3"/>', Box((1.0, 2.0, 3.0))),
-        ('<cylinder radius="0.5" length="2"/>', Cylinder(0.5, 2.0)),
-        ('<sphere radius="0.25"/>', Sphere(0.25)),
+        ('<box size="1 2 3"/>', "box", [1.0, 2.0, 3.0]),
+        ('<cylinder radius="0.5" length="2"/>', "cylinder", [0.5, 2.0]),
+        ('<sphere radius="0.25"/>', "sphere", [0.25]),
     ],
 )
-def test_simple_shapes(geometry, shape):
-    look = robot_look(urdf(geometry, '<material name="red"/>'))
-    (found,) = look.shapes
-    assert found.geometry == shape
-    assert found.T_link_shape.translation == (1.0, 2.0, 3.0)
-    assert found.rgba == (1.0, 0.0, 0.0, 0.5)
-    assert not look.notices
+def test_simple_shapes(geometry, kind, size):
+    about = shown(visual(geometry, '<material name="red"/>')).about
+    (found,) = about["shapes"]
+    assert (found["kind"], found["size"], found["rgba"]) == (kind, size, [1.0, 0.0, 0.0, 0.5])
+    assert found["place"][:3] == [1.0, 2.0, 3.0]
+    assert not about["notices"]
 
 
 def test_the_robots_of_the_tutorials_are_shown_whole(robot):
-    look = robot_look(robot.urdf)
-    assert not look.notices
-    assert {shape.link for shape in look.shapes} >= {"base_link", "camera_link", "head_pan_link"}
+    about = robot_for_browser(robot, None, 1.0, "/mesh/").about
+    assert not about["notices"]
+    assert {shape["link"] for shape in about["shapes"]} >= {"base_link", "camera_link"}
 
 
 @pytest.fixture
@@ -45,6 +51,9 @@ def package(tmp_path):
     folder = tmp_path / "my_robot"
     folder.mkdir()
     trimesh.creation.box((1.0, 1.0, 1.0)).export(folder / "box.stl")
+    red = trimesh.creation.box((1.0, 1.0, 1.0))
+    red.visual.face_colors = np.tile([[200, 10, 10, 255]], (len(red.faces), 1))
+    red.export(folder / "red.ply")
     (folder / "broken.stl").write_bytes(b"this is no mesh" * 10)
     (folder / "none.obj").write_text("v 0 0 0\n")
     return folder
@@ -54,35 +63,42 @@ def package(tmp_path):
     "address", ["package://my_robot/box.stl", "file://{}/box.stl", "{}/box.stl"]
 )
 def test_a_mesh_is_found_and_scaled(package, address):
-    address = address.format(package)
-    look = robot_look(
-        urdf(f'<mesh filename="{address}" scale="2 2 2"/>'),
-        {"my_robot": package}.get,
-    )
-    (shape,) = look.shapes
-    assert isinstance(shape.geometry, Mesh)
-    assert shape.geometry.mesh.extents == pytest.approx(np.array([2.0, 2.0, 2.0]))
-    assert not look.notices
+    mesh = f'<mesh filename="{address.format(package)}" scale="2 2 2"/>'
+    found = shown(visual(mesh), find_package={"my_robot": package}.get)
+    (sent,) = found.meshes
+    again = trimesh.load(io.BytesIO(sent), file_type="stl", force="mesh")
+    assert again.extents == pytest.approx([2.0, 2.0, 2.0])
+    assert not found.about["notices"]
+
+
+def test_meshes_are_sent_in_a_format_that_keeps_their_colours(package):
+    meshes = (f'<mesh filename="{package}/{name}"/>' for name in ("box.stl", "red.ply"))
+    found = shown("".join(map(visual, meshes)))
+    shapes = [(shape["kind"], shape["mesh"]) for shape in found.about["shapes"]]
+    assert shapes == [("mesh", "/mesh/0"), ("coloured", "/mesh/1")]
+    for mesh, kind in zip(found.meshes, ("stl", "glb"), strict=True):
+        again = trimesh.load(io.BytesIO(mesh), file_type=kind, force="mesh")
+        assert again.extents == pytest.approx([1.0, 1.0, 1.0])
 
 
 @pytest.mark.parametrize(
-    ("address", "words"),
+    "address",
     [
-        ("package://nobody/box.stl", "package 'nobody', which is not installed"),
-        ("package://my_robot/missing.stl", "is not there: no file"),
-        ("file:///nowhere/box.stl", "is not there: no file"),
-        ("meshes/box.stl", "write package://"),
-        ("http://example.com/box.stl", "of a kind that is not loaded"),
-        ("package://my_robot/broken.stl", "package://my_robot/broken.stl"),
-        ("package://my_robot/none.obj", "package://my_robot/none.obj"),
+        "package://nobody/box.stl",
+        "package://my_robot/missing.stl",
+        "file:///nowhere/box.stl",
+        "meshes/box.stl",
+        "http://example.com/box.stl",
+        "package://my_robot/broken.stl",
+        "package://my_robot/none.obj",
     ],
 )
-def test_a_mesh_that_can_t_be_shown_leaves_a_mark_and_a_notice(package, address, words):
-    look = robot_look(urdf(f'<mesh filename="{address}"/>'), {"my_robot": package}.get)
-    assert [type(shape.geometry) for shape in look.shapes] == [Missing]
-    (notice,) = look.notices
+def test_a_mesh_that_cannot_be_shown_is_replaced_and_named(package, address):
+    found = shown(visual(f'<mesh filename="{address}"/>'), find_package={"my_robot": package}.get)
+    assert [shape["kind"] for shape in found.about["shapes"]] == ["box"]
+    (notice,) = found.about["notices"]
     assert notice.startswith("a: ")
-    assert words in notice
+    assert address in notice
 
 
 @pytest.mark.parametrize(
@@ -92,28 +108,14 @@ def test_a_mesh_that_can_t_be_shown_leaves_a_mark_and_a_notice(package, address,
         ('<sphere radius="0.25"/>', '<material name="m"><color rgba="1 2"/></material>'),
     ],
 )
-def test_a_shape_that_makes_no_sense_is_left_out(geometry, material):
-    whole = '<link name="b"><visual><geometry><sphere radius="1"/></geometry></visual></link>'
-    look = robot_look(urdf(geometry, material).replace("</robot>", f"{whole}</robot>"))
-    assert [shape.link for shape in look.shapes] == ["b"]
-    assert len(look.notices) == 1
+def test_an_invalid_shape_is_left_out(geometry, material):
+    link = '<link name="b"><visual><geometry><sphere radius="1"/></geometry></visual></link>'
+    joint = '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>'
+    about = shown(visual(geometry, material), link + joint).about
+    assert [shape["link"] for shape in about["shapes"]] == ["b"]
+    assert len(about["notices"]) == 1
 
 
-def test_blanks_in_addresses_may_be_quoted(tmp_path):
+def test_spaces_in_addresses_may_be_quoted(tmp_path):
     (tmp_path / "a b.stl").touch()
     assert mesh_file(f"file://{tmp_path}/a%20b.stl", lambda _: None) == tmp_path / "a b.stl"
-
-
-def test_meshes_are_sent_in_a_format_that_keeps_their_colours(package, robot):
-    box = trimesh.creation.box((1.0, 1.0, 1.0))
-    box.visual.face_colors = np.tile([[200, 10, 10, 255]], (len(box.faces), 1))
-    box.export(package / "red.ply")
-    visual = '<visual><geometry><mesh filename="file://{}/{}"/></geometry></visual>'
-    visuals = "".join(visual.format(package, name) for name in ("box.stl", "red.ply"))
-    text = f'<robot name="r"><link name="a">{visuals}</link></robot>'
-    found = described(parse_robot_model(text), robot_look(text), None, 1.0, "/mesh/")
-    assert [shape["kind"] for shape in found.about["shapes"]] == ["mesh", "coloured"]
-    assert [shape["mesh"] for shape in found.about["shapes"]] == ["/mesh/0", "/mesh/1"]
-    for mesh, kind in zip(found.meshes, ("stl", "glb"), strict=True):
-        again = trimesh.load(io.BytesIO(mesh), file_type=kind, force="mesh")
-        assert again.extents == pytest.approx([1.0, 1.0, 1.0])

@@ -56,7 +56,7 @@ def head(request, kinectbot):
     head.close()
 
 
-def test_it_turns_the_head_stops_by_holding_and_goes_on(head):
+def test_a_trajectory_controller_is_driven_held_by_stop_and_resumed(head):
     head.target = ("torso_link", lambda now: (2.0, 1.0, 0.1))
     wait_for(lambda: head.errors and head.errors[-1] < 0.02)
     assert head.positions[0] > 0.4
@@ -69,9 +69,7 @@ def test_it_turns_the_head_stops_by_holding_and_goes_on(head):
     wait_for(lambda: head.positions[0] < 0.3)
     answer = head.trigger("stop")
     assert not answer.success
-    assert "head_pan_joint NOT confirmed: /head_controller/joint_trajectory was told to hold" in (
-        answer.message
-    )
+    assert "head_pan_joint" in answer.message
     wait_for(lambda: head.stopped and head.stopped[-1])
     count = len(head.trajectories)
     head.travel.clear()
@@ -86,7 +84,7 @@ def test_it_turns_the_head_stops_by_holding_and_goes_on(head):
     assert max(abs(b - a) for a, b in zip(pans, pans[5:], strict=False)) < 0.1  # 0.3 rad/s
 
 
-def test_beside_a_servo_bus_it_is_refused():
+def test_command_interface_joint_trajectory_is_refused_beside_a_servo_bus():
     rclpy.init()
     try:
         loop = ControlLoop(TransformBuffer())

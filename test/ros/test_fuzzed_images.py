@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 
 from head_tracking.ros.kit.images import camera_info, image_message
-from head_tracking.ros.targets.visual_target import VisualTargetNode, _Shot
+from head_tracking.ros.targets.visual_target import VisualTargetNode, _Images
 from head_tracking.tf.messages import header
 from head_tracking.vision import DETECTORS, camera_with_view
 
@@ -97,7 +97,7 @@ def test_visual_target_survives_every_image(follow):
             elif rnd.random() < 0.5:
                 depth = None
             # in the thread that looks: selections are carried out there
-            node._looking.do(partial(node._look, _Shot(picture or depth, picture, depth)))
+            node._worker.do(partial(node._process, _Images(picture or depth, picture, depth)))
             if rnd.random() < 0.1:
                 sizes = (0, 1, 20, 64, 2**32 - 1)
                 x, y, width, height = (rnd.choice(sizes) for _ in range(4))
@@ -105,9 +105,9 @@ def test_visual_target_survives_every_image(follow):
                     RegionOfInterest(x_offset=x, y_offset=y, width=width, height=height)
                 )
         done = threading.Event()
-        node._looking.do(done.set)
+        node._worker.do(done.set)
         done.wait(60.0)
-        assert node._looking._error is None
+        assert node._worker._error is None
         assert done.is_set()
     finally:
         node.destroy_node()
@@ -137,7 +137,7 @@ def test_detection_target_survives_every_detection():
                 result.hypothesis.score = rnd.choice(NUMBERS)
                 one.results = [result][: rnd.randrange(2)]
                 found.append(one)
-            node._take(vision.Detection2DArray(header=stamped(rnd), detections=found))
+            node._process(vision.Detection2DArray(header=stamped(rnd), detections=found))
     finally:
         node.destroy_node()
         rclpy.shutdown()

@@ -81,7 +81,7 @@ def ros():
     rclpy.shutdown()
 
 
-def test_a_listener_survives_and_says_why(ros, urdf):
+def test_the_listener_survives_random_messages(ros, urdf):
     rnd, said = random.Random(1), Said()
     buffer, node = Buffer(), rclpy.create_node("listens")
     listener = TransformListener(buffer, node)
@@ -115,7 +115,7 @@ def test_a_listener_survives_and_says_why(ros, urdf):
     node.destroy_node()
 
 
-def test_the_state_publishers_survive(ros, urdf):
+def test_the_state_publishers_survive_random_messages(ros, urdf):
     rnd = random.Random(2)
     model = Parameter("robot_description", value=urdf)
     nodes = RobotStatePublisherNode(parameter_overrides=[model]), JointStatePublisherNode()

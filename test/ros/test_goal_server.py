@@ -36,7 +36,7 @@ def served(request, monkeypatch, threads):
     return Client(asks, actions.PointHead, "/serves/goals"), begun
 
 
-def test_goals_are_ended_from_any_thread_and_once(served):
+def test_goals_end_once_from_any_thread(served):
     client, begun = served
     assert not client.send(actions.PointHead.Goal(max_velocity=10.0)).accepted
     result = actions.PointHead.Result()
@@ -54,7 +54,7 @@ def test_goals_are_ended_from_any_thread_and_once(served):
         assert not sent.cancel().goals_canceling
 
 
-def test_a_client_may_cancel(served):
+def test_a_client_cancels_a_goal(served):
     client, begun = served
     sent = client.send(actions.PointHead.Goal())
     (goal,) = begun
@@ -63,7 +63,7 @@ def test_a_client_may_cancel(served):
     assert sent.ended()[0] == CANCELED
 
 
-def test_without_the_messages_one_line_says_what_is_missing(threads, monkeypatch, capfd):
+def test_missing_message_packages_are_reported(threads, monkeypatch, capfd):
     monkeypatch.setattr(head_actions, "PointHead", None)
     monkeypatch.setattr(head_actions, "TrajectoryMessage", None)
     node = PointHeadNode()

@@ -42,7 +42,7 @@ def sleep(seconds):
 
 
 @pytest.mark.parametrize("simulated", [False, True])
-def test_the_second_head_is_refused_and_the_first_is_named(lock, simulated):
+def test_a_second_head_is_refused_with_the_name_of_the_first(lock, simulated):
     lock(simulated=simulated).acquire(sleep)
     with pytest.raises(RefusedError, match=f"process {os.getpid()} of"):
         lock(simulated=simulated).acquire(sleep)
@@ -58,7 +58,7 @@ def test_a_simulated_head_is_refused_beside_a_real_one_and_not_after_it(lock):
     lock(simulated=True).acquire(sleep)
 
 
-def test_a_simulated_head_makes_way_for_a_real_one_which_waits_for_it(lock):
+def test_a_simulated_head_ends_for_a_real_one(lock):
     simulated, real = lock(simulated=True), lock()
     simulated.acquire(sleep)
     assert not simulated.is_wanted
@@ -214,7 +214,7 @@ def test_a_simulated_head_ends_for_a_real_one_that_comes_later(node):
 
 
 @pytest.mark.parametrize("data", ["", "7", "{}", json.dumps({"rank": [None], "head": 3}), "\x00"])
-def test_what_is_no_claim_changes_nothing(node, data):
+def test_invalid_claims_are_ignored(node, data):
     claim = HeadClaim(node(), simulated=True)
     claim.begin()
     other = node()
@@ -236,5 +236,5 @@ def test_what_is_no_claim_changes_nothing(node, data):
         ({"ROS_LOCALHOST_ONLY": "1"}, False),
     ],
 )
-def test_whom_other_machines_hear(environment, heard):
+def test_which_discovery_ranges_reach_other_machines(environment, heard):
     assert is_heard_elsewhere(environment) is heard

@@ -38,7 +38,7 @@ def another(urdf):
     return urdf.replace("</robot>", "<!-- another one --></robot>")
 
 
-def test_a_tracker_that_is_off_stays_off_with_another_model(make, kinectbot):
+def test_a_disabled_tracker_stays_disabled_with_another_model(make, kinectbot):
     head = make()
     head.until_state("idle: no target has come yet")
     assert head.call("head_tracker/enable", False).success
@@ -55,7 +55,7 @@ def test_a_tracker_that_is_off_stays_off_with_another_model(make, kinectbot):
     head.until_state("tracking:")
 
 
-def test_another_model_of_the_head_is_taken_on_the_way(make, kinectbot):
+def test_another_model_is_used_while_tracking(make, kinectbot):
     head = make()
     head.target = LEFT
     head.until_state("tracking:")
@@ -65,7 +65,7 @@ def test_another_model_of_the_head_is_taken_on_the_way(make, kinectbot):
     wait_for(lambda: head.positions[0] < -0.4)
 
 
-def test_a_model_without_the_head_is_said_and_the_old_head_stays(make):
+def test_a_model_without_the_head_is_refused(make):
     head = make(PointHeadNode)
     head.target = LEFT
     wait_for(lambda: head.positions[0] > 0.4)
@@ -77,7 +77,7 @@ def test_a_model_without_the_head_is_said_and_the_old_head_stays(make):
     assert head.threads.failure is None
 
 
-def test_a_model_without_the_head_that_comes_first_is_said_until_another_comes(make, kinectbot):
+def test_an_invalid_first_model_is_reported_until_another_is_received(make, kinectbot):
     head = make(urdf=WITHOUT_HEAD)
     head.until_state("idle: robot_description cannot be used", "head_pan_joint")
     head.describe(kinectbot.urdf)
@@ -93,14 +93,14 @@ def test_a_fixed_frame_that_moves_with_the_head_is_refused(make):
     assert head.commands == 0
 
 
-def test_no_model_is_said(make, kinectbot):
+def test_a_missing_model_is_reported(make, kinectbot):
     head = make(urdf="")
     head.target = LEFT
     head.until_state("idle: waiting for robot_description")
     head.until_logged("waiting for robot_description")
 
 
-def test_points_from_another_time_have_their_reason(make):
+def test_targets_with_stamps_in_the_future_are_refused(make):
     head = make()
     head.target = LEFT
     head.until_state("tracking:")
@@ -114,7 +114,7 @@ def test_points_from_another_time_have_their_reason(make):
     head.until_state("holding:", "refused", "future")
 
 
-def test_the_base_may_turn_where_the_fixed_frame_stands_still(make):
+def test_a_turning_base_is_compensated_in_the_fixed_frame(make):
     head = make(fixed_frame="odom")
     yaw = 0.0
 
@@ -125,7 +125,7 @@ def test_the_base_may_turn_where_the_fixed_frame_stands_still(make):
         head.buffer.set_transform(round(head.now * 1e9), "odom", "base_link", pose)
 
     head.target = at(3.0, 0.0, 0.8, "odom")
-    head.until_state("refused: nobody knows where the head is", "'odom' does not exist")
+    head.until_state("refused: the pose of the head is unknown", "'odom' does not exist")
     head.each_period = drive
     head.until_state("tracking:")
     wait_for(lambda: yaw == 0.8)
@@ -134,7 +134,7 @@ def test_the_base_may_turn_where_the_fixed_frame_stands_still(make):
     assert head.positions[0] == pytest.approx(-0.8, abs=0.1)
 
 
-def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monkeypatch):
+def test_frames_that_move_with_the_head_are_found_while_the_base_moves(make, monkeypatch):
     head = make(fixed_frame="odom")
     head.until_state("idle: no target has come yet")
     buffer, driven = head.buffer, 0
@@ -154,13 +154,13 @@ def test_what_moves_with_the_head_is_known_also_while_the_base_moves(make, monke
 
     monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
     carried = {
-        frame: head.node.interface.control.is_carried(frame)
+        frame: head.node.interface.control.frames.moves_with_head(frame)
         for frame in ("odom", "base_link", "camera_link", "nowhere")
     }
     assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}
 
 
-def test_joint_states_that_were_held_up_are_no_reason_to_hurry(make):
+def test_delayed_joint_states_cause_no_extra_commands(make):
     """A tracker that took a step for each of them would think that as much time had passed."""
     head = make()
     head.target = LEFT

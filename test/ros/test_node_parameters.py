@@ -11,9 +11,8 @@ from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import Float64
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.kit.listening import TopicListener
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.topic_output import Output
+from head_tracking.ros.kit.topics import Output, TopicListener
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,18 @@ import pytest
 from action_client import ABORTED, SUCCEEDED, Client
 from diagnostic_msgs.msg import DiagnosticStatus
 from head_under_test import Head
+from lockstep import World
 from waiting import wait_for
 
 from head_tracking.control import JointOwners
-from head_tracking.gaze import PanTiltHead
+from head_tracking.gaze import PanTiltHead, PointingParameters
+from head_tracking.head.obstacle import Obstacle, Reason
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit.joint_owners import control_message
 from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.targets.fictitious_target import FictitiousTargetNode
+from head_tracking.tracking import Target
 from head_tracking.transforms import Rotation, Transform
 
 goals = pytest.importorskip("goals")
@@ -99,13 +103,13 @@ def test_any_frame_and_axis_of_the_head_can_be_pointed(pointed, kinectbot, frame
     assert head.miss(point, *pointed.true) < math.radians(1.0)
 
 
-def test_a_goal_in_the_heads_own_frame_does_not_run_before_it(pointed):
+def test_a_goal_in_a_frame_of_the_head_stays_where_it_was(pointed):
     pan = pointed.true[0]
     assert pointed.look_at((2, 0.6, 0), "camera_link").status == "succeeded"
     assert pointed.true[0] == pytest.approx(pan + math.atan2(0.6, 2), abs=0.05)
 
 
-def test_a_target_that_keeps_moving_is_met(pointed):
+def test_a_goal_on_a_moving_target_succeeds(pointed):
     core, world = pointed.world.buffer.core, pointed.world
 
     def hand(seconds):
@@ -144,7 +148,60 @@ def test_a_trajectory_is_followed_closely(pointed):
     assert math.sqrt(sum(error * error for error in errors) / len(errors)) < 0.02
 
 
-def test_alone_in_a_process_it_serves_goals_too(kinectbot):
+@pytest.mark.parametrize("kind", ["point", "follow"])
+def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, kind):
+    """The motion to the target is fast when the goal comes, which leads on in its direction."""
+    world, point = pointed.world, (0.4, 2.0, 0.1)
+    pointed.publish(point, pointed.head.base_frame)
+    world.run(0.25)
+    before, began = pointed.true[0], world.seconds
+    if kind == "point":
+        request = goals.point_goal(*point, pointed.head.base_frame, velocity=3.0)
+        pointed.node.actions.point(goals.HeldGoal(request))
+    else:
+        path = dict.fromkeys(JOINTS, -1.0)
+        pointed.node.actions.follow(
+            goals.HeldGoal(following((0.6, (1.37, 0.0), (0.0, 0.0)), path=path))
+        )
+    speeds = []
+    while world.seconds < began + 0.2:
+        world.run(0.02)
+        pan, before = before, pointed.true[0]
+        speeds.append((before - pan) / 0.02)
+    assert speeds[0] > 1.5
+    assert min(speeds) > 0.5 * speeds[0]
+
+
+def test_a_motion_that_replaces_tracking_does_not_stop_the_head(kinectbot, threads):
+    """As `Head.look_at` after `Head.follow`."""
+    world = World(kinectbot)
+    node = world.make(HeadTrackerNode, {}, buffer=world.buffer, loop=world.loop)
+    control, bearing = node.interface.control, 0.0
+    head = PanTiltHead(kinectbot, *JOINTS, "camera_link")
+
+    def target(bearing):
+        point = 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
+        return Target(world.now, head.base_frame, point)
+
+    world.run(0.1)
+    for _ in range(50):
+        bearing += 0.02
+        control.accept(target(bearing))
+        world.run(0.02)
+    before = world.true_position(JOINTS[0])
+    parameters = PointingParameters(max_velocity=1.0)
+    control.point(target(2.0), parameters, lambda motion: None, at_stamp=True)
+    speeds = []
+    for _ in range(10):
+        world.run(0.02)
+        pan, before = before, world.true_position(JOINTS[0])
+        speeds.append((before - pan) / 0.02)
+    node.destroy_node()
+    assert speeds[0] > 0.7
+    assert min(speeds) > 0.5
+
+
+def test_point_head_alone_in_a_process_executes_goals(kinectbot):
     head = Head(PointHeadNode, kinectbot.urdf, controller_name="head_controller")
     try:
         client = Client(head.robot, goals.PointHead, "/head_controller/point_head_action")
@@ -153,24 +210,24 @@ def test_alone_in_a_process_it_serves_goals_too(kinectbot):
         assert sent.ended()[0] == SUCCEEDED
         assert head.positions[0] == pytest.approx(math.atan2(1, 0.99), abs=0.02)
         assert sent.feedback[0][1].pointing_angle_error > 0.5
-        control = head.robot.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
+        owners_topic = head.robot.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         joints = ("head_pan_joint", "head_tilt_joint")
         owners = JointOwners()
         owners.take_over("/somebody", joints)
-        control.publish(control_message(owners, joints))
-        wait_for(lambda: "/somebody" in head.node.interface.control.obstacle)
+        owners_topic.publish(control_message(owners, joints))
+        control = head.node.interface.control
+        wait_for(lambda: control.obstacle == Obstacle(Reason.OWNED, "/somebody"))
         assert not client.send(goal(1, 0, 0.3)).accepted
-        head.until_logged("is rejected: the joints belong to /somebody")
         owners.take_over("/point_head", joints)
-        control.publish(control_message(owners, joints))
-        wait_for(lambda: not head.node.interface.control.obstacle)
+        owners_topic.publish(control_message(owners, joints))
+        wait_for(lambda: control.obstacle is None)
         sent = client.send(goal(1, -1, 0.3, velocity=0.3))
         wait_for(lambda: head.positions[0] < 0.7)
         head.measured = False
         assert sent.ended()[0] == ABORTED
-        assert "aborted: no position of head_pan_joint" in head.until_logged("aborted: no pos")
+        assert control.obstacle == Obstacle(Reason.NOT_MEASURED, "head_pan_joint")
         head.measured = True
-        wait_for(lambda: not head.node.interface.control.obstacle)
+        wait_for(lambda: control.obstacle is None)
         follower = Client(head.robot, goals.FollowJointTrajectory, FOLLOW)
         sent = follower.send(following((1.0, (0.0, 0.0)), path=dict.fromkeys(JOINTS, 0.2)))
         assert sent.ended()[0] == SUCCEEDED
@@ -216,7 +273,7 @@ def test_goals_and_targets_pass_the_same_check(pointed, slash):
         assert pointed.true[0] == pytest.approx(-0.8, abs=0.02)
 
 
-def test_a_refused_trajectory_is_the_state_also_while_a_goal_is_under_way(pointed):
+def test_a_refused_trajectory_is_part_of_the_state(pointed):
     world = pointed.world
     refused = goals.trajectory((1.0, (9.0, 0.0)))
     world.publish("/point_head/joint_trajectory", refused)
@@ -233,7 +290,7 @@ def test_a_refused_trajectory_is_the_state_also_while_a_goal_is_under_way(pointe
     assert held.status == "succeeded"
 
 
-def test_targets_go_the_same_way_whoever_listens(pointed, monkeypatch):
+def test_targets_are_published_once_for_all_subscribers(pointed, monkeypatch):
     world, published = pointed.world, []
     publish = world.publish
     monkeypatch.setattr(

@@ -80,8 +80,12 @@ class Driven:
 
     @property
     def turning(self):
-        state, _ = self.control.mode.state(self.control)
+        state, _ = self.control.state()
         return state == "turning"
+
+    @property
+    def busy(self):
+        return self.control.motion is not self.control.targets
 
     def under_way(self):
         return [goal for goal in self.sent if not goal.status]
@@ -198,15 +202,15 @@ NAMES = {"on": "turn_on", "off": "turn_off", "other": "take_over"}
 @example([("point", (1.0, 0.0, 0.3)), ("cancel", None), ("target", None)])
 @example([("wait", 0.1), ("stop", None), ("on", None)])
 @example([("follow", ([(1.0, 0.0)], 1.0, 0.05)), ("wait", 0.1), ("cancel", None), ("wait", 0.5)])
-def test_each_goal_ends_once_and_nothing_moves_that_may_not(kinectbot, steps):
+def test_random_requests_end_each_goal_once_and_move_nothing_forbidden(kinectbot, steps):
     driven = Driven(kinectbot)
     try:
         for name, wish in itertools.chain(steps, [("wait", 0.1)]):
             getattr(driven, NAMES.get(name, name))(wish)
             assert len(driven.under_way()) <= 1
-            assert bool(driven.control.task) >= bool(driven.under_way())
+            assert driven.busy >= bool(driven.under_way())
         waited = 0.0
-        while driven.under_way() or driven.control.task is not None or driven.turning:
+        while driven.under_way() or driven.busy or driven.turning:
             driven.wait(0.5)
             waited += 0.5
             assert waited < 30.0
@@ -235,14 +239,14 @@ def begun(head, kind):
 
 
 @pytest.mark.parametrize("kind", ["point", "follow"])
-def test_a_shaft_that_is_blocked_ends_the_goal_at_once(kinectbot, kind):
+def test_a_blocked_joint_aborts_the_goal(kinectbot, kind):
     head = goals.PointedHead(kinectbot)
     goal = begun(head, kind)
     _, servo = head.world._servos["head_pan_joint"]
     servo.impede(1.5)
     head.world.run(0.6)
     assert goal.status == "aborted"
-    assert "head_pan_joint not moving to where told" in head.said
+    assert "head_pan_joint not following" in head.said
     assert ("misses the target by" in head.said) is (kind == "point")
     if kind == "follow":
         assert goal.answer.error_code == -4
@@ -255,7 +259,7 @@ def test_a_shaft_that_is_blocked_ends_the_goal_at_once(kinectbot, kind):
 
 
 @pytest.mark.parametrize("kind", ["point", "follow"])
-def test_what_the_servo_bus_finds_out_ends_the_goal_at_once(kinectbot, kind):
+def test_a_diagnosis_of_the_servo_bus_aborts_the_goal(kinectbot, kind):
     head = goals.PointedHead(kinectbot)
     head.world.loop.stuck["head_pan_joint"] = "an old story"
     goal = begun(head, kind)

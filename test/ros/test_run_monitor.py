@@ -1,4 +1,4 @@
-"""What a run says of itself at its end, whatever happened to the clock and the model meanwhile."""
+"""The summary of a run, also after a jump of the clock or a change of the model."""
 
 import math
 import re
@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.run.run_monitor import SETTLING, RunMonitor
+from head_tracking.run.run_monitor import SETTLING_TIME, RunMonitor
 
 
 class FakeControl:
-    """A head that stands still, and its target at a bearing [rad] from where it looks."""
+    """A head at rest, and a target at a bearing [rad] from its axis."""
 
     joints = ("head_pan_joint", "head_tilt_joint")
     target = None
@@ -26,10 +26,14 @@ class FakeControl:
         return PanTiltHead(model, *FakeControl.joints, "camera_link")
 
     def describe(self, model):
-        """Somebody publishes a robot_description, perhaps the same one."""
+        """Receive a robot_description."""
         self.head = self._head(model)
 
-    def take_placed(self):
+    @property
+    def frames(self):
+        return self
+
+    def take_recent(self):
         far = 1000.0
         return [(self.now, (far * math.cos(self.bearing), far * math.sin(self.bearing), 0.0))]
 
@@ -41,7 +45,7 @@ def control(kinectbot):
 
 @pytest.fixture
 def run(control):
-    """Let so many seconds go by; what is said at the end: max [degrees], over how long."""
+    """Let seconds pass; return the largest error [degrees] and the judged time [s]."""
     steady = [0.0]
     bus = SimpleNamespace(
         states={},
@@ -55,32 +59,32 @@ def run(control):
         for _ in range(round(10 * seconds)):
             control.now += 0.1
             steady[0] += 0.1
-            monitor.look()
-        said = re.search(r"([\d.]+)° max .* over (-?[\d.]+) s", monitor.summary())
-        return said and tuple(map(float, said.groups()))
+            monitor.update()
+        match = re.search(r"([\d.]+)° max .* over (-?[\d.]+) s", monitor.summary())
+        return match and tuple(map(float, match.groups()))
 
     return run
 
 
-def test_another_model_of_the_robot_makes_nothing_forgotten(control, run, kinectbot):
+def test_another_model_keeps_the_statistics(control, run, kinectbot):
     control.bearing = math.radians(76.0)
-    largest, seconds = run(SETTLING + 5.0)
+    largest, seconds = run(SETTLING_TIME + 5.0)
     assert largest == pytest.approx(76.0, abs=1.0)
     assert seconds == pytest.approx(5.0, abs=0.3)
     control.bearing = 0.0
     control.describe(kinectbot)
-    largest, seconds = run(SETTLING + 5.0)
+    largest, seconds = run(SETTLING_TIME + 5.0)
     assert largest == pytest.approx(76.0, abs=1.0)
     assert seconds == pytest.approx(10.0, abs=0.6)
 
 
 @pytest.mark.parametrize("jump", [-997.0, 3600.0])
-def test_a_clock_that_jumps_changes_nothing_of_how_long_was_judged(control, run, jump):
-    run(SETTLING + 5.0)
+def test_a_jump_of_the_clock_does_not_change_the_judged_time(control, run, jump):
+    run(SETTLING_TIME + 5.0)
     control.now += jump
-    _, seconds = run(SETTLING + 5.0)
+    _, seconds = run(SETTLING_TIME + 5.0)
     assert 5.0 <= seconds <= 12.5
 
 
-def test_a_target_that_comes_just_before_the_end_is_not_judged(run):
+def test_a_target_just_before_the_end_is_not_judged(run):
     assert run(0.3) is None

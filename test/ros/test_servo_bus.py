@@ -41,7 +41,7 @@ def test_two_buses_in_one_node(make_robot):
             port.close()
 
 
-def test_joints_that_answer_in_another_order_keep_their_names():
+def test_joint_names_do_not_depend_on_the_order_of_replies():
     """After a cycle in which one was late, they may come the other way round."""
     pan = ServoState("pan", 1, 10, 0.5, 0.0, 0.1, 11.9, 35.0, ErrorBits(0), True, 0.5)
     tilt = pan._replace(joint_name="tilt", id=2, position=-0.3)
@@ -52,7 +52,7 @@ def test_joints_that_answer_in_another_order_keep_their_names():
 
 
 @pytest.mark.parametrize("name", ["joint_speed", "max_speed"])
-def test_every_speed_that_is_described_as_allowed_is_taken(make_robot, name):
+def test_speeds_within_the_described_range_are_accepted(make_robot, name):
     make_robot("--mode", "point")  # ROS is up
     name = f"head_pan_controller.{name}"
     with SimulatedPort([SimulatedServo(1), SimulatedServo(2)]) as simulated:

@@ -79,7 +79,7 @@ def test_relaxing_waits_for_no_other_service_and_for_no_other_client(make_robot,
         assert recovering.result().success, recovering.result().message
 
 
-def test_a_service_that_gave_up_does_nothing_later(robot, monkeypatch):
+def test_a_request_that_timed_out_is_not_executed_later(robot, monkeypatch):
     monkeypatch.setattr(bus_services, "_TIMEOUT", 0.2)
     blocked = bus_thread(robot).call(lambda bus: time.sleep(1.0))
     answer = robot.call("torque_enable", True)

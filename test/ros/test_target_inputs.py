@@ -16,9 +16,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from waiting import wait_for
 
-from head_tracking.ros.kit.listening import TopicListener
 from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.kit.topics import TopicListener
 
 NO_SIGNALS = SignalHandlerOptions.NO
 PROMISES = list(
@@ -41,7 +41,7 @@ def robot(make_module_robot):
 
 @pytest.mark.parametrize("topic", ["target_point", "clicked_point"])
 @pytest.mark.parametrize("number", range(len(PROMISES)))
-def test_a_target_is_heard_from_any_publisher(robot, number, topic):
+def test_targets_are_received_from_publishers_of_any_qos(robot, number, topic):
     reliability, durability, history = PROMISES[number]
     qos = QoSProfile(depth=5, reliability=reliability, durability=durability, history=history)
     publisher = robot.node.create_publisher(PointStamped, topic, qos)
@@ -52,7 +52,7 @@ def test_a_target_is_heard_from_any_publisher(robot, number, topic):
 
     def heard() -> bool:
         publisher.publish(message)
-        target = interface.control.target
+        target = interface.control.frames.target
         return target is not None and target.point[0] == pytest.approx(away)
 
     try:
@@ -102,14 +102,14 @@ def hear(domain, monkeypatch):
         yield hear
 
 
-def test_the_only_message_of_a_new_publisher_is_heard(hear):
+def test_the_only_message_of_a_new_publisher_is_received(hear):
     topics = [f"topic_{number}" for number in range(60)]
     heard = hear(*topics)
     wait_for(lambda: sorted(heard) == sorted(topics))
 
 
 @pytest.mark.parametrize("name", ["head_tracker", "point_head"])
-def test_who_publishes_another_message_is_named(start, domain, monkeypatch, name):
+def test_publishers_of_another_type_are_reported(start, domain, monkeypatch, name):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=int(domain), signal_handler_options=NO_SIGNALS)

@@ -72,7 +72,6 @@ def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, cali
     assert calibration.begin(0.16, "").done
     assert not calibration.begin(0.16, "").done, "once at a time"
     wait_for(lambda: ended(calibration), PATIENCE)
-    assert "measured" in calibration.progress.text
     (file,) = tmp_path.rglob("*.yaml")
     assert str(file) in calibration.progress.text
     found = Calibration.load(file)
@@ -92,7 +91,6 @@ def test_stop_and_another_mode_end_it(robot, seen, calibration, what, tmp_path):
     else:
         assert seen.modes.set_mode(Mode.TRACK).done
     wait_for(lambda: ended(calibration), PATIENCE)
-    assert "not calibrated" in calibration.progress.text
     assert not list(tmp_path.rglob("*.yaml"))
     if what == "stop":
         assert not calibration.begin(0.16, "").done, "the head is stopped"

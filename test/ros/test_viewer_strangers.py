@@ -7,6 +7,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
+import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -122,7 +123,7 @@ def test_no_message_ends_the_page(threads, viewer):
     threads.start(bus)
     threads.start(ControllerStandIn("head_tracker"))
     stranger_publishers: dict[str, Callable[[], None]] = {}
-    for subscription in viewer.subscriptions:
+    for subscription in (*viewer.subscriptions, *viewer.robot._polled.subscriptions):
         if subscription.topic_name in OTHERS:
             continue
         publisher = stranger.create_publisher(
@@ -137,7 +138,7 @@ def test_no_message_ends_the_page(threads, viewer):
             publish()
         viewer.robot.observe()
         viewer.robot.notices()
-        viewer.robot.badge(viewer.robot.observe())
+        viewer.robot.status(viewer.robot.observe())
     assert threads.failure is None
     assert diagnosed(
         stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
@@ -189,3 +190,38 @@ def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(v
     wait_for(lambda: levels() == {"hanging: first": Level.STALE, "arm: second": Level.OK}, PATIENCE)
     for node in nodes.values():
         node.destroy_node()
+
+
+def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
+    bus, stranger = BusStandIn(), Node("stranger")
+    threads.start(bus)
+    publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    wait_for(lambda: "servo_bus" in viewer.robot._graph.nodes, PATIENCE)
+    pairs = [KeyValue(key=f"{number}", value="y" * 2000) for number in range(400)]
+    many = [DiagnosticStatus(name=f"stranger: {number}") for number in range(3000)]
+    names = [DiagnosticStatus(name=f"node_{number}: part") for number in range(3000)]
+    huge = DiagnosticStatus(name="stranger: 1", message="x" * 10**6, values=pairs)
+
+    def health() -> dict[str, Any]:
+        publisher.publish(DiagnosticArray(status=[*many, *names, huge]))
+        bus.diagnose("it is there")
+        return {one.name: one for one in viewer.robot.health()}
+
+    wait_for(lambda: {"servo_bus: head_pan_joint", "stranger: 1"} <= health().keys(), PATIENCE)
+    found = health()
+    assert len(found) < 300
+    assert len(found["stranger: 1"].message) < 2000
+    assert len(found["stranger: 1"].values) < 300
+    assert len(told(viewer)["health"]) < 300
+    stranger.destroy_node()
+
+
+@pytest.mark.parametrize(
+    "body", ['{"u": 0.5, "v": 0.5, "stamp": 1e400}', '{"point": [1, 2]}', '{"u": "NaN", "v": 1}']
+)
+def test_a_request_with_wrong_fields_is_refused(viewer, body):
+    address = f"http://127.0.0.1:{viewer.page.port}/head/do/look"
+    answer = httpx.post(
+        address, content=body, headers={"X-Head-Tracking": "page"}, timeout=PATIENCE
+    )
+    assert answer.status_code == 400

@@ -21,7 +21,7 @@ from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
-from head_tracking.ros.targets.placed_target import NewestTarget
+from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.transforms import Transform, TransformBuffer
 
 pytestmark = pytest.mark.skipif(
@@ -98,7 +98,7 @@ def test_targets_come_in_another_thread_than_they_are_asked_for():
     """Some wait for their frame, others are placed at once."""
     buffer, node, interval = TransformBuffer(), Listens(), sys.getswitchinterval()
     buffer.set_transform(0, "base_link", "camera", Transform.identity(), static=True)
-    targets = NewestTarget(node, buffer)
+    targets = LatestTarget(node, buffer)
     targets.place_in("base_link")
     ended = threading.Event()
 
@@ -113,13 +113,13 @@ def test_targets_come_in_another_thread_than_they_are_asked_for():
     try:
         sending.start()
         for _ in range(300_000):
-            targets.newest()
+            targets.latest()
     finally:
         sys.setswitchinterval(interval)
         ended.set()
         sending.join()
     node.heard(PointStamped(header=Header(frame_id="camera")))
-    assert targets.newest() is not None
+    assert targets.latest() is not None
 
 
 def test_a_joint_that_is_moved_all_the_time_is_published_all_the_time(robot):

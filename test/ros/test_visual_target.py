@@ -34,7 +34,7 @@ SMALL = {"width": 320, "height": 240}
 
 
 @pytest.mark.parametrize(("scene", "follow"), [("ball", "colour"), ("marker", "marker")])
-def test_the_head_keeps_what_its_camera_sees_in_the_middle(scene, follow):
+def test_closed_loop_error_of_a_detected_target(scene, follow):
     ours = pursue(scene, scene, {"follow": follow}, {}, duration=8.0, camera=SMALL)
     tutorial = pursue(scene, scene, {"follow": follow}, tutorial_law(), duration=8.0, camera=SMALL)
     assert ours.errors.rms < 7 * DEGREE
@@ -43,7 +43,7 @@ def test_the_head_keeps_what_its_camera_sees_in_the_middle(scene, follow):
     assert len(ours.misses) > ours.images - 6
 
 
-def test_silence_while_the_target_is_out_of_sight_and_the_same_one_after_it():
+def test_no_targets_during_an_occlusion():
     camera = SMALL | {"delay": 0.0}
     run = pursue(
         "ball", "ball", {"follow": "colour"}, {}, duration=6.0, camera=camera,
@@ -53,7 +53,7 @@ def test_silence_while_the_target_is_out_of_sight_and_the_same_one_after_it():
     assert max(run.misses) < 0.03
 
 
-def test_what_is_found_is_drawn_into_the_picture():
+def test_the_annotated_image():
     run = pursue("ball", "ball", {"follow": "colour"}, {}, duration=1.0, camera=SMALL)
     assert (run.picture.encoding, run.picture.width, run.picture.height) == ("bgr8", 320, 240)
     pixels = np.frombuffer(run.picture.data, np.uint8).reshape(240, 320, 3)
@@ -81,8 +81,8 @@ def look(world):
     def look(**parameters):
         node = world.make(VisualTargetNode, parameters, buffer=world.buffer)
         world.nodes.append(node)
-        node.said = []
-        node._target.complain = node.said.append
+        node.warnings = []
+        node._target.warn = node.warnings.append
         world.run(0.1)  # the joints become known
         return node
 
@@ -160,7 +160,7 @@ def compressed(picture, depths, kind):
 
 
 @pytest.mark.parametrize("kind", ["16UC1", "32FC1"])
-def test_compressed_pictures_and_depths_serve_as_well(world, look, kind):
+def test_compressed_images_and_depths(world, look, kind):
     node = look(follow="colour", image_transport="compressed", depth_transport="compressedDepth")
     targets = world.record("/target_point")
     world.publishers["/depth/compressedDepth"] = 1
@@ -173,25 +173,22 @@ def test_compressed_pictures_and_depths_serve_as_well(world, look, kind):
         world.publish("/depth/compressedDepth", depth)
         world.publish("/image/compressed", image)
         world.run(1 / 30)
-    assert not node.said
+    assert not node.warnings
     point = targets[-1][1].point
     assert (point.x, point.y, point.z) == pytest.approx(
         (0.5 / CAMERA.fx * 1.5, 0.5 / CAMERA.fy * 1.5, 1.5), abs=2e-2
     )
-    for broken, words in (
-        (CompressedImage(format="jpeg", data=b"no jpeg"), "is damaged, or compressed"),
-        (CompressedImage(format="jpeg"), "of 0 bytes is damaged"),
-    ):
-        broken.header = head
+    for number, data in enumerate((b"no jpeg", b""), 1):
+        broken = CompressedImage(format="jpeg", data=data, header=head)
         world.publish("/depth/compressedDepth", depth)
         world.publish("/image/compressed", broken)
         world.run(1 / 30)
-        assert words in node.said[-1]
+        assert len(node.warnings) == number
     wrong = CompressedImage(format="16UC1; compressedDepth rvl", data=bytes(40), header=head)
     world.publish("/depth/compressedDepth", wrong)
     world.publish("/image/compressed", image)
     world.run(1 / 30)
-    assert "usable are '16UC1; compressedDepth png'" in node.said[-1]
+    assert len(node.warnings) == 3
 
 
 def damaged(image, depth):
@@ -215,34 +212,31 @@ def no_pixels(image, depth):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    "options",
     [
-        ({"info": CameraInfo()}, "not calibrated"),
-        ({"info": False}, "no usable camera_info"),
-        (
-            {"info": camera_info(header(1, "other_camera"), CAMERA)},
-            "of a camera in 'other_camera', the image of one in 'camera_optical_frame'",
-        ),
-        ({"change": damaged}, "is damaged"),
-        ({"change": wrong_encoding}, "'jpeg' is not one of a picture"),
-        ({"change": other_size}, "picture, aligned depth and camera_info must agree"),
-        ({"change": depth_of_pictures}, "'bgr8' is not one of depths"),
-        ({"change": no_pixels}, "the image is empty"),
-        ({"lag": 12_000_000}, "the depth images do not fit the images"),
-        ({"depth": ""}, "without a depth camera set object_size or distance"),
+        {"info": CameraInfo()},
+        {"info": False},
+        {"info": camera_info(header(1, "other_camera"), CAMERA)},
+        {"change": damaged},
+        {"change": wrong_encoding},
+        {"change": other_size},
+        {"change": depth_of_pictures},
+        {"change": no_pixels},
+        {"lag": 12_000_000},
+        {"depth": ""},
     ],
 )
-def test_bad_input_is_told_and_nothing_is_published(world, look, options, words):
+def test_bad_input_causes_a_warning_and_no_target(world, look, options):
     node = look(follow="colour", depth_tolerance=0.01)
     targets = world.record("/target_point")
     show(world, **options)
     assert targets == []
-    assert any(words in said for said in node.said), node.said
+    assert node.warnings
     show(world, info=None, depth="16UC1")
     assert targets, "it recovers"
 
 
-def test_without_depth_the_stated_size_counts_and_can_be_changed(world, look):
+def test_object_size_without_depth(world, look):
     node = look(follow="colour", object_size=0.3)
     targets = world.record("/target_point")
     show(world, depth="")
@@ -251,10 +245,10 @@ def test_without_depth_the_stated_size_counts_and_can_be_changed(world, look):
     show(world, depth="", frames=2)
     assert targets[-1][1].point.z == pytest.approx(0.6 * CAMERA.fx / 59, rel=0.01)
     refused = node.set_parameters([Parameter("min_distance", value=50.0)])[0]
-    assert "the first must be smaller" in refused.reason
+    assert not refused.successful
 
 
-def test_what_is_followed_can_be_changed_while_it_looks(world, look):
+def test_follow_can_be_changed(world, look):
     node = look(follow="marker")
     targets = world.record("/target_point")
     show(world)
@@ -272,7 +266,7 @@ def test_what_is_followed_can_be_changed_while_it_looks(world, look):
     assert targets[-1][1].header.frame_id == "camera_optical_frame"
 
 
-def test_what_cannot_be_looked_for_is_told_and_nothing_is_found(world, look):
+def test_a_failed_detector_publishes_nothing(world, look):
     node = look(follow="colour", net="/nowhere/net.onnx")
     targets = world.record("/target_point")
     assert node.set_parameters([Parameter("follow", value="face")])[0].successful
@@ -283,7 +277,7 @@ def test_what_cannot_be_looked_for_is_told_and_nothing_is_found(world, look):
     assert targets
 
 
-def test_images_are_subscribed_to_while_somebody_wants_what_is_found(world, look):
+def test_images_are_subscribed_to_while_results_are_used(world, look):
     node = look(follow="colour")
 
     def images(on=None):
@@ -304,32 +298,38 @@ def test_images_are_subscribed_to_while_somebody_wants_what_is_found(world, look
     assert images() == (1, 1)
 
 
-def test_a_rectangle_is_followed_and_an_impossible_one_is_told(world, look):
+def test_selected_boxes(world, look):
     node = look(follow="features", distance=1.0)
     targets = world.record("/target_point")
     world.publish("/visual_target/select", RegionOfInterest(width=10, height=10))
     world.run(0.01)
-    assert "no image has come yet" in node.said[-1]
+    assert len(node.warnings) == 1
     show(world, depth="")
     assert not targets
+    count = len(node.warnings)
     world.publish("/visual_target/select", RegionOfInterest(x_offset=400, width=10, height=10))
     world.run(0.01)
-    assert "is empty" in node.said[-1]
+    assert len(node.warnings) == count + 1
     choice = RegionOfInterest(x_offset=120, y_offset=80, width=80, height=80)
     world.publish("/visual_target/select", choice)
     show(world, depth="")
     assert targets[-1][1].point.z == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", ["16UC1", "32FC1", ""])
-def test_the_simulated_camera_publishes_what_belongs_together_late(world, kind):
-    eye = world.make(
+def simulated_camera(world, **parameters):
+    node = world.make(
         SimulatedCameraNode,
-        {"scene": "ball", "depth_encoding": kind, "delay": 0.2, **SMALL},
+        {**parameters, **SMALL},
         buffer=world.buffer,
         true_position=world.true_position,
     )
-    world.nodes.append(eye)
+    world.nodes.append(node)
+    return node
+
+
+@pytest.mark.parametrize("kind", ["16UC1", "32FC1", ""])
+def test_stamps_and_delay_of_the_simulated_camera(world, kind):
+    simulated_camera(world, scene="ball", depth_encoding=kind, delay=0.2)
     topics = ("/image", "/camera_info", "/depth")
     heard = {topic: world.record(topic) for topic in topics}
     world.run(1.0)
@@ -344,20 +344,8 @@ def test_the_simulated_camera_publishes_what_belongs_together_late(world, kind):
 
 
 @pytest.mark.parametrize("wanted", [(), ("/camera_info",), ("/depth",), ("/image", "/camera_info")])
-def test_the_simulated_camera_makes_what_somebody_looks_at(world, wanted, monkeypatch):
-    eye = world.make(
-        SimulatedCameraNode,
-        {"scene": "ball", **SMALL},
-        buffer=world.buffer,
-        true_position=world.true_position,
-    )
-    world.nodes.append(eye)
-    made = []
-    for what, name in ((eye.renderer, "render"), (eye._noise, "picture"), (eye._noise, "depth")):
-        do = getattr(what, name)
-        monkeypatch.setattr(
-            what, name, lambda *a, n=name, do=do, **k: (made.append(n), do(*a, **k))[1]
-        )
+def test_the_simulated_camera_publishes_only_what_is_subscribed_to(world, wanted, monkeypatch):
+    simulated_camera(world, scene="ball")
     published = []
     monkeypatch.setattr(
         world, "publish", lambda topic, message: published.append((topic, message.header.stamp))
@@ -366,23 +354,12 @@ def test_the_simulated_camera_makes_what_somebody_looks_at(world, wanted, monkey
         world.listen(topic, lambda _: None)
     world.run(1.0)
     assert {topic for topic, _ in published} == set(wanted)
-    assert set(made) == {
-        *(["render"] if {"/image", "/depth"} & set(wanted) else []),
-        *(["picture"] if "/image" in wanted else []),
-        *(["depth"] if "/depth" in wanted else []),
-    }
     stamps = [(stamp.sec, stamp.nanosec) for _, stamp in published]
     assert stamps == sorted(stamps)
 
 
-def test_a_ball_shows_the_target_but_not_where_the_camera_itself_has_found_it(world):
-    eye = world.make(
-        SimulatedCameraNode,
-        {"scene": "face", **SMALL},
-        buffer=world.buffer,
-        true_position=world.true_position,
-    )
-    world.nodes.append(eye)
+def test_a_ball_shows_targets_of_other_sources(world):
+    eye = simulated_camera(world, scene="face")
     pictures = world.record("/image")
 
     def magenta(frame, point):
@@ -413,7 +390,7 @@ def test_every_parameter_is_described(look, follow):
 # in one process with everything else
 
 
-def test_images_keep_no_callback_waiting_and_the_threads_end_with_their_nodes(monkeypatch):
+def test_detection_does_not_block_the_executor(monkeypatch):
     """All nodes share one executor: what takes long is done beside it."""
     made_in = []
 

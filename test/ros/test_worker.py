@@ -6,7 +6,7 @@ import pytest
 from rclpy.node import Node
 from waiting import wait_for
 
-from head_tracking.ros.kit import own_thread
+from head_tracking.ros.kit import node_thread
 from head_tracking.ros.kit.worker import Worker
 
 
@@ -82,8 +82,8 @@ def test_the_rest_is_left_out_at_the_end(make):
 
 
 def test_a_thread_of_its_own_ends_at_once_however_long_nothing_comes(threads, monkeypatch):
-    monkeypatch.setattr(own_thread, "_POLL", 1000.0)
-    own = own_thread.OwnThread(Node("person"), "waiting")
+    monkeypatch.setattr(node_thread, "_POLL", 1000.0)
+    own = node_thread.NodeThread.beside(Node("person"), "waiting")
     own.start()
     for _ in range(2):
         own.close()

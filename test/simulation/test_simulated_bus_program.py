@@ -74,7 +74,7 @@ def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
     )
 
 
-def test_firmware_can_be_an_old_one(start) -> None:
+def test_firmware_option(start) -> None:
     program = start("--servo", "XM430-W350:3", "--firmware", "37")
     answer = StatusPacket2.decode(ask(program.port, InstructionPacket2.ping(3).encode(), 14))
     assert answer is not None and answer.data[2] == 37
@@ -88,18 +88,18 @@ def test_servos_keep_to_their_baud_rate(start) -> None:
     assert ask(program.port, PING, 0, 1_000_000) == b""
 
 
-def test_adapter_may_echo(start) -> None:
+def test_echo_option(start) -> None:
     program = start("--echo")
     assert ask(program.port, PING, 12) == PING + PONG
 
 
-def test_faults_are_told_at_the_end(start) -> None:
+def test_faults_are_counted_at_the_end(start) -> None:
     program = start("--faults", "100", "--kinds", "drop", "--seed", "5")
     assert ask(program.port, PING, 0) == b""
     assert "faults: drop 1" in program.stop()[1]
 
 
-def test_a_second_one_leaves_the_link_of_a_live_one_alone(start, tmp_path: Path) -> None:
+def test_the_link_of_a_running_simulator_is_not_replaced(start, tmp_path: Path) -> None:
     link = str(tmp_path / "servos")
     first = start("--link", link)
     second = start("--link", link)
@@ -117,7 +117,7 @@ def test_a_second_one_leaves_the_link_of_a_live_one_alone(start, tmp_path: Path)
     assert ask(link, PING, 6) == ask(other.port, PING, 6) == PONG
 
 
-def test_a_fast_sync_read_of_65535_bytes_kills_nobody(start) -> None:
+def test_a_fast_sync_read_of_65535_bytes_is_survived(start) -> None:
     program = start("--servo", "XL430-W250:1")
     packet = InstructionPacket2.sync_read(0, 65_535, (1, 2), fast=True).encode()
     assert ask(program.port, packet, 0) == b""
@@ -125,14 +125,14 @@ def test_a_fast_sync_read_of_65535_bytes_kills_nobody(start) -> None:
     assert program.stop()[0] == 0
 
 
-def test_two_speakers_are_told_at_the_end(start) -> None:
+def test_collisions_are_counted_at_the_end(start) -> None:
     program = start("--servo", "AX-12:1", "--servo", "AX-18A:1")
     read = InstructionPacket.read(1, 0, 2).encode()
     assert StatusPacket.decode(ask(program.port, read, 8)) is None
     assert "two senders at once: servos with the same id 1" in program.stop()[1]
 
 
-def test_adapter_is_unplugged_again_and_again(start, tmp_path: Path) -> None:
+def test_unplug_option(start, tmp_path: Path) -> None:
     link = str(tmp_path / "servos")
     program = start("--link", link, "--unplug-every", "0.1")
     assert program.process.stdout is not None
@@ -153,14 +153,16 @@ def test_adapter_is_unplugged_again_and_again(start, tmp_path: Path) -> None:
         ["--latency", "soon"],
     ],
 )
-def test_wrong_options_are_told(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_options_are_refused(
+    options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as end:
         simulated_bus.main(options)
     assert end.value.code == 2
     assert options[0] in capsys.readouterr().err
 
 
-def test_a_baud_rate_that_a_model_lacks_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unsupported_baud_rate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         assert simulated_bus.main(["--baud", "2000000"]) == 1

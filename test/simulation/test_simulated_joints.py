@@ -17,13 +17,7 @@ JOINTS = (
 )
 
 
-def test_joints_start_at_zero():
-    with SimulatedJoints(JOINTS) as joints:
-        assert joints.true_position("pan") == pytest.approx(0.0, abs=1e-9)
-        assert joints.true_position("tilt") == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_driver_moves_the_joint_that_it_names_also_a_reversed_one():
+def test_the_driver_moves_a_reversed_joint():
     with SimulatedJoints(JOINTS) as joints:
         bus = ServoBus(DynamixelPort(joints.port_name, reply_timeout=0.2), JOINTS)
         assert bus.connect() == "2 AX-12 servos: ids 3, 5"
@@ -39,16 +33,7 @@ def test_a_driver_moves_the_joint_that_it_names_also_a_reversed_one():
         assert bus.close() == ()
 
 
-def test_a_hand_leads_a_joint():
-    with SimulatedJoints(JOINTS) as joints:
-        joints.port.lead(5, JOINTS[1].ticks(-0.5), 0.1)
-        deadline = time.monotonic() + 10
-        while abs(joints.true_position("tilt") + 0.5) > 0.03:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-
-
-def test_two_servos_on_a_joint_are_both_there_and_led_together():
+def test_two_servos_of_a_joint_are_coupled():
     second = ServoCalibration("lift", 8, 500, 900, 100)
     joint = JointConfiguration("lift", 7, controller="lift_controller", second=second)
     with SimulatedJoints([joint]) as joints:

@@ -42,7 +42,7 @@ def transaction(line: SimulatedLine, clock: SimulatedClock, question: bytes) -> 
 
 
 @pytest.mark.parametrize(("delay", "wire"), [(0, 220), (500, 720)])
-def test_a_read_takes_its_time_on_the_wire(delay: int, wire: float) -> None:
+def test_duration_of_a_read(delay: int, wire: float) -> None:
     clock = SimulatedClock()
     line = SimulatedLine(SimulatedBus(servos(delay)), clock, 1_000_000)
     answer, time = transaction(line, clock, READ_1)
@@ -50,13 +50,7 @@ def test_a_read_takes_its_time_on_the_wire(delay: int, wire: float) -> None:
     assert time == pytest.approx(wire)
 
 
-def test_a_slower_baud_rate_takes_longer() -> None:
-    clock = SimulatedClock()
-    line = SimulatedLine(SimulatedBus(servos()), clock, 57_600)
-    assert transaction(line, clock, READ_1)[1] == pytest.approx(22 * 10e6 / 57_600, abs=1)
-
-
-def test_two_axs_need_620_us_for_a_cycle() -> None:
+def test_a_cycle_of_two_ax_servos_takes_620_us() -> None:
     clock = SimulatedClock()
     line = SimulatedLine(SimulatedBus(servos()), clock)
     data = {1: b"\0\2\x64\0", 2: b"\0\2\x64\0"}
@@ -72,11 +66,11 @@ def test_answers_of_a_sync_read_follow_each_other() -> None:
     wire.send(InstructionPacket2.sync_read(132, 4, (1, 2)).encode(), 0, 1_000_000)
     first = 160 * US + 500 * US + 150 * US  # question, return delay, answer
     assert wire.due == first
-    assert len(wire.take(first)) == 15
+    assert len(wire.receive(first)) == 15
     assert wire.due == first + 500 * US + 150 * US
 
 
-def test_an_adapter_with_latency_hands_on_only_so_often() -> None:
+def test_latency_of_the_adapter() -> None:
     clock = SimulatedClock()
     line = SimulatedLine(SimulatedBus(servos()), clock, latency=0.016)
     for number in (1, 2, 3):
@@ -84,15 +78,7 @@ def test_an_adapter_with_latency_hands_on_only_so_often() -> None:
         assert clock.now == number * 16_000 * US
 
 
-def test_silence_lasts_until_the_deadline() -> None:
-    clock = SimulatedClock()
-    line = SimulatedLine(SimulatedBus(servos()), clock)
-    line.write(InstructionPacket.ping(9).encode())
-    assert line.read(100, 0.005) == b""
-    assert clock() == 0.005
-
-
-def test_late_answers_are_there_later_and_stop_nobody() -> None:
+def test_late_answers_delay_no_other_packet() -> None:
     slow = [True]
 
     def line_fault(answer: Answer) -> tuple[Answer, ...]:
@@ -111,7 +97,7 @@ def test_late_answers_are_there_later_and_stop_nobody() -> None:
     assert clock.now == 220 * US + 30_000 * US
 
 
-def test_reads_give_no_more_than_asked_and_input_can_be_discarded() -> None:
+def test_read_limit_and_discarded_input() -> None:
     clock = SimulatedClock()
     line = SimulatedLine(SimulatedBus(servos()), clock)
     line.write(READ_1)
@@ -123,7 +109,7 @@ def test_reads_give_no_more_than_asked_and_input_can_be_discarded() -> None:
     assert line.read(100, clock() + 0.01) == b""
 
 
-def test_only_servos_of_the_same_baud_rate_hear() -> None:
+def test_only_servos_with_the_same_baud_rate_receive() -> None:
     made = servos()
     made[1].set_register("Baud Rate", 34)
     clock = SimulatedClock()
@@ -134,21 +120,12 @@ def test_only_servos_of_the_same_baud_rate_hear() -> None:
     assert transaction(slow, clock, READ_2)[0]
 
 
-def test_a_line_that_is_gone_raises() -> None:
+def test_a_removed_device_raises() -> None:
     line = SimulatedLine(SimulatedBus(servos()), SimulatedClock())
     line.plugged = False
     for act in (line.discard_input, lambda: line.write(READ_1), lambda: line.read(1, 1.0)):
-        with pytest.raises(OSError, match="gone"):
+        with pytest.raises(OSError):
             act()
-
-
-def test_echoing_adapter_sends_back_what_it_is_sent() -> None:
-    clock = SimulatedClock()
-    line = SimulatedLine(SimulatedBus(servos(), echo=True), clock)
-    ping = InstructionPacket.ping(1).encode()
-    line.write(ping)
-    clock.now += 1000 * US
-    assert line.read(100, 1.0) == ping + StatusPacket(1).encode()
 
 
 # Two speakers
@@ -171,7 +148,7 @@ def everything(line: SimulatedLine, clock: SimulatedClock) -> bytes:
     return heard
 
 
-def test_a_master_that_waits_never_talks_over_anybody() -> None:
+def test_a_master_that_waits_for_answers_causes_no_collision() -> None:
     line, clock = line_of(*servos(500))
     for _ in range(20):
         for question in (READ_1, READ_2):
@@ -179,7 +156,7 @@ def test_a_master_that_waits_never_talks_over_anybody() -> None:
     assert not line.overlaps
 
 
-def test_a_request_over_a_status_packet_spoils_both() -> None:
+def test_a_request_during_a_status_packet_collides() -> None:
     line, clock = line_of(*servos())
     line.write(READ_1)  # heard at 80 us, answered until 220 us
     at(clock, line, 150, READ_2)
@@ -188,24 +165,14 @@ def test_a_request_over_a_status_packet_spoils_both() -> None:
     assert len(heard) == 14 and StatusPacket.decode(heard) is None
 
 
-def test_bytes_before_the_overlap_stay_whole() -> None:
-    line, clock = line_of(*servos())
-    whole, _ = transaction(line, clock, READ_1)
-    clock.now = 10_000 * US
-    line.write(READ_1)
-    clock.now += 150 * US
-    line.write(READ_2)
-    assert everything(line, clock)[:7] == whole[:7]
-
-
-def test_requests_in_one_write_overlap_what_comes_between() -> None:
+def test_two_requests_in_one_write_collide_with_the_first_answer() -> None:
     line, clock = line_of(*servos())
     line.write(READ_1 + READ_2)
     everything(line, clock)
     assert line.overlaps == {Overlap.REQUEST: 1}
 
 
-def test_two_status_packets_at_once_spoil_each_other() -> None:
+def test_two_simultaneous_status_packets_collide() -> None:
     made = servos(500)
     made[1].set_register("Return Delay Time", 150)
     line, clock = line_of(*made)
@@ -216,7 +183,7 @@ def test_two_status_packets_at_once_spoil_each_other() -> None:
     assert StatusPacket.decode(heard[:14]) is None and StatusPacket.decode(heard[-14:]) is None
 
 
-def test_silence_between_two_status_packets_is_enough() -> None:
+def test_consecutive_status_packets_do_not_collide() -> None:
     line, clock = line_of(*servos(500))
     line.write(READ_1)
     at(clock, line, 300, READ_2)
@@ -225,7 +192,7 @@ def test_silence_between_two_status_packets_is_enough() -> None:
 
 
 @pytest.mark.parametrize("paced", [True, False])
-def test_servos_with_one_id_are_understood_while_they_say_the_same(paced: bool) -> None:
+def test_equal_answers_of_servos_with_one_id_are_received(paced: bool) -> None:
     line, clock = line_of(
         SimulatedServo(1, position=500), SimulatedServo(1, position=600), paced=paced
     )
@@ -240,7 +207,7 @@ def test_servos_with_one_id_are_understood_while_they_say_the_same(paced: bool) 
 
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("delay", [10, 5, 33])
-def test_servos_with_one_id_that_answer_one_after_the_other_garble(paced: bool, delay: int) -> None:
+def test_shifted_answers_of_servos_with_one_id_collide(paced: bool, delay: int) -> None:
     made = [SimulatedServo(1), SimulatedServo(1)]
     for servo, counts in zip(made, (0, delay), strict=True):
         servo.set_register("Return Delay Time", counts)
@@ -254,7 +221,7 @@ def test_servos_with_one_id_that_answer_one_after_the_other_garble(paced: bool, 
         assert heard == 2 * StatusPacket(1).encode()
 
 
-def test_twins_in_a_sync_read_garble_and_the_next_servo_waits_for_both() -> None:
+def test_a_sync_read_with_two_servos_of_one_id() -> None:
     model = servo_model("XL430-W250")
     made = [SimulatedServo(i, model, position=p) for i, p in ((1, 1000), (1, 3000), (2, 2000))]
     made[1].set_register("Return Delay Time", 0)
@@ -265,7 +232,7 @@ def test_twins_in_a_sync_read_garble_and_the_next_servo_waits_for_both() -> None
     assert not line.overlaps  # 500 us apart: two whole packets of id 1
 
 
-def test_a_servo_that_is_late_talks_into_what_others_say() -> None:
+def test_a_stalled_servo_collides_with_other_packets() -> None:
     faults = Faults(Random(1), 1.0, [Fault.STALL], late=(0.01, 0.01))
     clock = SimulatedClock(1)
     line = SimulatedLine(SimulatedBus(servos(), faults=faults), clock)
@@ -277,22 +244,7 @@ def test_a_servo_that_is_late_talks_into_what_others_say() -> None:
     assert set(line.overlaps) == {Overlap.FAULT}
 
 
-def test_an_armed_watchdog_that_was_forgotten_can_be_seen() -> None:
-    model = servo_model("XM430-W350")
-    bus = SimulatedBus([SimulatedServo(1, model)])
-    clock = SimulatedClock(1)
-    line = SimulatedLine(bus, clock)
-    for address, value in ((98, 5), (64, 1)):
-        line.write(InstructionPacket2.write(1, address, bytes((value,))).encode())
-        assert line.read(100, clock() + 0.1)
-    assert [w.names for w in bus.write_log.writes] == [("Bus Watchdog",), ("Torque Enable",)]
-    clock.now += 10_000_000 * US
-    line.write(InstructionPacket2.read(1, 98, 1).encode())
-    status = StatusPacket2.decode(line.read(100, clock() + 0.1))
-    assert status is not None and status.data == b"\xff"
-
-
-def test_packets_swallowed_by_a_damaged_length_are_not_answered_all_at_once() -> None:
+def test_packets_within_a_damaged_packet_are_not_answered() -> None:
     line, clock = line_of(*servos())
     swallowing = bytearray(READ_1)
     swallowing[3] = 30
@@ -307,7 +259,7 @@ def test_packets_swallowed_by_a_damaged_length_are_not_answered_all_at_once() ->
 
 
 @pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (101_000, False)])
-def test_servos_forget_what_is_interrupted(pause: int, answered: bool) -> None:
+def test_an_interrupted_packet_is_discarded(pause: int, answered: bool) -> None:
     line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
     ping = InstructionPacket2.ping(1).encode()
     line.write(ping[:6])

@@ -50,7 +50,7 @@ def write(servo: SimulatedServo, register: Register, value: int) -> int:
 
 def goal_bytes(model: ServoModel, ticks: int, speed: int) -> bytes:
     """What the driver writes at `ServoModel.goal`."""
-    return model.goal.encode(*model.goal_values(ticks, speed))
+    return model.encode_goal(ticks, speed)
 
 
 @MODEL
@@ -69,7 +69,7 @@ def test_every_register_reads_what_the_vendor_says(model: ServoModel) -> None:
 
 
 @ROBOTIS
-def test_writable_registers_take_their_range_and_no_more(model: ServoModel) -> None:
+def test_writable_registers_accept_exactly_their_range(model: ServoModel) -> None:
     for register in model.control_table:
         if not register.writable or register.name in OWN:
             continue

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2, STATUSES, STATUSES_2
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 
-from head_tracking.simulation.packets import DamagedPacket, PacketParser, crc, encode_joint_status
+from head_tracking.simulation.packets import DamagedPacket, PacketParser
 
 MAX_GAP = 100_000_000
 KINDS = {1: InstructionPacket, 2: InstructionPacket2}
@@ -48,16 +48,6 @@ def test_status_has_the_vendors_bytes(text: str, packet: StatusPacket) -> None:
     assert type(packet).decode(bytes.fromhex(text)) == packet
 
 
-def test_joint_status_has_the_vendors_layout() -> None:
-    shares = [StatusPacket2(i, 0, bytes((i, 0, 0, 0))) for i in (3, 7, 4)]
-    packet = encode_joint_status(shares, (4, 4, 4))
-    assert packet[:8] == bytes.fromhex("FF FF FD 00 FE 19 00 55")
-    for number, share in enumerate(shares):
-        start = 8 + 8 * number
-        assert packet[start : start + 6] == bytes((0, share.id)) + share.data
-        assert crc(packet[: start + 6]).to_bytes(2, "little") == packet[start + 6 : start + 8]
-
-
 @golden
 def test_parser_finds_the_packet_at_every_split(text: str, packet: InstructionPacket) -> None:
     data = bytes.fromhex(text)
@@ -77,7 +67,7 @@ def test_garbage_before_a_packet_is_skipped(kind: type[InstructionPacket], garba
     assert parser(kind).feed(noise + ping.encode(), 0) == [ping]
 
 
-def test_header_within_the_data_does_not_mislead() -> None:
+def test_header_within_the_data_is_no_packet() -> None:
     packet = InstructionPacket.write(1, 30, bytes.fromhex("FF FF 01 02"))
     ping = InstructionPacket.ping(1)
     assert PacketParser(1).feed(packet.encode() + ping.encode(), 0) == [packet, ping]
@@ -87,7 +77,9 @@ def test_header_within_the_data_does_not_mislead() -> None:
 
 
 @both
-def test_damaged_packet_is_told_once_and_the_next_one_found(kind: type[InstructionPacket]) -> None:
+def test_damaged_packet_is_reported_once_and_the_next_one_found(
+    kind: type[InstructionPacket],
+) -> None:
     ping = kind.ping(1)
     found = parser(kind).feed(damaged(kind.read(7, 36, 2)) + ping.encode(), 0)
     assert found == [DamagedPacket(7), ping]
@@ -115,19 +107,9 @@ def test_no_servo_has_that_id(servo_id: int) -> None:
 
 
 @both
-def test_beginning_of_a_packet_is_kept_within_the_gap(kind: type[InstructionPacket]) -> None:
-    data = kind.read(1, 36, 8).encode()
-    for gap, found in ((MAX_GAP, [kind.read(1, 36, 8)]), (MAX_GAP + 1, [])):
-        heard = parser(kind)
-        assert heard.feed(data[:5], 0) == []
-        assert heard.feed(data[5:], gap) == found
-        assert heard.feed(kind.ping(1).encode(), 2 * gap + 1) == [kind.ping(1)]
-
-
-@both
 @settings(deadline=None)
 @given(st.lists(PARAMETERS, max_size=8))
-def test_parser_never_raises_keeps_little_and_recovers(
+def test_parser_never_raises_and_recovers(
     kind: type[InstructionPacket], chunks: list[bytes]
 ) -> None:
     heard = parser(kind)
@@ -140,7 +122,7 @@ def test_parser_never_raises_keeps_little_and_recovers(
 @both
 @settings(deadline=None)
 @given(st.data())
-def test_parser_finds_all_packets_however_they_are_cut(
+def test_parser_finds_all_packets_for_any_split(
     kind: type[InstructionPacket], data: st.DataObject
 ) -> None:
     codes = st.integers(0, 255)
@@ -152,21 +134,3 @@ def test_parser_finds_all_packets_however_they_are_cut(
     for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
         found += heard.feed(stream[start:end], 0)
     assert found == packets
-
-
-@both
-@given(IDS, st.integers(0, 255), PARAMETERS)
-def test_decoding_mirrors_encoding(
-    kind: type[InstructionPacket], servo_id: int, code: int, parameters: bytes
-) -> None:
-    packet = kind(servo_id, code, parameters)
-    assert kind.decode(packet.encode()) == packet
-
-
-@pytest.mark.parametrize("kind", [StatusPacket, StatusPacket2], ids=("1.0", "2.0"))
-@given(st.integers(0, 252), st.integers(0, 127), PARAMETERS)
-def test_status_decoding_mirrors_encoding(
-    kind: type[StatusPacket], servo_id: int, error: int, data: bytes
-) -> None:
-    packet = kind(servo_id, error, data)
-    assert kind.decode(packet.encode()) == packet

@@ -20,7 +20,6 @@ from waiting import PATIENCE, eventually
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
     Answer,
-    Overlap,
     PortLinkError,
     SimulatedBus,
     SimulatedPort,
@@ -60,12 +59,6 @@ def port() -> Iterator[SimulatedPort]:
         yield opened
 
 
-def test_ping_over_the_pty(port: SimulatedPort) -> None:
-    client = Client(port.port_name)
-    assert client.ask(PING, 6) == PONG
-    client.close()
-
-
 def test_bytes_pass_unchanged(port: SimulatedPort) -> None:
     """Line disciplines like to change 0x0A, 0x0D, 0x11, 0x13, 0x03, 0x04, 0x7F."""
     client = Client(port.port_name)
@@ -77,14 +70,7 @@ def test_bytes_pass_unchanged(port: SimulatedPort) -> None:
     client.close()
 
 
-def test_port_can_be_closed_and_opened_again(port: SimulatedPort) -> None:
-    for _ in range(3):
-        client = Client(port.port_name)
-        assert client.ask(PING, 6) == PONG
-        client.close()
-
-
-def test_absent_reader_does_not_block_the_bus(port: SimulatedPort) -> None:
+def test_unread_answers_do_not_block_the_bus(port: SimulatedPort) -> None:
     client = Client(port.port_name)
     read = InstructionPacket.read(1, 0, 50).encode()
     for _ in range(500):  # 28 kB of answers that nobody reads
@@ -103,15 +89,15 @@ def test_moving_servo_moves_without_being_asked(port: SimulatedPort) -> None:
     client.close()
 
 
-def test_servo_can_be_led_and_pushed_from_outside(port: SimulatedPort) -> None:
+def test_external_torque_and_motion_by_hand(port: SimulatedPort) -> None:
     port.lead(1, 600, 0.05)
     port.push(2, 0.3)
     assert eventually(lambda: abs(port.true_ticks(1) - 600) < 1.5)
     assert eventually(lambda: port.true_ticks(2) > 1000)
 
 
-def test_unknown_servo_is_named(port: SimulatedPort) -> None:
-    with pytest.raises(UnknownServoError, match="id 7"):
+def test_unknown_servo_is_refused(port: SimulatedPort) -> None:
+    with pytest.raises(UnknownServoError):
         port.true_ticks(7)
 
 
@@ -131,30 +117,11 @@ def test_closing_leaves_no_descriptor_and_no_thread() -> None:
     assert resources() == before
 
 
-def test_closing_makes_the_port_vanish() -> None:
-    port = SimulatedPort([SimulatedServo(1)])
-    port.open()
-    name = port.port_name
-    client = Client(name)
-    port.close()
-    assert port.port_name == ""
-    with pytest.raises(OSError):
-        os.write(client.descriptor, PING)
-    client.close()
-    assert not os.path.exists(name)
-
-
-def test_port_can_be_opened_again_after_closing() -> None:
-    port = SimulatedPort([SimulatedServo(1)])
-    for _ in range(2):
-        with port:
-            client = Client(port.port_name)
-            assert client.ask(PING, 6) == PONG
-            client.close()
-
-
-def test_link_names_the_port(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stale", [None, "/dev/pts/does-not-exist"])
+def test_link_names_the_port(tmp_path: Path, stale: str | None) -> None:
     link = tmp_path / "ttyHead"
+    if stale:
+        link.symlink_to(stale)
     with SimulatedPort([SimulatedServo(1)], link=link) as port:
         assert port.port_name == str(link)
         client = Client(str(link))
@@ -163,14 +130,24 @@ def test_link_names_the_port(tmp_path: Path) -> None:
     assert not os.path.lexists(link)
 
 
-def test_stale_link_is_replaced(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["device", "file", "missing folder"])
+def test_an_impossible_link_is_refused(tmp_path: Path, kind: str) -> None:
     link = tmp_path / "ttyHead"
-    link.symlink_to("/dev/pts/does-not-exist")
-    with SimulatedPort([SimulatedServo(1)], link=link) as port:
-        assert os.path.realpath(port.port_name).startswith("/dev/")
+    if kind == "device":
+        link.symlink_to("/dev/null")
+    elif kind == "file":
+        link.write_text("data")
+    else:
+        link = tmp_path / "none" / "ttyHead"
+    descriptors = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(PortLinkError):
+        SimulatedPort([SimulatedServo(1)], link=link).open()
+    assert len(os.listdir("/proc/self/fd")) == descriptors
+    assert kind != "device" or os.readlink(link) == "/dev/null"
+    assert kind != "file" or link.read_text() == "data"
 
 
-def test_link_of_another_simulator_is_left_alone(tmp_path: Path) -> None:
+def test_link_that_another_program_replaced_is_kept(tmp_path: Path) -> None:
     link = tmp_path / "ttyHead"
     with SimulatedPort([SimulatedServo(1)], link=link):
         link.unlink()
@@ -178,11 +155,11 @@ def test_link_of_another_simulator_is_left_alone(tmp_path: Path) -> None:
     assert os.readlink(link) == "/dev/null"
 
 
-def test_link_of_a_live_simulator_is_not_taken(tmp_path: Path) -> None:
+def test_link_of_a_running_simulator_is_not_replaced(tmp_path: Path) -> None:
     link = tmp_path / "ttyHead"
     with SimulatedPort([SimulatedServo(1)], link=link):
         for _ in range(2):
-            with pytest.raises(PortLinkError, match="in use"):
+            with pytest.raises(PortLinkError):
                 SimulatedPort([SimulatedServo(2)], link=link).open()
             client = Client(str(link))
             assert client.ask(PING, 6) == PONG
@@ -204,30 +181,7 @@ def test_link_to_a_terminal_that_no_simulator_serves_is_replaced(tmp_path: Path)
         os.close(descriptor)
 
 
-def test_link_to_something_else_is_not_taken(tmp_path: Path) -> None:
-    link = tmp_path / "ttyHead"
-    link.symlink_to("/dev/null")
-    with pytest.raises(PortLinkError, match="/dev/null"):
-        SimulatedPort([SimulatedServo(1)], link=link).open()
-    assert os.readlink(link) == "/dev/null"
-
-
-def test_link_never_replaces_a_file(tmp_path: Path) -> None:
-    file = tmp_path / "precious"
-    file.write_text("data")
-    descriptors = len(os.listdir("/proc/self/fd"))
-    with pytest.raises(PortLinkError, match="something else has that name"):
-        SimulatedPort([SimulatedServo(1)], link=file).open()
-    assert file.read_text() == "data"
-    assert len(os.listdir("/proc/self/fd")) == descriptors
-
-
-def test_link_in_a_missing_directory_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(PortLinkError, match="choose a path"):
-        SimulatedPort([SimulatedServo(1)], link=tmp_path / "none" / "ttyHead").open()
-
-
-def test_unplugged_adapter_vanishes_and_comes_back_by_the_same_link(tmp_path: Path) -> None:
+def test_unplugged_adapter_returns_with_the_same_link(tmp_path: Path) -> None:
     link = tmp_path / "ttyHead"
     with SimulatedPort([SimulatedServo(1)], link=link) as port:
         for _ in range(5):
@@ -257,18 +211,8 @@ def test_servos_go_on_while_the_adapter_is_unplugged() -> None:
         assert eventually(lambda: abs(port.true_ticks(1) - 500) < 1.5)
 
 
-def test_unplugging_leaves_no_descriptor() -> None:
-    before = len(os.listdir("/proc/self/fd"))
-    with SimulatedPort([SimulatedServo(1)]) as port:
-        for _ in range(20):
-            port.close()
-            port.open()
-        port.close()
-    assert len(os.listdir("/proc/self/fd")) == before
-
-
 @pytest.mark.parametrize("baud_rate", [9_600, 57_600, 250_000, 1_000_000, 2_250_000, 4_500_000])
-def test_only_servos_set_to_the_programs_baud_rate_hear_it(baud_rate: int) -> None:
+def test_only_servos_with_the_baud_rate_of_the_program_receive(baud_rate: int) -> None:
     servo = SimulatedServo(1, servo_model("XM430-W350"))
     code = {rate: code for code, rate in servo.model.baud_rates.items()}.get(baud_rate)
     if code is not None:
@@ -307,25 +251,8 @@ def test_simulated_bus_survives_random_bytes() -> None:
         client.close()
 
 
-def test_overlaps_garble_and_are_counted_on_a_paced_pty() -> None:
-    servos = [SimulatedServo(1), SimulatedServo(2)]
-    for servo in servos:
-        servo.set_register("Return Delay Time", 0)
-    reads = [InstructionPacket.read(i, 36, 8).encode() for i in (1, 2)]
-    with SimulatedPort(servos, paced=True) as port:
-        device = serial.Serial(port.port_name, 9_600, timeout=PATIENCE)
-        for read in reads:
-            device.write(read)
-            assert StatusPacket.decode(device.read(14)) is not None
-        assert not port.overlaps
-        device.write(reads[0] + reads[1])  # the second is sent while the first is answered
-        assert StatusPacket.decode(device.read(14)) is None
-        assert port.overlaps == {Overlap.REQUEST: 1}
-        device.close()
-
-
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_simulator_that_fails_says_so_and_its_port_vanishes() -> None:
+def test_an_internal_error_removes_the_port() -> None:
     failed = threading.Event()
 
     def fail(answer: Answer) -> tuple[Answer, ...]:

@@ -14,6 +14,7 @@ from random import Random
 from typing import NamedTuple, Protocol, TypeAlias
 
 from head_tracking.gaze import HeadCommand
+from head_tracking.tracking import JointReading
 
 Point: TypeAlias = tuple[float, float, float]
 _PAN = (0.0115, 0.0, 0.022)  # m: the kinectbot's pan joint in the head's base frame
@@ -244,7 +245,7 @@ class Stream(Protocol):
     """Turns commands into positions, a control period apart."""
 
     def positions(
-        self, command: HeadCommand | None, measured: tuple[float, float], now: float
+        self, command: HeadCommand | None, joints: JointReading, now: float
     ) -> tuple[float, float] | None:
         """Return the positions to publish now [rad]."""
 
@@ -257,13 +258,13 @@ class PlainStream:
         self._last = 0.0
 
     def positions(
-        self, command: HeadCommand | None, measured: tuple[float, float], now: float
+        self, command: HeadCommand | None, joints: JointReading, now: float
     ) -> tuple[float, float] | None:
         """See `Stream`."""
         dt, self._last = min(now - self._last, 0.1), now
         if command is None:
             return None
-        pan, tilt = self._setpoint or measured
+        pan, tilt = self._setpoint or joints.positions
         self._setpoint = (
             pan + _clamped(command.pan - pan, command.pan_speed * dt),
             tilt + _clamped(command.tilt - tilt, command.tilt_speed * dt),
@@ -299,11 +300,11 @@ class _StreamedHead(PlainHead):
     def __init__(self, servo: PlainServo, start: tuple[float, float], stream: Stream) -> None:
         super().__init__((servo, replace(servo)), start)
         self._stream = stream
-        self._measured = start
+        self._measured = JointReading(0.0, start)
 
     def read(self, now: int) -> JointsRead:
         read = super().read(now)
-        self._measured = read.positions
+        self._measured = JointReading(read.stamp * 1e-9, read.positions)
         return read
 
     def write(self, command: HeadCommand, now: int) -> None:

@@ -6,7 +6,7 @@ import signal
 import sys
 import time
 
-from head_tracking.run.stop_key import StopKey, carry_out
+from head_tracking.run.stop_key import StopKey, execute
 
 
 def main(way: str) -> None:
@@ -36,7 +36,7 @@ def main(way: str) -> None:
             if select.select([key] if key.works else [], [], [], 0.05)[0]:
                 pressed = key.read()
                 if pressed:
-                    say(carry_out(pressed, lambda: ["pan relaxed"], lambda: ["slowly"]))
+                    say(execute(pressed, lambda: ["pan relaxed"], lambda: ["slowly"]))
     finally:
         key.release()
 

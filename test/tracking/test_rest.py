@@ -61,14 +61,14 @@ def test_noise_widens_the_band_but_not_for_ever():
 
 def test_a_joint_that_stopped_short_is_helped_step_by_step():
     rest = settle(Rest(), Reference(0.3))
-    rest.help(0.29, 0.25, BAND)
+    rest.correct(0.29, 0.25, BAND)
     assert rest.goal == 0.3  # not yet: it may still be on its way
-    rest.help(0.29, 1.0, BAND)
+    rest.correct(0.29, 1.0, BAND)
     assert rest.goal == pytest.approx(0.31)
-    rest.help(0.29, 1.1, BAND)
+    rest.correct(0.29, 1.1, BAND)
     assert rest.goal == pytest.approx(0.31)
     for now in (1.3, 1.6, 1.9, 2.2):
-        rest.help(0.28, now, BAND)
+        rest.correct(0.28, now, BAND)
     assert rest.goal == pytest.approx(0.315)  # no farther
 
 
@@ -79,7 +79,7 @@ def test_a_coarse_encoder_never_makes_it_hunt(place, dead_band):
     goals = []
     for k in range(600):
         measured = STEP * round(rest.goal / STEP)
-        rest.help(measured, 1.0 + 0.1 * k, dead_band)
+        rest.correct(measured, 1.0 + 0.1 * k, dead_band)
         goals.append(rest.goal)
     assert abs(STEP * round(goals[-1] / STEP) - place) <= STEP
     assert len(set(goals)) <= 6
@@ -88,11 +88,11 @@ def test_a_coarse_encoder_never_makes_it_hunt(place, dead_band):
 
 def test_a_small_error_is_mended_slowly():
     rest = settle(Rest(), Reference(0.3))
-    rest.help(0.298, 0.9, BAND)
+    rest.correct(0.298, 0.9, BAND)
     assert rest.goal == 0.3
-    rest.help(0.298, 1.3, BAND)
+    rest.correct(0.298, 1.3, BAND)
     assert rest.goal == pytest.approx(0.302)
-    rest.help(0.302, 5.0, BAND)
+    rest.correct(0.302, 5.0, BAND)
     assert rest.goal == pytest.approx(0.302)  # a step of the encoder to the other side
 
 
@@ -102,7 +102,7 @@ def test_a_place_that_is_better_known_is_aimed_at_again_but_seldom():
     for k in range(300):
         now = 1.0 + 0.02 * k
         rest.judge(Reference(0.3 + 0.8 * BAND), 0.0, 0.0, 0.3, BAND, now)
-        rest.help(rest.goal, now, BAND)
+        rest.correct(rest.goal, now, BAND)
         goals.append(rest.goal)
     assert goals[-1] == pytest.approx(0.3 + 0.8 * BAND, abs=0.5 * BAND)
     assert len(set(goals)) <= 5

@@ -219,3 +219,15 @@ def test_a_shaft_that_was_thrown_off_is_met_where_it_will_be():
     (position, speed), _ = met[len(met) // 2]
     assert position < servo.setpoint + 0.45
     assert speed < 0.0
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.1, 1.0])
+def test_late_readings_are_judged_across_the_shift_of_the_buffer(lag):
+    model = ServoModel()
+    model.restart(0.0, 0.0)
+    for step in range(1, 1200):  # the buffer holds 10 s
+        now = step * DT
+        model.command(now, math.cos(now), math.copysign(10.0, math.cos(now)))
+        if now > lag:
+            model.measured(now - lag, math.sin(now - lag))
+    assert math.isfinite(model.delay)

@@ -17,51 +17,44 @@ def buffer(kinectbot):
     return buffer
 
 
-def test_the_tree_is_drawn_with_joints_rates_and_ages(buffer):
+def test_the_tree_has_a_line_for_each_frame_with_joints_rates_and_ages(buffer):
     lines = buffer.tree_as_string(now=11 * SECOND + SECOND // 2).splitlines()
     assert lines[0] == "base_link"
     assert lines[1] == "└── torso_link"
-    assert lines[3].endswith("pan_tilt_bracket  [head_pan_joint] 11.0 Hz, 0.500 s old")
+    assert "pan_tilt_bracket  [head_pan_joint] 11.0 Hz, 0.500 s" in lines[3]
     assert any(line.endswith("├── hair_link") for line in lines)
     assert len(lines) == 14
+    assert "0.500" not in buffer.tree_as_string()
 
 
-def test_without_a_time_there_are_no_ages(buffer):
-    assert "old" not in buffer.tree_as_string()
-
-
-def test_several_trees_are_drawn_one_below_the_other(buffer):
+def test_several_trees_are_below_each_other(buffer):
     buffer.set_transform(SECOND, "map", "ball", STILL)
-    lines = buffer.tree_as_string().splitlines()
-    assert lines[-2:] == ["map", "└── ball  [transforms] 10000.0 Hz"]
+    root, ball = buffer.tree_as_string().splitlines()[-2:]
+    assert root == "map"
+    assert ball.startswith("└── ball")
 
 
-def test_what_was_never_heard_of_is_said(kinectbot):
-    buffer = TransformBuffer()
-    buffer.set_model(kinectbot)
-    assert "[head_pan_joint] nothing known" in buffer.tree_as_string()
-
-
-def test_a_good_tree_has_no_problems(buffer):
+def test_a_tree_that_is_connected_and_recent_has_no_problems(buffer):
     assert buffer.problems(11 * SECOND, SECOND) == []
 
 
-def test_problems_are_named(buffer):
+def test_each_tree_and_each_old_frame_is_a_problem(buffer):
     buffer.set_transform(SECOND, "map", "ball", STILL)
-    problems = buffer.problems(14 * SECOND, SECOND)
-    assert problems == [
-        "there are 2 trees that nothing connects: base_link, map",
-        "'head_pan_joint' was last heard of 3.0 s ago",
-        "'head_tilt_joint' was last heard of 3.0 s ago",
-        "'ball' was last heard of 13.0 s ago",
-    ]
+    trees, pan, tilt, ball = buffer.problems(14 * SECOND, SECOND)
+    assert "base_link, map" in trees
+    for name, age, text in (
+        ("head_pan_joint", "3.0", pan),
+        ("head_tilt_joint", "3.0", tilt),
+        ("ball", "13.0", ball),
+    ):
+        assert name in text
+        assert age in text
 
 
-def test_silent_joints_and_an_empty_buffer_are_problems(kinectbot):
+def test_joints_without_samples_and_an_empty_buffer_are_problems(kinectbot):
     buffer = TransformBuffer()
-    assert "no frame is known" in buffer.problems(SECOND, SECOND)[0]
+    assert len(buffer.problems(SECOND, SECOND)) == 1
     buffer.set_model(kinectbot)
-    assert buffer.problems(SECOND, SECOND) == [
-        "the joint 'head_pan_joint' was never heard of",
-        "the joint 'head_tilt_joint' was never heard of",
-    ]
+    pan, tilt = buffer.problems(SECOND, SECOND)
+    assert "head_pan_joint" in pan
+    assert "head_tilt_joint" in tilt

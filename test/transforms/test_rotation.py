@@ -102,15 +102,7 @@ def test_a_quaternion_from_outside_is_normalised():
     assert math.hypot(*rotation) == pytest.approx(1.0, abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("quaternion", "words"),
-    [
-        ((0, 0, 0, 0), "norm 0"),
-        ((0, 0, 0, 2), "norm 2"),
-        ((0, 0, math.nan, 1), "finite"),
-        ((0, 0, 1), "four"),
-    ],
-)
-def test_a_bad_quaternion_is_refused(quaternion, words):
-    with pytest.raises(InvalidArgumentException, match=words):
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (0, 0, 0, 2), (0, 0, math.nan, 1), (0, 0, 1)])
+def test_an_invalid_quaternion_is_refused(quaternion):
+    with pytest.raises(InvalidArgumentException):
         Rotation.from_quaternion_xyzw(quaternion)

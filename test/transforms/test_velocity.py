@@ -75,7 +75,7 @@ def test_a_time_before_the_history_is_refused(buffer):
 
 
 def test_no_interval_is_refused(buffer):
-    with pytest.raises(InvalidArgumentException, match="interval"):
+    with pytest.raises(InvalidArgumentException):
         buffer.lookup_velocity("body", "map", 0, 0)
 
 
@@ -87,7 +87,7 @@ def test_near_time_zero_the_interval_is_cut_as_in_tf2():
     found = buffer.lookup_velocity("body", "map", SECOND // 20, SECOND // 5)
     assert found.linear == pytest.approx((2, 0, 0))
     assert found.angular == pytest.approx((0, 0, 1))
-    with pytest.raises(ExtrapolationException, match="begins"):
+    with pytest.raises(ExtrapolationException):
         buffer.lookup_velocity("body", "map", 1, 2)
 
 

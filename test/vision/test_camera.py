@@ -56,7 +56,7 @@ BENT = (-0.28, 0.07, 1e-3, -5e-4, 0.01)
 TURN = Rotation.from_rpy(0.02, -0.05, 0.01).as_matrix()
 
 
-def test_rectified_images_are_seen_by_p_alone():
+def test_rectified_images_use_p_only():
     camera = Camera.from_calibration(
         (640, 480), K, BENT, turn=TURN.ravel().tolist(), projection=P, rectified=True
     )
@@ -80,32 +80,32 @@ def test_raw_images_are_turned_into_the_frame_of_rectified_ones(distortion):
         {"distortion": (0.1, 0.2, 0.3)},
         {"distortion": (0.1,) * 6, "model": "rational_polynomial"},
         {"distortion": (0.1,) * 5, "model": "equidistant"},
+        {"distortion": (0.1, 0.0), "model": "magic"},
+        {"distortion": (0.1,) * 9, "model": "equidistant"},
         {"turn": [2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
         {"turn": [1.0, 0.0]},
         {"rectified": True},
         {"rectified": True, "projection": [0.0] * 12},
     ],
 )
-def test_a_calibration_that_makes_no_sense_is_refused(wrong):
+def test_an_invalid_calibration_is_refused(wrong):
     with pytest.raises(CameraError):
         Camera.from_calibration((640, 480), K, **wrong)
 
 
 @pytest.mark.parametrize(
-    ("size", "k", "distortion", "model", "words"),
+    ("size", "k", "model"),
     [
-        ((0, 0), [0.0] * 9, (), "", "not calibrated"),
-        ((640, 480), [0.0] * 9, (), "plumb_bob", "not calibrated"),
-        ((640, 480), [*K[:4], -5.0, *K[5:]], (), "plumb_bob", "must be above 0"),
-        ((640, 480), [math.nan, *K[1:]], (), "plumb_bob", "nine finite numbers"),
-        ((640, 480), K[:6], (), "plumb_bob", "nine finite numbers"),
-        ((640, 480), K, (0.1, 0.0), "magic", "'magic' with 2 coefficients is not known"),
-        ((640, 480), K, (0.1,) * 9, "equidistant", "9 coefficients"),
+        ((0, 0), [0.0] * 9, ""),
+        ((640, 480), [0.0] * 9, "plumb_bob"),
+        ((640, 480), [*K[:4], -5.0, *K[5:]], "plumb_bob"),
+        ((640, 480), [math.nan, *K[1:]], "plumb_bob"),
+        ((640, 480), K[:6], "plumb_bob"),
     ],
 )
-def test_a_calibration_that_makes_no_sense_is_told(size, k, distortion, model, words):
-    with pytest.raises(CameraError, match=words):
-        Camera.from_calibration(size, k, distortion, model)
+def test_an_invalid_intrinsic_matrix_is_refused(size, k, model):
+    with pytest.raises(CameraError):
+        Camera.from_calibration(size, k, (), model)
 
 
 def test_an_unknown_model_without_coefficients_is_no_distortion():
@@ -138,13 +138,13 @@ def test_boxes():
     ],
 )
 @pytest.mark.parametrize("pixel", [(320.0, 240.0), (5.0, 5.0), (639.0, 100.0), (200.0, 479.0)])
-def test_a_point_is_where_the_lens_shows_it(model, distortion, pixel):
+def test_projection_inverts_the_ray(model, distortion, pixel):
     camera = Camera.from_calibration((640, 480), K, distortion, model)
     assert camera.pixel(camera.point(pixel, 1.7)) == pytest.approx(pixel, abs=1e-3)
 
 
 @pytest.mark.parametrize("x", [1.3, 1.5, 1.6, 2.0])
-def test_what_is_far_beside_the_image_is_not_shown_in_it(x):
+def test_points_outside_the_distortion_model_are_not_projected(x):
     camera = Camera.from_calibration((640, 480), K, (-0.4, 0.0, 0.0, 0.0, 0.0))
     pixel = camera.pixel((x, 0.0, 1.0))
     assert pixel is None or not 0 <= pixel[0] < 640

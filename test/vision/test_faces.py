@@ -50,7 +50,7 @@ def share(detector, kind, degrees, **options):
 @with_photographs
 @pytest.mark.parametrize("degrees", [0, 30, 45])
 @pytest.mark.parametrize("kind", ["upright", "half-turned", "half-covered"])
-def test_the_net_finds_nine_of_ten_faces_of_people(net, kind, degrees):
+def test_the_network_detects_nine_of_ten_faces(net, kind, degrees):
     found, false = share(net, kind, degrees, lights=(1,))
     assert found >= 0.9
     assert false == 0
@@ -84,7 +84,7 @@ def test_a_low_score_lets_uncertain_faces_through():
 
 
 @with_photographs
-def test_small_turned_faces_are_found_in_little_light_too(net):
+def test_small_rotated_faces_in_low_light(net):
     """The hardest ones: in the light as it is, the first look does not see a quarter of them."""
     shares = [
         share(net, kind, 45, sizes=(40,), lights=(0.5, 0.25))
@@ -102,12 +102,12 @@ def test_the_cascade_finds_upright_faces_only():
 
 
 @with_photographs
-def test_the_net_finds_no_face_where_none_is(net):
+def test_the_network_has_no_false_detections(net):
     assert sum(len(net.detect(frame(picture), [])) for picture in empty(5)) == 0
 
 
 @with_photographs
-def test_a_face_that_rolls_over_is_followed_where_nobody_would_find_it(net):
+def test_a_rolling_face_is_tracked_beyond_the_detectable_roll(net):
     """The roll is known from the image before: a face lying on its side stays found."""
     eye = VisualTracker(net, DistanceParameters(distance=1.0), IdentityParameters())
     seen = []
@@ -119,7 +119,7 @@ def test_a_face_that_rolls_over_is_followed_where_nobody_would_find_it(net):
 
 
 @with_photographs
-def test_near_a_hint_only_the_surroundings_are_looked_at(net, monkeypatch):
+def test_the_network_searches_near_hints(net, monkeypatch):
     searched = []
     guesses = net._net._guesses
     monkeypatch.setattr(net._net, "_guesses", lambda *a: (searched.append(a), guesses(*a))[1])
@@ -133,7 +133,7 @@ def test_near_a_hint_only_the_surroundings_are_looked_at(net, monkeypatch):
     assert len(searched) == 4
 
 
-def test_without_the_net_one_line_says_what_to_install(monkeypatch):
+def test_a_missing_network_is_reported(monkeypatch):
     monkeypatch.setattr("head_tracking.vision.faces.find_spec", lambda name: None)
     detector = FaceDetector(FaceParameters())
     assert "pip install" in detector.shortcoming
@@ -141,8 +141,8 @@ def test_without_the_net_one_line_says_what_to_install(monkeypatch):
     assert detector.detect(frame(np.zeros((480, 640, 3), np.uint8)), [Box(0, 0, 40, 40)]) == []
 
 
-def test_a_file_that_is_no_net_is_told(tmp_path):
-    with pytest.raises(HeadTrackingError, match="there is no file"):
+def test_an_invalid_network_file_is_refused(tmp_path):
+    with pytest.raises(HeadTrackingError):
         FaceDetector(FaceParameters(net=str(tmp_path / "net.onnx")))
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"not a net")

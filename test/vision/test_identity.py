@@ -31,7 +31,7 @@ IMPOSSIBLE = 1e6
 
 
 @given(st.data())
-def test_the_pairs_are_the_cheapest_ones(data):
+def test_the_assignment_is_optimal(data):
     rows, columns = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 5))
     costs = data.draw(arrays(np.float64, (rows, columns), elements=st.integers(0, 9)))
     pairs = assign(costs, IMPOSSIBLE)
@@ -74,11 +74,11 @@ def identity():
     return Identity(IdentityParameters())
 
 
-def test_what_is_seen_once_or_twice_is_not_believed(identity):
+def test_one_or_two_detections_are_not_confirmed(identity):
     assert follow(identity, [[seen(0.0)], [seen(0.0)], [], [], []]) == [None] * 5
 
 
-def test_what_flickers_at_random_places_is_not_believed(identity):
+def test_random_detections_are_not_confirmed(identity):
     rng = np.random.default_rng(0)
     frames = [[seen(float(rng.uniform(-1, 1)))] if i % 3 == 0 else [] for i in range(300)]
     assert follow(identity, frames) == [None] * 300
@@ -104,7 +104,7 @@ def test_the_speed_of_something_is_not_overestimated_when_images_are_rare(identi
     assert identity.followed.velocity[0] == pytest.approx(0.4, rel=0.01)
 
 
-def test_after_a_while_another_one_is_taken(identity):
+def test_another_track_is_followed_after_the_memory_time(identity):
     frames = [[seen(-0.3), seen(0.3)]] * 5 + [[seen(0.3)]] * 70
     numbers = follow(identity, frames)
     first = numbers[4]
@@ -112,7 +112,7 @@ def test_after_a_while_another_one_is_taken(identity):
     assert numbers[-1] not in (None, first)
 
 
-def test_two_that_cross_keep_their_names(identity):
+def test_crossing_tracks_keep_their_numbers(identity):
     """They pass each other; for 0.5 s only the nearer one is seen."""
     frames = []
     for i in range(120):
@@ -130,7 +130,7 @@ def test_two_that_cross_keep_their_names(identity):
 
 @pytest.mark.parametrize("gap", [0.3, 1.0, 1.9])
 @pytest.mark.parametrize("where", [(1.0, 2.0), (-1.2, 2.2), (0.0, 3.2), (0.05, 1.2)])
-def test_who_is_out_of_sight_lends_nobody_their_number(identity, gap, where):
+def test_a_lost_track_does_not_take_over_a_distant_person(identity, gap, where):
     """Somebody else, dressed alike, who was not seen before, comes into sight a metre away."""
     numbers = follow(identity, [[seen(0.0)]] * 10)
     others = follow(identity, [[seen(*where)]] * 3, start=9 / 30 + gap)
@@ -141,22 +141,22 @@ def test_who_is_out_of_sight_lends_nobody_their_number(identity, gap, where):
 
 @pytest.mark.parametrize("gap", [0.3, 1.0, 1.9])
 @pytest.mark.parametrize("where", [(0.3, 2.0), (-0.2, 2.1), (0.0, 2.3)])
-def test_who_comes_back_near_where_they_were_is_the_same(identity, gap, where):
+def test_a_lost_track_continues_near_its_prediction(identity, gap, where):
     numbers = follow(identity, [[seen(0.0)]] * 10)
     assert follow(identity, [[seen(*where)]], start=9 / 30 + gap) == [numbers[-1]]
 
 
-def test_who_looks_different_is_somebody_else(identity):
+def test_another_appearance_is_another_track(identity):
     numbers = follow(identity, [[seen(0.0, colour=0)]] * 5 + [[seen(0.0, colour=2)]] * 5)
     assert numbers[5:] == [None] * 5
 
 
-def test_another_label_is_something_else(identity):
+def test_another_label_is_another_track(identity):
     numbers = follow(identity, [[seen(0.0, label="3")]] * 5 + [[seen(0.0, label="4")]] * 5)
     assert numbers[5:] == [None] * 5
 
 
-def test_a_camera_that_turns_does_not_move_what_stands_still():
+def test_camera_motion_is_compensated():
     """Without the camera's pose a quick turn of the head would look like another person."""
     from head_tracking.transforms import Rotation
 
@@ -222,15 +222,15 @@ def test_a_face_is_the_same_after_half_a_second_out_of_sight(kinectbot):
 
 
 @pytest.mark.parametrize("seed", range(1000, 1012))
-def test_somebody_else_does_not_get_the_number_of_who_has_left(seed):
+def test_another_person_does_not_take_over_a_lost_track(seed):
     assert not replaced(seed)
 
 
 @pytest.mark.parametrize("seed", range(1000, 1006))
-def test_who_comes_back_is_followed_again(seed):
+def test_a_returning_person_is_followed_again(seed):
     assert returned(seed)
 
 
 @pytest.mark.parametrize("seed", range(1000, 1006))
-def test_who_is_followed_is_kept_while_somebody_else_walks_past(seed):
+def test_the_followed_person_is_kept_while_another_one_crosses(seed):
     assert crossed(seed)

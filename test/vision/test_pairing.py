@@ -31,7 +31,7 @@ def test_a_depth_that_comes_after_the_next_picture_still_finds_its_own():
 
 
 @given(st.permutations([(kind, i) for kind in ("picture", "depth") for i in range(5)]))
-def test_what_is_paired_belongs_together_and_time_never_goes_back(order):
+def test_pairs_match_and_are_in_order(order):
     pairs, found = Pairing(10), []
     for kind, i in order:
         pair = getattr(pairs, kind)(1000 * i, i)

@@ -62,7 +62,7 @@ def test_colours_and_depths_are_where_geometry_says(thing, pan):
 
 
 @pytest.mark.parametrize("away", [0.5, 1.0, 2.0, 3.0])
-def test_what_is_on_a_board_is_where_geometry_says_from_near_and_far(away):
+def test_positions_on_a_board_at_all_distances(away):
     texture = plain((0, 0, 0))
     texture[24:40, 24:40, :3] = 255
     board = Board(np.kron(texture, np.ones((8, 8, 1), np.uint8)), 0.4, Swing(away, 0.65))
@@ -85,14 +85,14 @@ def test_the_nearer_one_hides_the_other_whatever_the_order():
         assert np.isclose(seen.depth, 2.0, atol=0.02).sum() > 1000
 
 
-def test_what_is_behind_or_around_the_camera_does_no_harm():
+def test_objects_behind_or_around_the_camera_cause_no_error():
     for path in (Swing(-1.0, 0.6), Swing(0.02, 0.6), Swing(0.0, 0.6)):
         things = {"ball": Ball(0.1, (0, 0, 255), path), "board": Board(plain(), 0.5, path)}
         seen = Renderer(Scene(things), SMALL).render(LEVEL, 0.0)
         assert not np.isnan(seen.depth).any()
 
 
-def test_one_sees_through_where_alpha_is_zero():
+def test_alpha_0_is_transparent():
     texture = plain()
     texture[16:48, 16:48, 3] = 0
     seen = Renderer(Scene({"frame": Board(texture, 0.4, Swing(1.0, 0.6))}), SMALL).render(
@@ -123,13 +123,13 @@ def test_without_noise_a_picture_stays_as_it_is():
 
 def test_a_person_walks_while_the_path_goes_on_and_stands_when_it_ends():
     walker = face(lambda time: (1.5, 0.5 * min(time, 2.0), 0.6))
-    walking = {walker.look(0.1 * k).tobytes() for k in range(10)}
-    standing = {walker.look(3.0 + 0.1 * k).tobytes() for k in range(10)}
+    walking = {walker.image(0.1 * k).tobytes() for k in range(10)}
+    standing = {walker.image(3.0 + 0.1 * k).tobytes() for k in range(10)}
     assert len(walking) > 1
     assert len(standing) == 1
 
 
-def test_what_stands_on_a_bench_is_drawn_over_it_and_the_bench_over_what_is_behind():
+def test_drawing_order_of_a_bench():
     furniture = bench(1.3, 0.5)
     ball, board = Ball(0.1, (0, 0, 255), Swing(1.3, 0.6)), Board(plain(), 1.0, Swing(2.0, 0.3))
     scene = Scene({"ball": ball, **furniture, "board": board})
@@ -140,7 +140,7 @@ def test_what_stands_on_a_bench_is_drawn_over_it_and_the_bench_over_what_is_behi
     assert np.ptp(seen.picture[row, 160].astype(int)) < 20
 
 
-def test_depths_that_nobody_wants_cost_nothing_and_change_no_picture():
+def test_rendering_without_depths_gives_the_same_image():
     renderer = Renderer(make_scene("everything", np.random.default_rng(1)), SMALL)
     with_depth, without = (renderer.render(LEVEL, 0.5, depth=wanted) for wanted in (True, False))
     assert (with_depth.picture == without.picture).all()

@@ -1,1 +1,1 @@
-"""The tool `doctor`: checks what a head needs, and reports what is missing or wrong."""
+"""The tool `doctor`: checks the requirements of a head."""

@@ -11,7 +11,7 @@ from typing import Any, Final, NoReturn
 
 from head_tracking.cli.doctor.findings import Finding, Grade, show
 
-_UNKNOWN: Final = 3
+_WRONG_COMMAND_LINE: Final = 3
 _LIBRARIES: Final = {
     "numpy": "sudo apt install python3-numpy",
     "rich": "sudo apt install python3-rich",
@@ -20,25 +20,25 @@ _LIBRARIES: Final = {
     "yaml": "sudo apt install python3-yaml",
     "yourdfpy": "ros2 run head_tracking head_setup yourdfpy",
 }
-"""What has to be installed, and how on Ubuntu with ROS."""
+"""Required libraries, and how to install them on Ubuntu with ROS."""
 
 _EPILOG = """\
-Moves nothing, writes to no servo, and leaves a port alone that another program owns.
-exit codes, as monitoring plugins have them: 0 all green; 1 something is amber; 2 something is red;
-3 nothing was checked (wrong command line). ROS's own arguments follow --ros-args.
+It moves nothing and writes to no servo. It does not use a port that another program has open.
+exit codes (of monitoring plugins): 0 all green; 1 something is amber; 2 something is red; 3 wrong
+command line. ROS arguments follow --ros-args.
 """
 
 
 class _Parser(argparse.ArgumentParser):
-    """2 means that something is red, not that the command line is wrong."""
+    """Exits with 3 after a wrong command line; 2 means that something is red."""
 
     def error(self, message: str) -> NoReturn:
         self.print_usage(sys.stderr)
-        self.exit(_UNKNOWN, f"{self.prog}: {message}\n")
+        self.exit(_WRONG_COMMAND_LINE, f"{self.prog}: {message}\n")
 
 
 def main(arguments: Sequence[str] | None = None, **bus: Any) -> int:
-    """Check everything and return the exit code; `bus` holds options of `check_bus`."""
+    """Check everything and return the exit code; `bus` has options of `check_bus`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     ros = words.index("--ros-args") if "--ros-args" in words else len(words)
     options = _parser().parse_args(words[:ros])
@@ -64,7 +64,7 @@ def _check(
         yield from _check_head(options, bus)
     reason = _import_error("head_tracking.cli.doctor.network")
     if reason:
-        text = f"{reason}: no node runs. Source /opt/ros/jazzy/setup.bash, or use ./scripts/run"
+        text = f"{reason}: nodes cannot run. Source /opt/ros/jazzy/setup.bash, or use ./scripts/run"
         yield Finding("network", Grade.AMBER, text)
     elif options.listen <= 0.0:
         yield Finding("network", Grade.SKIPPED, "not checked with --listen 0")
@@ -110,25 +110,25 @@ def _import_error(module: str) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="doctor",
-        description="Checks what a head needs, and reports what is missing or wrong.",
+        description="Checks the requirements of a head, and reports problems.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--sim", action="store_true", help="there is no hardware: leave the servos out")
+    add("--sim", action="store_true", help="skip the checks of the servos")
     add("--port", default="", metavar="DEV", help="serial port (as configured, or /dev/ttyUSB0)")
     add("--baud", type=int, default=0, metavar="RATE", help="its baud rate (as configured)")
     add(
         "--robot", default="kinectbot", metavar="NAME|FILE",
-        help="its name, or a URDF or xacro file (%(default)s)",
+        help="name of the robot, or a URDF or xacro file (%(default)s)",
     )  # fmt: skip
     add(
         "--params", action="append", type=Path, default=[], metavar="FILE",
-        help="parameters in YAML, over the robot's own; can be given several times",
+        help="YAML file with parameters that override the robot's; can be given several times",
     )  # fmt: skip
-    add("--calibration", type=Path, metavar="FILE", help="of the robot's head: shows its age")
+    add("--calibration", type=Path, metavar="FILE", help="calibration of the head: checks its age")
     add(
         "--listen", type=float, default=3.0, metavar="S",
-        help="how long to listen to other nodes; 0: not at all (%(default)s s)",
+        help="time for the checks of other nodes; 0: skip them (%(default)s s)",
     )  # fmt: skip
     return parser

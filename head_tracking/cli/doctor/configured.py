@@ -1,4 +1,4 @@
-"""doctor checks parameter files and the robot's model, without ROS."""
+"""Checks of doctor: parameter files, robot model and calibration, without ROS."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _SLACK: Final = 0.02  # rad
 def check_configured(
     files: Sequence[Path], port_name: str = "", baud_rate: int = 0
 ) -> tuple[Finding, tuple[ConfiguredBus, ...]]:
-    """Check that servo_bus can use the parameter files, and return the buses that it would open.
+    """Check the parameters of servo_bus, and return its buses.
 
     Args:
-        files: Parameter files; later ones win.
-        port_name: Replaces the configured port, unless empty.
-        baud_rate: Replaces the configured one, unless 0.
+        files: parameter files; later ones win.
+        port_name: replaces the configured port, unless empty.
+        baud_rate: replaces the configured one, unless 0.
     """
     try:
         buses = configured_buses(files, port_name, baud_rate)
@@ -46,7 +46,7 @@ def check_configured(
 
 
 def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
-    """Check that the robot's model can be read, has a pan/tilt head, and fits the servos."""
+    """Check that the robot model is valid, has a pan/tilt head, and fits the servos."""
     pan, tilt, frame = head_names("head_tracker", files)
     try:
         model = load_robot_model(robot_file(robot))
@@ -72,14 +72,14 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
 
 
 def check_calibration(robot: str, path: Path) -> Finding:
-    """Check that a calibration fits the robot's model, and show how old and how exact it is."""
+    """Check that a calibration fits the robot model; report its age and its deviations."""
     try:
         calibration = Calibration.load(path)
         calibration.apply(load_robot_model(robot_file(robot)))
     except CalibrationFileError as error:
         return Finding("calibration", Grade.RED, str(error))
     except HeadTrackingError as error:
-        return Finding("calibration", Grade.SKIPPED, f"{path}: there is no model: {error}")
+        return Finding("calibration", Grade.SKIPPED, f"{path}: the model is not valid: {error}")
     days = calibration.age / 86400.0
     text = f"{path}: {days:.0f} days old, {calibration.views} views"
     for name, change, deviation in summary(calibration):

@@ -1,4 +1,4 @@
-"""The result of a check, and how it is printed."""
+"""The result of a check of doctor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final, TextIO
 
 
 class Grade(IntEnum):
-    """How bad a finding is; the worst one is the exit code, as of a monitoring plugin."""
+    """Severity of a finding; the highest is the exit code."""
 
     SKIPPED = -1
     GREEN = 0
@@ -22,9 +22,9 @@ class Finding:
     """The result of a check.
 
     Attributes:
-        check: What was checked.
-        level: How bad it is.
-        text: What was found, and what to do about it.
+        check: name of the check.
+        level: severity.
+        text: what was found, and what to do about it.
     """
 
     check: str

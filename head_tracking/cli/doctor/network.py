@@ -1,4 +1,4 @@
-"""doctor listens to the running nodes: their clocks and diagnostics. It publishes nothing."""
+"""Checks of doctor: clocks and diagnostics of running nodes. It publishes nothing."""
 
 from __future__ import annotations
 
@@ -25,17 +25,14 @@ _TOPICS: Final = {
     "target_point": PointStamped,
     "/diagnostics": DiagnosticArray,
 }
-_SKEW: Final = (0.010, 0.100)  # s: amber, red; the path of a message is part of it
-_AHEAD: Final = (0.002, 0.020)  # s that a message may seem to come before it was sent
-_OLD: Final = (0.3, 1.0)  # s; a target_timeout of 1 s is usual
+_SKEW: Final = (0.010, 0.100)  # s: amber, red; includes the transport time
+_AHEAD: Final = (0.002, 0.020)  # s by which a message may be received before it was sent
+_OLD: Final = (0.3, 1.0)  # s; the default of target_timeout is 1 s
 _OTHER_CLOCK: Final = 1e7  # s
 
 
 class Times(NamedTuple):
-    """When a message was sent and received, and its stamp, by the clocks of two machines, s.
-
-    The stamp is 0 where a message has none.
-    """
+    """Times when a message was sent and received, and its stamp (0: none) [s]."""
 
     sent: float
     received: float
@@ -43,12 +40,12 @@ class Times(NamedTuple):
 
 
 class Received(NamedTuple):
-    """What was received within some time.
+    """The received messages.
 
     Attributes:
-        times: The times of each message, by topic.
-        diagnostics: The latest level and message of each entry.
-        nodes: How many other nodes were there.
+        times: times of each message, by topic.
+        diagnostics: latest level and message of each entry.
+        nodes: number of other nodes.
     """
 
     times: Mapping[str, Sequence[Times]]
@@ -60,25 +57,25 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
     """Check clocks, targets and diagnostics.
 
     Args:
-        arguments: ROS's own, such as --ros-args -r __ns:=/left.
-        seconds: How long to listen.
+        arguments: ROS arguments, such as --ros-args -r __ns:=/left.
+        seconds: how long to listen.
     """
     try:
-        heard = listen(arguments, seconds)
+        received_messages = listen(arguments, seconds)
     except RuntimeError as error:  # rclpy's
         text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/guide/network.md"
         yield Finding("network", Grade.RED, text)
         return
-    yield Finding("network", Grade.GREEN, f"{heard.nodes} other nodes")
-    yield check_clocks(heard.times)
-    yield check_targets(heard.times.get("target_point", ()))
-    for name, (status, message) in sorted(heard.diagnostics.items()):
+    yield Finding("network", Grade.GREEN, f"{received_messages.nodes} other nodes")
+    yield check_clocks(received_messages.times)
+    yield check_targets(received_messages.times.get("target_point", ()))
+    for name, (status, message) in sorted(received_messages.diagnostics.items()):
         level = {0: Grade.GREEN, 2: Grade.RED}.get(status, Grade.AMBER)
         yield Finding("diagnostics", level, f"{name}: {message}")
 
 
 def listen(arguments: Sequence[str], seconds: float) -> Received:
-    """Listen with a node that publishes nothing; raise RuntimeError if ROS does not start."""
+    """Receive messages with a silent node; raise RuntimeError if ROS does not start."""
     times: dict[str, list[Times]] = {}
     diagnostics: dict[str, tuple[int, str]] = {}
 
@@ -108,8 +105,8 @@ def listen(arguments: Sequence[str], seconds: float) -> Received:
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         deadline = time.monotonic() + seconds
-        while (rest := deadline - time.monotonic()) > 0.0:
-            executor.spin_once(timeout_sec=rest)
+        while (remaining := deadline - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=remaining)
         nodes = len(node.get_node_names()) - 1
         executor.shutdown()
         node.destroy_node()
@@ -119,7 +116,7 @@ def listen(arguments: Sequence[str], seconds: float) -> Received:
 
 
 def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
-    """Check the clocks of other machines: the quickest message of a topic bounds their offset."""
+    """Check the clocks of other machines by the fastest message of each topic."""
     skews = {
         topic: min(each.received - each.sent for each in found)
         for topic, found in times.items()
@@ -134,22 +131,25 @@ def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
     elif not -_AHEAD[0] <= skew <= _SKEW[0]:
         level = Grade.AMBER
     text = f"{topic} is received at least {1e3 * skew:.1f} ms after it was sent"
-    cure = "" if level is Grade.GREEN else ": synchronise the clocks (docs/guide/network.md)"
-    return Finding("clock skew", level, text + cure)
+    remedy = "" if level is Grade.GREEN else ": synchronise the clocks (docs/guide/network.md)"
+    return Finding("clock skew", level, text + remedy)
 
 
 def check_targets(times: Sequence[Times]) -> Finding:
-    """Check the stamps of targets, which have to be those of their images."""
+    """Check the stamps of targets, which must be those of their images."""
     ages = [each.received - each.stamp for each in times if each.stamp]
     if not ages:
-        return Finding("stamps of targets", Grade.SKIPPED, "no target_point with a stamp came")
+        return Finding("stamps of targets", Grade.SKIPPED, "no stamped target_point came")
     age, level = median(ages), Grade.GREEN
-    text = f"{1e3 * age:.0f} ms old when they are received"
+    text = f"{1e3 * age:.0f} ms old when received"
     if abs(age) > _OTHER_CLOCK:
-        level, text = Grade.AMBER, "not the wall clock's; use_sim_time must agree on all nodes"
+        level, text = (
+            Grade.AMBER,
+            "not wall-clock times; use_sim_time must be the same in all nodes",
+        )
     elif not -_AHEAD[1] <= age <= _OLD[1]:
         level, text = Grade.RED, f"{text}: such targets are not followed"
     elif age > _OLD[0]:
         level = Grade.AMBER
-    cure = "" if level is Grade.GREEN else "; stamp each target with the time of its image"
-    return Finding("stamps of targets", level, text + cure)
+    remedy = "" if level is Grade.GREEN else "; stamp each target with the time of its image"
+    return Finding("stamps of targets", level, text + remedy)

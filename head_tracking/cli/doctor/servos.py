@@ -1,4 +1,4 @@
-"""doctor checks a port, its adapter, and the servos on it. It pings and reads, nothing else."""
+"""Checks of doctor: port, adapter and servos. They ping and read only."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from statistics import median
 from typing import Final
 
 from head_tracking.cli.doctor.findings import Finding, Grade
-from head_tracking.cli.servo.bench import patient_port
 from head_tracking.cli.servo.overview import USUAL_BAUD_RATES
+from head_tracking.cli.servo.session import patient_port
 from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
     BusSettings,
@@ -30,19 +30,19 @@ from head_tracking.dynamixel.diagnosis import conditions, swapped
 from head_tracking.dynamixel.servo import run
 
 _READINGS: Final = 50
-_FEW: Final = 0.05  # of the readings that may fail
-_SPOILT: Final = (0, 255)  # firmware versions of a servo whose update was broken off
+_FEW_FAILURES: Final = 0.05  # share of failed readings that is amber
+_INTERRUPTED_UPDATE: Final = (0, 255)  # firmware versions
 
 
 def check_bus(
     bus: ConfiguredBus, make_port: Callable[[str, int], DynamixelPort] = patient_port
 ) -> Iterator[Finding]:
-    """Check a port and all that is on it. A port that another program owns is left alone."""
+    """Check a port, its adapter and its servos; a port that is in use is not opened."""
     try:
         port = make_port(bus.port_name, bus.baud_rate)
         port.open()
     except PortBusyError as error:
-        yield Finding("port", Grade.AMBER, f"{error}. It was left alone")
+        yield Finding("port", Grade.AMBER, f"{error}. It was not checked")
         return
     except (PortError, ConfigurationError) as error:
         yield Finding("port", Grade.RED, str(error))
@@ -65,21 +65,21 @@ def check_bus(
             yield Finding("port", Grade.RED, str(error))
     for rate in USUAL_BAUD_RATES if silent else ():
         if rate != bus.baud_rate:
-            with suppress(PortError, ConfigurationError):  # the adapter cannot do this rate
+            with suppress(PortError, ConfigurationError):  # the adapter does not support this rate
                 yield from _check_other_rate(bus, make_port(bus.port_name, rate), silent)
 
 
 def _check_other_rate(
     bus: ConfiguredBus, port: DynamixelPort, servos: Sequence[Servo]
 ) -> Iterator[Finding]:
-    """Check whether servos that do not answer answer at the baud rate of a port."""
+    """Check whether silent servos answer at the baud rate of another port."""
     port.open()
     with closing(port):
         for servo in servos:
             with suppress(CommunicationError):
                 port.ping(servo.id, servo.model.protocol)
                 text = (
-                    f"{servo.calibration.joint_name}: it answers at {port.baud_rate} baud, not at "
+                    f"{servo.calibration.joint_name}: answers at {port.baud_rate} baud, not at "
                     f"{bus.baud_rate}: set baud_rate, or `servo --baud {port.baud_rate} set-baud "
                     f"{servo.id} {bus.baud_rate}`"
                 )
@@ -95,8 +95,8 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
         servo.read_feedback(3)
         errors = servo.read_errors()
     except ReplyTimeoutError:
-        text = f"{joint}: no answer at {port.baud_rate} baud. Check its power and its cable; "
-        yield Finding(name, Grade.RED, f"{text}`servo scan` tries other ids and baud rates")
+        text = f"{joint}: no answer at {port.baud_rate} baud. Check its power and cable; "
+        yield Finding(name, Grade.RED, f"{text}`servo scan` finds other ids and baud rates")
         return
     except (CommunicationError, ServoError, ConfigurationError) as error:
         twin = "; two servos may have this id" if isinstance(error, CorruptReplyError) else ""
@@ -104,14 +104,19 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
         return
     problems: list[tuple[Grade, str]] = []
     if port.surplus[servo.id]:
-        cure = "connect one of them alone, `servo set-id`"
-        problems.append((Grade.RED, f"two servos have this id, or the line is disturbed: {cure}"))
+        problems.append(
+            (
+                Grade.RED,
+                "two servos have this id, or the line is disturbed: connect one of them alone and "
+                "use `servo set-id`",
+            )
+        )
     if errors or identity.faulted:
         state = "has shut itself down" if identity.faulted else "reports"
-        cure = "let it cool, call `recover` or cycle its power"
-        problems.append((Grade.RED, f"it {state}: {describe_errors(errors)}; {cure}"))
-    if identity.firmware_version in _SPOILT:
-        text = f"firmware {identity.firmware_version}: an update was broken off; recover it with "
+        remedy = "let it cool, call `recover` or cycle its power"
+        problems.append((Grade.RED, f"it {state}: {describe_errors(errors)}; {remedy}"))
+    if identity.firmware_version in _INTERRUPTED_UPDATE:
+        text = f"firmware {identity.firmware_version}: an update was interrupted; recover it with "
         problems.append((Grade.RED, f"{text}Dynamixel Wizard"))
     volts, celsius = servo.voltage, servo.temperature
     is_red = {
@@ -127,14 +132,14 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
 
 def _check_limits(servos: Sequence[Servo]) -> Iterator[Finding]:
     for servo_id, other in swapped(servos).items():
-        text = f"its memory has the angle limits of servo {other.id}: are the two ids swapped?"
+        text = f"its memory has the angle limits of servo {other.id}; the two ids may be swapped"
         yield Finding(f"servo {servo_id}", Grade.RED, text)
 
 
 def _check_line(
     bus: ConfiguredBus, port: DynamixelPort, servos: Sequence[Servo]
 ) -> Iterator[Finding]:
-    """Check how well and how fast the servos can be read, as the bus will do it."""
+    """Check failures and time of reading all servos."""
     failed, times = 0, []
     for _ in range(_READINGS if servos else 0):
         begin, before = port.clock(), failed
@@ -162,6 +167,6 @@ def _check_line(
             f"{text}: raise the baud rate, or lower return_delay, update_rate",
         )
     if failed:
-        level = Grade.RED if slow or failed > _FEW * total else Grade.AMBER
+        level = Grade.RED if slow or failed > _FEW_FAILURES * total else Grade.AMBER
         text += "; check plugs, cables, ground and supply, and for a second master"
     yield Finding("line", level, text)

@@ -1,14 +1,14 @@
-"""servo calibrate: zero, range and sign of joints, by moving them by hand; writes the YAML."""
+"""servo calibrate: measures zero, range and direction of joints moved by hand; writes YAML."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from head_tracking.cli.servo.bench import Terminal, ToolError, Workshop, find_servo
+from head_tracking.cli.servo.session import Session, Terminal, ToolError, find_servo
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
 from head_tracking.dynamixel.models import ServoModel
@@ -18,56 +18,52 @@ from head_tracking.exceptions import RefusedError
 _READINGS = 9
 _SMALLEST_RANGE = 0.1  # rad
 _PROMPTS = (
-    "Move it to its zero, where the head looks straight ahead",
+    "Move it to its zero, with the head straight ahead",
     "Move it to its lowest position (pan: right; tilt: up)",
     "Move it to its highest position (pan: left; tilt: down)",
 )
 
 
-class Wanted(NamedTuple):
-    """A servo to calibrate.
-
-    Attributes:
-        name: As in the configuration, such as head_pan.
-        id: Servo id.
-    """
-
-    name: str
-    id: int
-
-
 def calibrate(
-    workshop: Workshop,
-    wanted: Sequence[Wanted],
+    session: Session,
+    named: Sequence[tuple[str, int]],
     model: ServoModel | None,
     *,
     output: Path | None,
     margin: float,
 ) -> int:
-    """Ask for three poses of each joint, write the configuration and return the exit code."""
-    for values in zip(*wanted, strict=True):
+    """Ask for three poses of each joint, write the configuration and return the exit code.
+
+    Args:
+        session: the terminal and the port.
+        named: name in the configuration and id of each servo.
+        model: model of a servo that answers no reads.
+        output: file to write; None: print.
+        margin: distance of the limits from the lowest and highest pose [rad].
+
+    Raises:
+        RefusedError: a name or an id occurs twice, or the poses are not possible.
+        ToolError: a servo does not answer, or the file cannot be written.
+    """
+    for values in zip(*named, strict=True):
         if len(set(values)) < len(values):
             raise RefusedError(
                 f"{', '.join(map(str, values))}: each joint needs a name and a servo of its own"
             )
-    terminal = workshop.terminal
+    terminal = session.terminal
     if output is not None and output.exists():
         terminal.confirm(f"Replace {output}?")
-    mounts: list[ServoCalibration] = []
-    with workshop.port() as port:
-        links = [find_servo(port, servo.id, model) for servo in wanted]
-        for link in links:
-            link.set_torque(False)
-        for servo, link in zip(wanted, links, strict=True):
-            terminal.say(
-                f"\n{servo.name}: servo {servo.id}, {link.model.name}. It is relaxed: move it by "
-                "hand."
-            )
+    calibrations: list[ServoCalibration] = []
+    with session.port() as port:
+        servos = [find_servo(port, servo_id, model) for _, servo_id in named]
+        relax_for_hand(terminal, servos)
+        for (name, servo_id), servo in zip(named, servos, strict=True):
+            terminal.print(f"\n{name}: servo {servo_id}, {servo.model.name}")
             zero, low, high = (
-                ticks_by_hand(terminal, [link], prompt)[servo.id] for prompt in _PROMPTS
+                ticks_by_hand(terminal, [servo], prompt)[servo_id] for prompt in _PROMPTS
             )
-            mounts.append(mount_of(servo.name, link, zero, low, high, margin))
-    text = configuration(mounts, workshop.port_name, workshop.baud_rate)
+            calibrations.append(calibration_of(name, servo, zero, low, high, margin))
+    text = configuration([[each] for each in calibrations], session.port_name, session.baud_rate)
     if output is None:
         terminal.show(text)
         return 0
@@ -76,41 +72,54 @@ def calibrate(
     except OSError as error:
         terminal.show(text)
         raise ToolError(
-            f"cannot write {output}: {error.strerror}; its contents are shown instead"
+            f"cannot write {output}: {error.strerror}; its contents are printed instead"
         ) from error
-    terminal.say(f"written to {output}")
+    terminal.print(f"written: {output}")
     return 0
 
 
-class Motion(NamedTuple):
-    """The servo of a joint, and its tick at three poses; see `mount_of`."""
+def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:
+    """Switch torque off after a question, so that the servos can be moved by hand.
 
-    link: Servo
+    Raises:
+        RefusedError: the user did not confirm.
+    """
+    held = [servo for servo in servos if servo.get("Torque Enable")]
+    if held:
+        ids = ", ".join(str(servo.id) for servo in held)
+        terminal.confirm(f"Switch the torque of servo {ids} off? Hold the head: it may drop.")
+        for servo in held:
+            servo.set_torque(False)
+
+
+class Motion(NamedTuple):
+    """The servo of a joint, and its tick at three poses; see `calibration_of`."""
+
+    servo: Servo
     zero: int
     low: int
     high: int
 
 
-def mount_of(
-    name: str, link: Servo, zero: int, low: int, high: int, margin: float
+def calibration_of(
+    name: str, servo: Servo, zero: int, low: int, high: int, margin: float
 ) -> ServoCalibration:
-    """Return how a servo is mounted, from the ticks at three poses.
+    """Return the calibration of a servo from its ticks at three poses.
 
-    With it come the settings of the servo's memory that its ticks depend on: the bus refuses a
-    servo whose offset or direction is another one later.
+    It includes offset and direction in the servo's memory; the bus refuses a servo with others.
 
     Args:
-        name: Of the joint, as in the configuration.
-        link: The servo.
-        zero: Tick at position 0.
-        low: Tick at the lowest position; above `high` for a servo that is mounted reversed.
-        high: Tick at the highest position.
-        margin: How far to stay away from the ends, rad.
+        name: name of the joint in the configuration.
+        servo: the servo.
+        zero: tick at position 0.
+        low: tick at the lowest position; above `high` for a servo mounted in reverse.
+        high: tick at the highest position.
+        margin: distance of the limits from the ends [rad].
 
     Raises:
-        RefusedError: The poses make no sense.
+        RefusedError: the poses are not possible.
     """
-    model = link.model
+    model = servo.model
     span = abs(high - low) * model.radians_per_tick
     if span - 2.0 * margin < _SMALLEST_RANGE:
         raise RefusedError(
@@ -119,36 +128,34 @@ def mount_of(
         )
     inward = round(margin / model.radians_per_tick) * (1 if high > low else -1)
     try:
-        mount = ServoCalibration(name, link.id, zero, low + inward, high - inward, model)
+        calibration = ServoCalibration(name, servo.id, zero, low + inward, high - inward, model)
     except ConfigurationError as error:
         raise RefusedError(
             f"{error}. Zero was at tick {zero}, lowest at {low}, highest at {high}. Mount the horn "
             f"so that the joint's zero is near tick {model.center}"
         ) from error
     return replace(
-        mount,
-        offset=None if model.offset is None else model.offset.counts(link.get(model.offset.name)),
-        reverse=bool(link.get("Drive Mode") & 1) if "Drive Mode" in model.modes else None,
+        calibration,
+        offset=None if model.offset is None else model.offset.counts(servo.get(model.offset.name)),
+        reverse=bool(servo.get("Drive Mode") & 1) if "Drive Mode" in model.modes else None,
     )
 
 
 def configuration(
-    mounts: Iterable[ServoCalibration],
+    joints: Iterable[Sequence[ServoCalibration]],
     port_name: str,
     baud_rate: int,
     program: str = "servo calibrate",
-    seconds: Mapping[str, ServoCalibration] = {},
 ) -> str:
-    """Return the servo bus's part of a configuration file such as config/kinectbot.yaml.
+    """Return the parameters of servo_bus as YAML.
 
     Args:
-        mounts: Of the joints.
-        port_name: Of the servos.
-        baud_rate: Of them.
-        program: Which writes it.
-        seconds: The second servo of a joint that has two, by the joint's name.
+        joints: for each joint its servo, or its two servos.
+        port_name: serial port.
+        baud_rate: its baud rate [bit/s].
+        program: the program that writes the file.
     """
-    mounts = tuple(mounts)
+    joints = tuple(joints)
     lines = [
         f"# Written by `{program}`.",
         "",
@@ -156,39 +163,38 @@ def configuration(
         "  ros__parameters:",
         f"    port_name: {port_name}",
         f"    baud_rate: {baud_rate}",
-        f"    dynamixels: [{', '.join(mount.joint_name for mount in mounts)}]",
+        f"    dynamixels: [{', '.join(first.joint_name for first, *_ in joints)}]",
     ]
-    for mount in mounts:
-        name = mount.joint_name
-        low, high = mount.position(mount.min), mount.position(mount.max)
-        motor = f"model: {mount.model.name}, {_values(mount)}"
+    for first, *others in joints:
+        name = first.joint_name
+        low, high = first.position(first.min), first.position(first.max)
+        motor = f"model: {first.model.name}, {_values(first)}"
         lines += [
             f"    {name}_controller:",
             f"      joint_name: {name}_joint",
             f"      motor: {{{motor}}}    # {low:.3f} to {high:.3f} rad",
+            *(f"      second_motor: {{{_values(other)}}}" for other in others),
         ]
-        if name in seconds:
-            lines.append(f"      second_motor: {{{_values(seconds[name])}}}")
     return "\n".join(lines) + "\n"
 
 
-def _values(mount: ServoCalibration) -> str:
-    text = f"id: {mount.id}, init: {mount.init}, min: {mount.min}, max: {mount.max}"
-    text += "" if mount.offset is None else f", offset: {mount.offset}"
-    return text + ("" if mount.reverse is None else f", reverse: {int(mount.reverse)}")
+def _values(servo: ServoCalibration) -> str:
+    text = f"id: {servo.id}, init: {servo.init}, min: {servo.min}, max: {servo.max}"
+    text += "" if servo.offset is None else f", offset: {servo.offset}"
+    return text + ("" if servo.reverse is None else f", reverse: {int(servo.reverse)}")
 
 
-def ticks_by_hand(terminal: Terminal, links: Sequence[Servo], prompt: str) -> dict[int, int]:
-    """Return, by id, the ticks at which servos are held when Enter is pressed."""
+def ticks_by_hand(terminal: Terminal, servos: Sequence[Servo], prompt: str) -> dict[int, int]:
+    """Return the ticks of servos by id at the moment when Enter is pressed."""
 
-    def read(link: Servo) -> str:
+    def read(servo: Servo) -> str:
         try:
-            return f"  servo {link.id}: {link.get('Present Position')}"
+            return f"  servo {servo.id}: {servo.get('Present Position')}"
         except CommunicationError:
-            return f"  servo {link.id}: no answer"
+            return f"  servo {servo.id}: no answer"
 
-    terminal.wait_for_enter(f"{prompt}, and press Enter.", lambda: " ".join(map(read, links)))
+    terminal.wait_for_enter(f"{prompt}, and press Enter.", lambda: " ".join(map(read, servos)))
     return {
-        link.id: round(median(link.get("Present Position") for _ in range(_READINGS)))
-        for link in links
+        servo.id: round(median(servo.get("Present Position") for _ in range(_READINGS)))
+        for servo in servos
     }

@@ -1,4 +1,4 @@
-"""servo set, set-id, set-baud, relax: changes, and what they refuse."""
+"""servo set, set-id, set-baud and relax."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
-from head_tracking.cli.servo.bench import (
+from head_tracking.cli.servo.register_values import (
+    UNLIMITED,
+    as_text,
+    asks_for_full_speed,
+    find_register,
+    parse_value,
+)
+from head_tracking.cli.servo.session import (
+    Session,
     ToolError,
-    Workshop,
     find_servo,
     model_number,
     protocol_of,
-)
-from head_tracking.cli.servo.register_values import (
-    UNLIMITED,
-    asks_for_full_speed,
-    find_register,
-    in_words,
-    parse_value,
 )
 from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
@@ -41,191 +41,190 @@ _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "
 
 
 def set_register(
-    workshop: Workshop, servo_id: int, name: str, text: str, model: ServoModel | None
+    session: Session, servo_id: int, name: str, text: str, model: ServoModel | None
 ) -> int:
     """Write a register of a servo and return the exit code."""
-    with workshop.port() as port:
-        link = find_servo(port, servo_id, model)
-        register = find_register(link.model.control_table, name)
+    with session.port() as port:
+        servo = find_servo(port, servo_id, model)
+        register = find_register(servo.model.control_table, name)
         value = parse_value(register, text)
         name = register.name
-        if name == "ID" and value != servo_id and (taken := protocol_of(port, value)) is not None:
+        if name == "ID" and value != servo_id and protocol_of(port, value) is not None:
             raise RefusedError(
-                f"id {value} is taken by another servo (protocol {taken}.0); two servos with one "
-                "id answer at the same time. Choose another id, or disconnect that servo"
+                f"id {value} is used by another servo; give another id, or disconnect that servo"
             )
         if register.eeprom and name != "Status Return Level":
-            _check_memory(link)
-        shown = f"{name} = {value} {in_words(link.model, register, value)}".strip()
+            _check_memory(servo)
+        shown = f"{name} = {value} {as_text(servo.model, register, value)}".strip()
         if name not in ("ID", "Baud Rate"):
-            _write(workshop, link, register, value, text, shown)
+            _write(session, servo, register, value, text, shown)
     if name in ("ID", "Baud Rate"):
-        _move(workshop, link, name, value, shown)
-    workshop.terminal.show(f"servo {servo_id}: {shown}")
+        _readdress(session, servo, name, value, shown)
+    session.terminal.show(f"servo {servo_id}: {shown}")
     return 0
 
 
-def set_baud_rate(workshop: Workshop, servo_id: int, rate: int, model: ServoModel | None) -> int:
-    """Give a servo another baud rate and return the exit code."""
-    with workshop.port() as port:
+def set_baud_rate(session: Session, servo_id: int, rate: int, model: ServoModel | None) -> int:
+    """Change the baud rate of a servo and return the exit code."""
+    with session.port() as port:
         rates = find_servo(port, servo_id, model).model.baud_rates
     codes = [code for code, known in rates.items() if known == rate]
     if not codes:
         known = ", ".join(map(str, sorted(rates.values())))
         raise ToolError(f"servo {servo_id} has no baud rate {rate}; it has {known}")
-    return set_register(workshop, servo_id, "Baud Rate", str(codes[0]), model)
+    return set_register(session, servo_id, "Baud Rate", str(codes[0]), model)
 
 
 def _write(
-    workshop: Workshop, link: Servo, register: Register, value: int, text: str, shown: str
+    session: Session, servo: Servo, register: Register, value: int, text: str, shown: str
 ) -> None:
     name = register.name
     if name == "Status Return Level":
-        _set_return_level(workshop, link, register, value)
+        _set_return_level(session, servo, register, value)
     elif register.eeprom:
-        _ask(workshop, link, f"{shown} (now {link.get(name)})")
-        run(link.write_eeprom({name: value}), workshop.pause)
+        _ask(session, servo, f"{shown} (now {servo.get(name)})")
+        run(servo.write_eeprom({name: value}), session.pause)
     elif name == "Torque Enable" and value:
-        _hold(workshop, link)
+        _switch_torque_on(session, servo)
     else:
         if name == "Lock":
-            _ask(workshop, link, shown)
+            _ask(session, servo, shown)
         if name in UNLIMITED and not value and not asks_for_full_speed(text):
             raise RefusedError(
                 f"{name} 0 is not a stop but full speed; the slowest is 1, "
-                f"{in_words(link.model, register, 1)}. For full speed: servo set {link.id} "
+                f"{as_text(servo.model, register, 1)}. For full speed: servo set {servo.id} "
                 f"'{name}' full"
             )
         if name in _GOALS:
-            _check_goal(workshop, link, name, value)
-        link.set(name, value)
+            _check_goal(session, servo, name, value)
+        servo.set(name, value)
 
 
-def _move(workshop: Workshop, link: Servo, name: str, value: int, shown: str) -> None:
-    """Change how a servo is reached, and make sure that it is."""
-    new_id = value if name == "ID" else link.id
-    rates = link.model.baud_rates
-    rate = rates.get(value) if name == "Baud Rate" else workshop.baud_rate
+def _readdress(session: Session, servo: Servo, name: str, value: int, shown: str) -> None:
+    """Change the id or the baud rate of a servo, and check that it answers."""
+    new_id = value if name == "ID" else servo.id
+    rates = servo.model.baud_rates
+    rate = rates.get(value) if name == "Baud Rate" else session.baud_rate
     if rate is None:
         known = ", ".join(f"{code} ({rate})" for code, rate in sorted(rates.items()))
-        raise ToolError(f"{value} is not a baud rate of the {link.model.name}; it has {known}")
-    with workshop.port(rate):
-        pass  # the adapter can do it
-    _ask(workshop, link, shown)
-    with workshop.port() as port:
-        link = find_servo(port, link.id, link.model)
-        run(link.lock_eeprom(False))
-        link.write(link.model.control_table.block(name), value)
-        workshop.pause(EEPROM_PAUSE)
-    with workshop.port(rate) as port:
+        raise ToolError(f"{value} is not a baud rate of the {servo.model.name}; it has {known}")
+    with session.port(rate):
+        pass  # the adapter supports it
+    _ask(session, servo, shown)
+    with session.port() as port:
+        servo = find_servo(port, servo.id, servo.model)
+        run(servo.lock_eeprom(False))
+        servo.write(servo.model.control_table.block(name), value)
+        session.pause(EEPROM_PAUSE)
+    with session.port(rate) as port:
         if protocol_of(port, new_id) is not None:
-            run(Servo(port, new_id, link.model).lock_eeprom(True))
+            run(Servo(port, new_id, servo.model).lock_eeprom(True))
         else:
             raise ToolError(
-                f"the servo does not answer as id {new_id} at {rate} baud; look for it: servo scan "
-                f"--bauds {workshop.baud_rate} {rate}"
+                f"id {new_id} does not answer at {rate} baud; find the servo with: servo scan "
+                f"--bauds {session.baud_rate} {rate}"
             )
 
 
-def _set_return_level(workshop: Workshop, link: Servo, register: Register, value: int) -> None:
-    """Set what a servo answers; it may be one that answers nothing but pings."""
+def _set_return_level(session: Session, servo: Servo, register: Register, value: int) -> None:
+    """Set the Status Return Level, also of a servo that answers pings only."""
     kept = register.eeprom
-    _ask(workshop, link, f"{register.name} = {value}" + (", and relax it" if kept else ""))
-    link.acknowledges_writes = False  # the answer, if any, is by the new level
+    _ask(session, servo, f"{register.name} = {value}" + (", and relax it" if kept else ""))
+    servo.acknowledges_writes = False  # the new level decides whether this write is answered
     if kept:
-        link.write(link.model.control_table.block("Torque Enable"), 0)
-    table = link.model.control_table
+        servo.write(servo.model.control_table.block("Torque Enable"), 0)
+    table = servo.model.control_table
     if "EEPROM Lock" in table:
-        link.write(table.block("EEPROM Lock"), 0)
-    link.write(table.block(register.name), value)
-    workshop.pause(EEPROM_PAUSE)
+        servo.write(table.block("EEPROM Lock"), 0)
+    servo.write(table.block(register.name), value)
+    session.pause(EEPROM_PAUSE)
     if "EEPROM Lock" in table:
-        link.write(table.block("EEPROM Lock"), 1)
+        servo.write(table.block("EEPROM Lock"), 1)
     if value == 0:
-        workshop.terminal.say(
-            f"servo {link.id} answers nothing but pings from now on; this tool needs --model "
-            f"{link.model.name} then"
+        session.terminal.print(
+            f"servo {servo.id} answers pings only from now on; give this tool --model "
+            f"{servo.model.name}"
         )
-    elif (after := link.get(register.name)) != value:
-        raise ToolError(f"servo {link.id} keeps {after} in {register.name}")
+    elif (after := servo.get(register.name)) != value:
+        raise ToolError(f"servo {servo.id} still has {after} in {register.name}")
 
 
-def _ask(workshop: Workshop, link: Servo, what: str) -> None:
-    workshop.terminal.confirm(f"Set {what} in servo {link.id} ({link.model.name})?")
+def _ask(session: Session, servo: Servo, what: str) -> None:
+    session.terminal.confirm(f"Set {what} in servo {servo.id} ({servo.model.name})?")
 
 
-def _check_memory(link: Servo) -> None:
-    if link.get("Torque Enable"):
+def _check_memory(servo: Servo) -> None:
+    if servo.get("Torque Enable"):
         raise RefusedError(
-            f"the torque of servo {link.id} is on, and its memory must not be changed then; hold "
-            f"what it carries, and relax it first: servo relax {link.id}"
+            f"the torque of servo {servo.id} is on, and its memory cannot be changed then; hold "
+            f"its load and relax it first: servo relax {servo.id}"
         )
-    if "Lock" in link.model.control_table and link.get("Lock"):
-        raise RefusedError(f"the memory of servo {link.id} is locked; switch its power off and on")
+    if "Lock" in servo.model.control_table and servo.get("Lock"):
+        raise RefusedError(f"the memory of servo {servo.id} is locked; cycle its power")
 
 
-def _check_goal(workshop: Workshop, link: Servo, name: str, value: int) -> None:
-    """Refuse goals of a relaxed servo, which may switch its torque on, and those out of range."""
-    if not link.get("Torque Enable"):
+def _check_goal(session: Session, servo: Servo, name: str, value: int) -> None:
+    """Refuse goals outside the limits, and goals of a relaxed servo: some switch torque on."""
+    if not servo.get("Torque Enable"):
         raise RefusedError(
-            f"servo {link.id} is relaxed; switch its torque on before it gets a goal: servo set "
-            f"{link.id} 'Torque Enable' 1"
+            f"servo {servo.id} is relaxed; switch its torque on first: servo set "
+            f"{servo.id} 'Torque Enable' 1"
         )
     if name != "Goal Position":
         return
-    low, high = _range(link)
+    low, high = _range(servo)
     if not low <= value <= high:
         raise RefusedError(
-            f"goal {value} is outside the limits of servo {link.id}, {low} to {high} "
-            f"({' and '.join(link.model.position_limits)})"
+            f"goal {value} is outside the limits of servo {servo.id}, {low} to {high} "
+            f"({' and '.join(servo.model.position_limits)})"
         )
-    speed = link.model.goal.registers[link.model.goal_order[1]].name
-    if link.get(speed) == 0:
-        workshop.terminal.confirm(
-            f"The {speed} of servo {link.id} is 0: it goes there at full speed. Go on?"
+    speed = servo.model.goal_speed
+    if servo.get(speed) == 0:
+        session.terminal.confirm(
+            f"The {speed} of servo {servo.id} is 0: it moves at full speed. Continue?"
         )
 
 
-def _hold(workshop: Workshop, link: Servo) -> None:
-    """Switch torque on where the servo stands, not on the way to an old goal."""
-    low, high = _range(link)
-    position = link.get("Present Position")
+def _switch_torque_on(session: Session, servo: Servo) -> None:
+    """Switch torque on with the present position as the goal."""
+    low, high = _range(servo)
+    position = servo.get("Present Position")
     try:
-        require_straight_path(link, position)
+        require_straight_path(servo, position)
     except PositionError as refusal:
         raise RefusedError(f"{refusal}, or cycle its power") from refusal
     if not low <= position <= high:
-        workshop.terminal.confirm(
-            f"Servo {link.id} is at {position}, outside its limits, {low} to {high}: with torque "
-            f"on it creeps to {max(low, min(high, position))}. Switch it on?"
+        session.terminal.confirm(
+            f"Servo {servo.id} is at {position}, outside its limits, {low} to {high}: with torque "
+            f"on it moves slowly to {max(low, min(high, position))}. Switch it on?"
         )
-    goal = run(pin(link))
-    workshop.terminal.say(f"its goal is {goal}, its speed the lowest")
+    goal = run(pin(servo))
+    session.terminal.print(f"goal {goal}, lowest speed")
 
 
-def _range(link: Servo) -> tuple[int, int]:
-    """Return the limits of a servo that goes to positions; refuse others."""
+def _range(servo: Servo) -> tuple[int, int]:
+    """Return the limits of a servo in position mode; refuse other modes."""
     try:
-        run(link.identify(keep_torque=True))
+        run(servo.identify(keep_torque=True))
     except ServoSetupError as refusal:
         raise RefusedError(str(refusal)) from refusal
-    return link.range
+    return servo.range
 
 
-def relax(workshop: Workshop, ids: Sequence[int], model: ServoModel | None) -> int:
-    """Switch torque off, of all servos if no id is given, and return the exit code."""
-    with workshop.port() as port:
+def relax(session: Session, ids: Sequence[int], model: ServoModel | None) -> int:
+    """Switch torque off, of all servos if there are no ids; return the exit code."""
+    with session.port() as port:
         if not ids:
             _relax_all(port, model)
-            workshop.terminal.show("torque off was sent to all servos")
+            session.terminal.show("torque off was sent to all servos")
         for servo_id in ids:
             find_servo(port, servo_id, model).set_torque(False)
-            workshop.terminal.show(f"servo {servo_id} is relaxed")
+            session.terminal.show(f"servo {servo_id} is relaxed")
     return 0
 
 
 def _is_feetech_line(port: DynamixelPort, model: ServoModel | None) -> bool:
-    """Return whether the servo with the lowest id up to 20 is one of Feetech's."""
+    """Return whether the servo with the lowest id up to 20 is a Feetech servo."""
     if model is not None:
         return model.family != "Dynamixel"
     for servo_id in range(21):
@@ -239,12 +238,12 @@ def _is_feetech_line(port: DynamixelPort, model: ServoModel | None) -> bool:
 
 
 def _relax_all(port: DynamixelPort, model: ServoModel | None) -> None:
-    """Switch torque off by broadcast, and one by one where a broadcast would hit other registers.
+    """Switch torque off by broadcast; one by one where that would write another register.
 
-    In protocol 2.0, Torque Enable of an XL-320 is at 24, where X servos have their Moving
-    Threshold; an XL-320 has nothing at 64, where theirs is. In protocol 1.0, Torque Enable of
-    Feetech servos is at 40, where those of Dynamixel take no writes; at 24, where theirs is,
-    Feetech servos have their start torque.
+    Protocol 2.0: address 64 is Torque Enable of X servos and unused in an XL-320. Address 24 is
+    Torque Enable of an XL-320, but Moving Threshold of X servos. Protocol 1.0: address 40 is Torque
+    Enable of Feetech servos, and read-only in Dynamixel ones. Address 24 is Torque Enable of
+    Dynamixel servos, but start torque of Feetech ones.
     """
     ax_address, feetech_address, x_address = (
         servo_model(name).control_table["Torque Enable"].address

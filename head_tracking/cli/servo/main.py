@@ -1,4 +1,4 @@
-"""servo: shows what servos measure, sets them up, and calibrates a head."""
+"""servo: shows, configures and calibrates servos."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 
-from head_tracking.cli.servo.bench import Terminal, Workshop
-from head_tracking.cli.servo.calibrate import Wanted, calibrate
+from head_tracking.cli.servo.calibrate import calibrate
 from head_tracking.cli.servo.changes import relax, set_baud_rate, set_register
 from head_tracking.cli.servo.overview import USUAL_BAUD_RATES, info, monitor, scan
+from head_tracking.cli.servo.session import Session, Terminal
 from head_tracking.command_line import (
     between,
     exit_code,
     named_id,
     read_by,
     servo_id,
-    with_numbers,
+    with_negative_values,
     writable_file,
 )
 from head_tracking.dynamixel.exceptions import ConfigurationError
@@ -26,23 +26,21 @@ _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
 
 _EPILOG = """\
 exit codes: 0 done; 1 failed (no port, no answer, no such register); 2 wrong command line;
-3 refused, because it could do harm or was not confirmed; 130 stopped by Ctrl-C
+3 refused or not confirmed; 130 Ctrl-C
 """
 
 
-def main(
-    arguments: Sequence[str] | None = None, workshop: Callable[..., Workshop] = Workshop
-) -> int:
-    """Carry out a command; return the exit code."""
+def main(arguments: Sequence[str] | None = None, session: Callable[..., Session] = Session) -> int:
+    """Run a command; return the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
-    options = _parser().parse_args(with_numbers(words))
+    options = _parser().parse_args(with_negative_values(words))
     terminal = Terminal(assume_yes=options.yes)
-    bench = workshop(terminal, options.port, options.baud or _DEFAULT_BAUD_RATE)
-    return exit_code("servo", lambda: options.run(bench, options))
+    opened = session(terminal, options.port, options.baud or _DEFAULT_BAUD_RATE)
+    return exit_code("servo", lambda: options.run(opened, options))
 
 
 def _common() -> argparse.ArgumentParser:
-    """Return the options that are allowed before the command and after it."""
+    """Return the options that are allowed before and after the command."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     add = common.add_argument
     add("--port", metavar="DEV", help=f"serial port ({_DEFAULT_PORT})")
@@ -59,7 +57,7 @@ def _common() -> argparse.ArgumentParser:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="servo",
-        description="Shows what servos measure, sets them up, and calibrates a head.",
+        description="Shows, configures and calibrates servos.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[_common()],
@@ -70,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     def add_command(name: str, purpose: str) -> argparse.ArgumentParser:
         return commands.add_parser(name, help=purpose, parents=[_common()])
 
-    command = add_command("scan", "look for servos over ids and baud rates")
+    command = add_command("scan", "find servos over ids and baud rates")
     command.add_argument(
         "--bauds", type=int, nargs="+", metavar="RATE",
         help=f"baud rates to try (that of --baud, or {' '.join(map(str, USUAL_BAUD_RATES))})",
@@ -80,8 +78,8 @@ def _parser() -> argparse.ArgumentParser:
         help="ids to try, such as 1 2 10-20 (0-253)",
     )  # fmt: skip
     command.set_defaults(
-        run=lambda w, o: scan(
-            w,
+        run=lambda s, o: scan(
+            s,
             o.bauds or ([o.baud] if o.baud else USUAL_BAUD_RATES),
             sorted({i for ids in o.ids for i in ids}),
         )
@@ -90,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     command = add_command("info", "show all registers of a servo")
     command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("--all", action="store_true", help="also the indirect registers")
-    command.set_defaults(run=lambda w, o: info(w, o.id, o.model, all_of_them=o.all))
+    command.set_defaults(run=lambda s, o: info(s, o.id, o.model, all_of_them=o.all))
 
     command = add_command("set", "write a register")
     command.add_argument("id", type=servo_id, metavar="ID")
@@ -99,23 +97,23 @@ def _parser() -> argparse.ArgumentParser:
         "value", metavar="VALUE",
         help="counts, or a quantity such as 11.5V, -30deg, 2rad/s; `full` for full speed",
     )  # fmt: skip
-    command.set_defaults(run=lambda w, o: set_register(w, o.id, o.register, o.value, o.model))
+    command.set_defaults(run=lambda s, o: set_register(s, o.id, o.register, o.value, o.model))
 
-    command = add_command("set-id", "give a servo another id")
+    command = add_command("set-id", "change the id of a servo")
     command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("new_id", type=servo_id, metavar="NEW")
-    command.set_defaults(run=lambda w, o: set_register(w, o.id, "ID", str(o.new_id), o.model))
+    command.set_defaults(run=lambda s, o: set_register(s, o.id, "ID", str(o.new_id), o.model))
 
-    command = add_command("set-baud", "give a servo another baud rate")
+    command = add_command("set-baud", "change the baud rate of a servo")
     command.add_argument("id", type=servo_id, metavar="ID")
     command.add_argument("rate", type=int, metavar="RATE")
-    command.set_defaults(run=lambda w, o: set_baud_rate(w, o.id, o.rate, o.model))
+    command.set_defaults(run=lambda s, o: set_baud_rate(s, o.id, o.rate, o.model))
 
     command = add_command("relax", "switch torque off")
     command.add_argument("ids", type=servo_id, nargs="*", metavar="ID", help="none: all servos")
-    command.set_defaults(run=lambda w, o: relax(w, _once(o.ids), o.model))
+    command.set_defaults(run=lambda s, o: relax(s, _once(o.ids), o.model))
 
-    command = add_command("monitor", "show what servos measure, until Ctrl-C")
+    command = add_command("monitor", "show measured values until Ctrl-C")
     command.add_argument("ids", type=servo_id, nargs="*", metavar="ID", help="none: ids 0 to 29")
     command.add_argument(
         "--rate", type=between(0.1, 100.0, "Hz"), default=10.0, metavar="HZ", help="(%(default)s)"
@@ -124,12 +122,12 @@ def _parser() -> argparse.ArgumentParser:
         "--count", type=between(1, 1e9, "times", int), metavar="N", help="stop after N times"
     )
     command.set_defaults(
-        run=lambda w, o: monitor(w, _once(o.ids), o.model, rate=o.rate, count=o.count)
+        run=lambda s, o: monitor(s, _once(o.ids), o.model, rate=o.rate, count=o.count)
     )
 
-    command = add_command("calibrate", "find zero, range and sign of joints by moving them by hand")
+    command = add_command("calibrate", "measure zero, range and direction of joints moved by hand")
     command.add_argument(
-        "servos", type=_wanted, nargs="+", metavar="NAME:ID",
+        "servos", type=_named_servo, nargs="+", metavar="NAME:ID",
         help="name in the configuration and servo id, such as head_pan:1 head_tilt:2",
     )  # fmt: skip
     command.add_argument(
@@ -137,10 +135,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--margin", type=between(0.0, 1.0, "rad"), default=0.03, metavar="RAD",
-        help="how far to stay away from both ends (%(default)s)",
+        help="distance of the limits from both ends (%(default)s)",
     )  # fmt: skip
     command.set_defaults(
-        run=lambda w, o: calibrate(w, o.servos, o.model, output=o.output, margin=o.margin)
+        run=lambda s, o: calibrate(s, o.servos, o.model, output=o.output, margin=o.margin)
     )
     return parser
 
@@ -157,8 +155,8 @@ def _ids(text: str) -> range:
     return ids
 
 
-def _wanted(text: str) -> Wanted:
+def _named_servo(text: str) -> tuple[str, int]:
     name, number = named_id(text)
     if not name.isidentifier():
         raise argparse.ArgumentTypeError(f"{name!r} is not a name, such as head_pan")
-    return Wanted(name, number)
+    return name, number

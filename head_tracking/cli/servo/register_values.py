@@ -7,7 +7,7 @@ import re
 from enum import IntFlag
 from typing import Final
 
-from head_tracking.cli.servo.bench import ToolError
+from head_tracking.cli.servo.session import ToolError
 from head_tracking.dynamixel.control_table import (
     NUMBER,
     ControlTable,
@@ -27,10 +27,10 @@ _OTHER_UNITS: Final = {
     "mA": {"A": 1e3},
     "V": {"mV": 1e-3},
 }
-"""What else a quantity may be given in, by the register's own unit."""
+"""Other units that are accepted, by the unit of the register."""
 
 UNLIMITED: Final = ("Moving Speed", "Profile Velocity")
-"""Registers in which 0 is full speed, not a stop."""
+"""Registers in which 0 means full speed."""
 
 
 def asks_for_full_speed(text: str) -> bool:
@@ -39,10 +39,10 @@ def asks_for_full_speed(text: str) -> bool:
 
 
 def find_register(table: ControlTable, text: str) -> Register:
-    """Return the register of that name, in capitals or not, or at that address.
+    """Return the register with a name, in any case, or at an address.
 
     Raises:
-        ToolError: There is none.
+        ToolError: there is none.
     """
     wanted = text.strip().replace("_", " ").lower()
     for register in table:
@@ -54,10 +54,10 @@ def find_register(table: ControlTable, text: str) -> Register:
 
 
 def parse_value(register: Register, text: str) -> int:
-    """Return the register value for a number of counts, a quantity with its unit, or "full".
+    """Convert counts, a quantity with its unit, or "full" to the value of a register.
 
     Raises:
-        ToolError: It is neither, or outside the register's range.
+        ToolError: the text is none of them, or outside the register's range.
     """
     if register.name in UNLIMITED and asks_for_full_speed(text):
         return 0
@@ -74,7 +74,7 @@ def parse_value(register: Register, text: str) -> int:
             units = ", ".join(scales) or "none"
             raise ToolError(f"{register.name} has no unit {unit!r}; its units: {units}")
         elif number != int(number):
-            raise ToolError(f"{register.name} counts whole numbers; {_allowed(register)}")
+            raise ToolError(f"{register.name} needs a whole number; {_allowed(register)}")
         else:
             value = register.from_counts(int(number))
     except (RangeError, OverflowError) as error:
@@ -82,14 +82,14 @@ def parse_value(register: Register, text: str) -> int:
             f"{text} does not fit into {register.name}; {_allowed(register)}"
         ) from error
     if not register.writable:
-        raise ToolError(f"{register.name} can only be read")
+        raise ToolError(f"{register.name} is read-only")
     if not register.admits(value):
         raise ToolError(f"{register.name} cannot be {text}; {_allowed(register)}")
     return value
 
 
-def in_words(model: ServoModel, register: Register, value: int) -> str:
-    """Return a value in the register's unit, or the meaning of a code; "" for plain numbers."""
+def as_text(model: ServoModel, register: Register, value: int) -> str:
+    """Return a value in its unit, or the meaning of a code; empty for plain numbers."""
     if register.name == "Baud Rate":
         return f"{model.baud_rates.get(value, '?')} baud"
     if register.name in ("Shutdown", "Alarm LED", "Hardware Error Status"):
@@ -111,7 +111,7 @@ def in_words(model: ServoModel, register: Register, value: int) -> str:
 
 def _allowed(register: Register) -> str:
     if not register.writable or register.minimum is None or register.maximum is None:
-        return "it can only be read"
+        return "it is read-only"
     if register.sign.bit:
         largest = (1 << register.sign.bit) - 1
         return f"allowed are {-min(largest, register.maximum)} to {min(largest, register.maximum)}"

@@ -1,12 +1,12 @@
-// The camera's picture with an SVG overlay: click to look there, drag to look around, tap a face.
-import { by, element, write } from "./dom.js";
+// The camera picture with boxes: click to look there, drag to look around, tap a name to follow a person.
+import { button, by, element, write } from "./dom.js";
 
-const DRAG = 6, DRAG_PERIOD = 120; // pixels, ms
+const DRAG = 6, DRAG_PERIOD = 120, MOST_CROPPED = 1.25; // pixels, ms, ratio
 
 export class CameraPicture {
   /**
-   * @param {(u: number, v: number, stamp: string) => void} look receives a place in the picture, in shares.
-   * @param {(frame: string) => void} follow receives the frame of a face.
+   * @param {(u: number, v: number, stamp: string) => void} look receives a place in the picture, in fractions.
+   * @param {(frame: string) => void} follow receives the frame of a person.
    */
   constructor(look, follow) {
     this.image = by("picture");
@@ -66,11 +66,12 @@ export class CameraPicture {
     this.mark([]);
   }
 
-  /** Return where the picture is inside its card: it covers the card as far as 4:3 allows. */
+  /** Return where the picture is inside its card. It covers the card, unless too much would be cropped. */
   inner() {
     const { clientWidth, clientHeight } = by("camera");
     const { naturalWidth: across, naturalHeight: down } = this.image;
-    const scale = Math.min(clientWidth / across, clientHeight / down);
+    const scales = [clientWidth / across, clientHeight / down], [least, most] = [Math.min(...scales), Math.max(...scales)];
+    const scale = most / least < MOST_CROPPED ? most : least;
     const width = across * scale, height = down * scale;
     return { left: (clientWidth - width) / 2, top: (clientHeight - height) / 2, width, height };
   }
@@ -81,14 +82,15 @@ export class CameraPicture {
     const inner = this.inner(), layout = JSON.stringify(inner);
     if (layout === this.layout) return;
     this.layout = layout;
-    for (const id of ["overlay", "labels"]) for (const [key, value] of Object.entries(inner)) by(id).style[key] = `${value}px`;
+    for (const id of ["picture", "overlay", "labels"]) for (const [key, value] of Object.entries(inner)) by(id).style[key] = `${value}px`;
   }
 
-  /** Mark what was found; a box without a frame is what the head follows. */
+  /** Mark persons and the followed target; the box of the target has no frame. */
   mark(boxes) {
     const seen = new Set(boxes.map((one) => one.frame));
     for (const [frame, { box, label }] of this.faces) if (!seen.has(frame)) { box.remove(); label.remove(); this.faces.delete(frame); }
-    const { clientWidth: across, clientHeight: down } = by("labels");
+    const { clientWidth: across, clientHeight: down, offsetLeft, offsetTop } = by("labels");
+    const visible = { left: Math.max(0, -offsetLeft), top: Math.max(0, -offsetTop), across, down };
     const taken = boxes.map(({ box: [x, y, width, height] }) => ({ x: x * across, y: y * down, width: width * across, height: height * down }));
     for (const [number, one] of boxes.entries()) {
       const face = this.faces.get(one.frame) ?? this.add(one.frame);
@@ -96,19 +98,19 @@ export class CameraPicture {
       for (const [key, value] of Object.entries({ x, y, width, height })) face.box.setAttribute(key, value);
       face.label.hidden = x > 1 || x + width < 0;
       write(face.label, one.distance === null ? one.label : `${one.label} · ${one.distance.toFixed(1)} m`);
-      if (!face.label.hidden) taken.push(this.placeLabel(face, taken[number], taken, across, down));
+      if (!face.label.hidden) taken.push(this.placeLabel(face, taken[number], taken, visible));
     }
   }
 
-  /** Put a label where it hides the least: above its box, below it or beside it; return where. */
-  placeLabel(face, box, taken, across, down) {
+  /** Put a label where it overlaps the least: above its box, below it or beside it; return where. */
+  placeLabel(face, box, taken, { left, top, across, down }) {
     const size = { width: face.label.offsetWidth, height: face.label.offsetHeight };
     const spots = [[box.x, box.y - size.height], [box.x, box.y + box.height], [box.x + box.width, box.y], [box.x - size.width, box.y]].map(([x, y]) => ({
-      x: Math.max(0, Math.min(x, across - size.width)), y: Math.max(0, Math.min(y, down - size.height)), ...size,
+      x: Math.max(left, Math.min(x, across - left - size.width)), y: Math.max(top, Math.min(y, down - top - size.height)), ...size,
     }));
     const hides = (spot) => taken.reduce((sum, one) => sum + overlap(spot, one), 0);
     const least = Math.min(...spots.map(hides));
-    if (!spots[face.side] || hides(spots[face.side]) > least) face.side = spots.findIndex((spot) => hides(spot) === least); // it stays while it may
+    if (!spots[face.side] || hides(spots[face.side]) > least) face.side = spots.findIndex((spot) => hides(spot) === least); // no change without need
     const spot = spots[face.side];
     face.label.style.left = `${spot.x}px`;
     face.label.style.top = `${spot.y}px`;
@@ -117,9 +119,8 @@ export class CameraPicture {
 
   add(frame) {
     const box = element(by("overlay"), "rect", { rx: 0.02 });
-    const label = element(by("labels"), "button", { type: "button" });
-    if (frame) label.onclick = () => this.follow(frame);
-    else for (const node of [box, label]) node.classList.add("on");
+    const label = frame ? button(by("labels"), "", () => this.follow(frame)) : element(by("labels"), "p");
+    if (!frame) for (const node of [box, label]) node.classList.add("on");
     this.faces.set(frame, { box, label });
     return this.faces.get(frame);
   }

@@ -1,4 +1,4 @@
-// Small helpers for the page's elements, and requests to its server.
+// Helpers for the page's elements, and requests to its server.
 const SVG = "http://www.w3.org/2000/svg";
 
 export const by = (id) => document.getElementById(id);
@@ -13,14 +13,14 @@ export function element(parent, name, attributes = {}, text = "") {
   return parent.appendChild(made);
 }
 
-/** Add a button with what it does. */
+/** Add a button with its action. */
 export function button(parent, text, act, attributes = {}) {
   const made = element(parent, "button", { type: "button", ...attributes }, text);
   made.onclick = act;
   return made;
 }
 
-/** Set a text only where it changes: screen readers announce each change. */
+/** Set a text only if it changes: screen readers announce each change. */
 export function write(node, text) { if (node.textContent !== text) node.textContent = text; }
 
 /** Offer options in a menu; the choice stays while it is still offered. */
@@ -58,6 +58,23 @@ export async function send(path, body = {}, method = "POST") {
 export const get = (path) => send(path, null, "GET");
 export const command = (name, body) => send(`/head/do/${name}`, body);
 
-/** Return whether somebody changes an input now: it must not be overwritten. */
+/** Return a function that sends values one after the other. While one is being sent, only the latest is kept. */
+export function latestOnly(send) {
+  let next = null, isSending = false;
+  return async (...values) => {
+    next = values;
+    if (isSending) return;
+    isSending = true;
+    try {
+      while (next) {
+        const present = next;
+        next = null;
+        await send(...present);
+      }
+    } finally { isSending = false; }
+  };
+}
+
+/** Return whether the user changes an input now: it must not be overwritten. */
 export const isHeld = (input) => document.activeElement === input || performance.now() < (input.heldUntil ?? 0);
 export function hold(input) { input.heldUntil = performance.now() + 1500; }

@@ -1,37 +1,37 @@
-// The page: the live websocket, STOP, and the places. What a person sets stays in their browser.
+// The page: the live websocket, STOP and the tabs.
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
 import { button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
-import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./places.js";
+import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
 import { RobotScene } from "./scene.js";
-import { Steering } from "./steer.js";
+import { Steering, titleOf } from "./steer.js";
 
-const SILENT = 3000; // ms without a state: the server hangs
+const SILENT = 3000; // ms without a state until the page shows "disconnected"
 const STEPS = [
-  ["This is your head", "The page shows what its camera sees, and the robot as it stands. Click into the picture and the head looks there."],
+  ["This is your head", "The page shows its camera picture and the robot in 3D. Click into the picture, and the head looks there."],
   ["This is STOP: try it", "STOP, or the key Esc, relaxes all servos at once. Nothing moves again until you press Resume."],
-  ["Let it follow you", "Choose Face, and the head follows the nearest person. Hands off leaves it alone."],
+  ["Let it follow you", "Choose Face, and the head follows the nearest person. Hands off ends that."],
 ];
 
 class Page {
   constructor() {
     this.state = null;
     this.about = null;
-    this.silent = ""; // why nothing is heard of the robot
-    this.failing = {}; // why a part can't be shown here, by part
-    this.scene = new RobotScene(by("scene"), (point) => this.steer.lead("look", { point, take_over: true }));
+    this.silent = ""; // why no states are received
+    this.failing = {}; // why this browser can't show a part, by part
+    this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point, take_over: true }));
     this.chart = new Chart(by("lines"));
     this.steer = new Steering(() => this.canSteer());
     this.camera = new CameraPicture(
-      (u, v, stamp) => this.steer.lead("look", { u, v, stamp, topic: by("source").value, take_over: true }),
+      (u, v, stamp) => this.steer.send("look", { u, v, stamp, topic: by("source").value, take_over: true }),
       (frame) => this.steer.command("mode", { mode: "follow a frame", frame }),
     );
     this.joints = new Joints((joints) => this.steer.aim(joints));
     this.tuning = new Tuning();
     this.calibration = new Calibration((text, yes) => this.tuning.ask(text, yes));
     this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob) : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
-    this.recordings = new Recordings((opened) => { this.replay.open(opened); this.go("live"); });
+    this.recordings = new Recordings((opened) => { this.replay.open(opened); this.openTab("live"); });
     by("stop").onclick = () => this.stop();
     by("resume").onclick = () => { by("resume").blur(); send("/head/resume"); };
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
@@ -44,7 +44,7 @@ class Page {
     if (!localStorage.getItem("head-welcomed")) this.welcome(0);
   }
 
-  /** Return whether commands may be sent: a recording is no robot. */
+  /** Return whether commands may be sent: none during a replay. */
   canSteer() {
     if (this.replay.opened) toast("A recording is shown in this browser: press Back to the robot first.");
     return !this.replay.opened;
@@ -55,7 +55,7 @@ class Page {
     if (text) toast(text, 12);
   }
 
-  /** Esc is STOP where nothing is open that it closes. */
+  /** Esc closes an open dialog or menu; else it is STOP. */
   onKey(event) {
     if (event.key !== "Escape" || event.repeat) return;
     const dialog = document.querySelector("dialog[open]");
@@ -67,28 +67,28 @@ class Page {
   makeTabs() {
     const tabs = [...document.querySelectorAll("[role=tab]")];
     for (const [number, tab] of tabs.entries()) {
-      tab.onclick = () => this.go(tab.dataset.place);
+      tab.onclick = () => this.openTab(tab.dataset.tab);
       tab.onkeydown = (event) => {
         const step = { ArrowDown: 1, ArrowRight: 1, ArrowUp: -1, ArrowLeft: -1 }[event.key];
         if (!step) return;
         event.preventDefault();
         const next = tabs[(number + step + tabs.length) % tabs.length];
         next.focus();
-        this.go(next.dataset.place);
+        this.openTab(next.dataset.tab);
       };
     }
   }
 
-  go(place) {
+  openTab(name) {
     for (const tab of document.querySelectorAll("[role=tab]")) {
-      tab.setAttribute("aria-selected", tab.dataset.place === place);
-      tab.tabIndex = tab.dataset.place === place ? 0 : -1;
+      tab.setAttribute("aria-selected", tab.dataset.tab === name);
+      tab.tabIndex = tab.dataset.tab === name ? 0 : -1;
     }
-    for (const section of document.querySelectorAll("section[data-place]")) section.hidden = section.dataset.place !== place;
-    const home = place === "tune" ? by("tune") : by("live"); // the chart shows what a change does
+    for (const section of document.querySelectorAll("section[data-tab]")) section.hidden = section.dataset.tab !== name;
+    const home = name === "tune" ? by("tune") : by("live"); // on Tune, the chart shows the effect of a change
     if (by("chart").parentNode !== home) home.prepend(by("chart"));
-    if (place === "tune") this.tuning.refresh();
-    if (place === "record") this.recordings.refresh();
+    if (name === "tune") this.tuning.refresh();
+    if (name === "record") this.recordings.refresh();
     this.chooseCamera();
   }
 
@@ -131,17 +131,17 @@ class Page {
       this.heard = performance.now();
       this.setSilent("");
       if (typeof data !== "string") {
-        if (!this.replay.opened && by("source").value !== "none") { // one may be on its way still
+        if (!this.replay.opened && by("source").value !== "none") { // one may still arrive
           await this.camera.show(data);
           this.scene.showPicture(this.camera.image);
         }
         if (socket.readyState === WebSocket.OPEN) socket.send("got");
         return;
       }
-      const said = JSON.parse(data);
-      if (said.type === "robot") this.setRobot((this.robot = said), true);
-      else if (said.type === "about") this.showAbout(said);
-      else if (!this.replay.opened) this.show(said);
+      const message = JSON.parse(data);
+      if (message.type === "robot") this.setRobot((this.robot = message), true);
+      else if (message.type === "about") this.showAbout(message);
+      else if (!this.replay.opened) this.show(message);
     };
     socket.onclose = ({ code, reason }) => {
       this.setSilent(code === 4008 ? reason : "the page's server does not answer; trying again");
@@ -149,11 +149,11 @@ class Page {
     };
   }
 
-  /** Say why nothing is heard of the robot, and take no input for it until it is; STOP stays. */
+  /** Show why no states are received; only STOP can be used until then. Empty: they are received. */
   setSilent(why) {
     if (this.silent === why) return;
     this.silent = why;
-    for (const place of ["live", "joints"]) by(place).inert = Boolean(why);
+    for (const name of ["live", "joints"]) by(name).inert = Boolean(why);
     this.showWord();
   }
 
@@ -173,7 +173,7 @@ class Page {
     if (isLive) this.joints.setRobot(robot);
   }
 
-  /** Show joints, target and faces: what changes 25 times a second. */
+  /** Show joints, target and boxes: they change 25 times a second. */
   show(state) {
     this.state = state;
     const names = this.shownRobot?.independent ?? [];
@@ -190,10 +190,10 @@ class Page {
     this.showWord();
   }
 
-  /** Show what the head does, in the live robot or in the recording. */
+  /** Show the status of the head, live or recorded. */
   showWord() {
     const { word, text: why } = this.silent ? { word: "disconnected", text: this.silent } : this.state?.word ? this.state : this.live();
-    if (!word) return; // nothing has come yet
+    if (!word) return; // no state has been received
     by("pill").dataset.word = word;
     write(by("word"), word);
     write(by("why"), why);
@@ -201,15 +201,15 @@ class Page {
   }
 
   live() {
-    const { word, text, stop } = this.about ?? {}, { error } = this.state ?? {};
+    const { word, text, stop, mode, error } = this.about ?? {};
     const off = error == null || word === "stopped" ? "" : `${degrees(error).toFixed(1)}° off`;
-    return { word, text: [text, stop, off].filter(Boolean).join(" · ") };
+    return { word, text: [text || (word === "on target" ? titleOf(mode) : ""), stop, off].filter(Boolean).join(" · ") };
   }
 
-  /** Show modes, servos and health: what changes four times a second at most. */
+  /** Show modes, servos and health: they change four times a second at most. */
   showAbout(about) {
     showFailing({ ...about.failing, ...this.failing });
-    if (!about.word) { // nothing is known about the robot now, so nothing older is called its state
+    if (!about.word) { // the server could not sample the state: an older one must not be shown
       this.about = { word: "fault", text: "the state of the robot can't be shown" };
       return this.showWord();
     }

@@ -1,16 +1,17 @@
-// A recording on the time line of this browser; other browsers go on with the robot.
-import { by, element, get, offer, write } from "./dom.js";
+// The replay of a recording in this browser; other browsers still show the robot.
+import { by, element, get, latestOnly, offer, write } from "./dom.js";
 
 const PERIOD = 66, MOST_MARKS = 200; // ms
 
 export class Replay {
   /**
-   * @param {(state: object) => void} show receives what was seen.
-   * @param {(blob: Blob | null) => void} showPicture receives what the camera saw.
-   * @param {(robot: object | null) => void} change receives the recorded robot; null: back to the live one.
+   * @param {(state: object) => void} show receives the recorded state.
+   * @param {(blob: Blob | null) => void} showPicture receives the recorded picture.
+   * @param {(robot: object | null) => void} change receives the recorded robot; null: the live one again.
    */
   constructor(show, showPicture, change) {
     Object.assign(this, { show, showPicture, change, opened: null, speed: 1 });
+    this.load = latestOnly(() => this.request());
     by("play").onclick = () => this.play(!this.playing);
     by("back").onclick = () => this.close();
     by("time").oninput = () => { this.play(false); this.go(Number(by("time").value)); };
@@ -54,23 +55,22 @@ export class Replay {
     }, PERIOD);
   }
 
-  /** Go to a time [s]; while a request is under way only the latest time is kept. */
-  async go(time) {
+  /** Show a time of the recording [s]. */
+  go(time) {
     this.at = time;
     by("time").value = time;
     write(by("clock"), `${time.toFixed(1)} / ${this.opened.duration.toFixed(1)} s`);
-    if (this.asking) return;
-    this.asking = true;
-    let asked = null;
-    while (this.opened && asked !== this.at) {
-      const { opened } = this;
-      asked = this.at;
-      const address = `/head/replay/${opened.key}`;
-      const [state, picture] = await Promise.all([get(`${address}/at?time=${asked}`), opened.pictures ? fetch(`${address}/picture?time=${asked}`).catch(() => null) : null]);
-      if (this.opened !== opened || state.done === false) break;
-      this.show(state);
-      this.showPicture(picture?.status === 200 ? await picture.blob() : null);
-    }
-    this.asking = false;
+    this.load();
+  }
+
+  async request() {
+    const { opened, at } = this;
+    if (!opened) return;
+    const address = `/head/replay/${opened.key}`;
+    const picture = opened.pictures ? fetch(`${address}/picture?time=${at}`).catch(() => null) : null;
+    const [state, answer] = await Promise.all([get(`${address}/at?time=${at}`), picture]);
+    if (this.opened !== opened || state.done === false) return;
+    this.show(state);
+    this.showPicture(answer?.status === 200 ? await answer.blob() : null);
   }
 }

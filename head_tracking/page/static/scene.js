@@ -1,4 +1,4 @@
-// The robot in 3D: forward kinematics in the browser from one array of joint positions.
+// The robot in 3D, with forward kinematics in the browser.
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
 const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20; // m
@@ -25,7 +25,7 @@ function put(node, [x, y, z, qx, qy, qz, qw]) {
   node.quaternion.set(qx, qy, qz, qw);
 }
 
-/** Return a name that always faces the viewer. */
+/** Return a text that always faces the viewer. */
 function nameOf(text) {
   const canvas = Object.assign(document.createElement("canvas"), { width: 256, height: 32 }), context = canvas.getContext("2d");
   Object.assign(context, { font: "22px sans-serif", fillStyle: "white", strokeStyle: "#222", lineWidth: 4 });
@@ -44,7 +44,7 @@ function geometryOf({ kind, size }) {
 }
 
 export class RobotScene {
-  /** @param {(point: number[]) => void} onPoint receives where to look [m]. */
+  /** @param {(point: number[]) => void} onPoint receives a point to look at [m]. */
   constructor(place, onPoint) {
     this.place = place;
     THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
@@ -81,7 +81,7 @@ export class RobotScene {
     new ResizeObserver(() => this.resize()).observe(place);
   }
 
-  /** A click on the floor looks there; who drags the target moves it, parallel to the screen. */
+  /** A click on the floor looks there; dragging the target moves it parallel to the screen. */
   listen(onPoint) {
     const canvas = this.renderer.domElement, floor = new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), { ray } = this.caster;
     let pressed = null, dragged = null, due = 0;
@@ -117,7 +117,7 @@ export class RobotScene {
     canvas.addEventListener("pointercancel", () => { pressed = dragged = null; this.controls.enabled = true; });
   }
 
-  /** Draw a part, or leave it out. */
+  /** Show or hide a part. */
   want(part, isWanted) {
     this.wanted[part] = isWanted;
     for (const node of part === "frames" ? (this.axes ?? []) : [this.parts[part]]) if (node) node.visible = isWanted;
@@ -134,7 +134,7 @@ export class RobotScene {
     this.request();
   }
 
-  /** Draw once, soon; nothing while nothing changes. Without a graphics card the robot goes first. */
+  /** Draw once, soon; less often without a graphics card, to leave the processor to the robot. */
   request() {
     if (this.requested || !this.place.clientWidth) return;
     this.requested = true;
@@ -186,7 +186,7 @@ export class RobotScene {
     this.framed = this.moved = false;
   }
 
-  /** A mesh has come: show the robot as a whole again, unless a person has moved the view. */
+  /** A mesh was loaded: frame the whole robot again, unless the user has moved the view. */
   added() {
     if (!this.moved) this.framed = false;
     this.shown = "";
@@ -269,7 +269,7 @@ export class RobotScene {
     this.request();
   }
 
-  /** Show robot and frustum as a whole, once. */
+  /** Fit the view to robot and frustum, once. */
   frame() {
     const box = new THREE.Box3();
     this.root.updateWorldMatrix(true, true);

@@ -1,5 +1,5 @@
-// What the head looks at: mode cards with their options, and the pad for pan and tilt.
-import { button, by, command, element, offer, write } from "./dom.js";
+// Mode cards with their options, and the pad for pan and tilt.
+import { button, by, command, element, latestOnly, offer, write } from "./dom.js";
 
 const ICONS = {
   face: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm-3 7v1m6-1v1m-6.5 4a5 5 0 0 0 7 0", ball: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm0 0v18M3 12h18M6 5.5c4 3.5 4 9.5 0 13m12-13c-4 3.5-4 9.5 0 13",
@@ -11,17 +11,23 @@ const CARDS = {
   face: ["Face", "the nearest person", "face"], ball: ["Ball", "the coloured one", "ball"], marker: ["Marker", "on the wall", "marker"],
   point: ["Point", "turn to it once", "point"], track: ["Track", "stay on a point", "track"], path: ["Path", "circle, square, eight", "path"],
   "follow a frame": ["Frame", "wherever it goes", "frame"], nothing: ["Hands off", "leave it alone", "nothing"],
-  "fictitious target": ["Simulated", "the moving point", "path"], target_mux: ["Mux", "what target_mux says", "track"], "what the camera finds": ["Camera", "what it finds", "face"],
+  "fictitious target": ["Simulated", "the moving point", "point"], target_mux: ["Mux", "what target_mux selects", "track"], "what the camera finds": ["Camera", "what it finds", "face"],
 };
+export const titleOf = (mode) => CARDS[mode]?.[0] ?? mode;
 const SHAPES = [["circle", "Circle"], ["square", "Square"], ["figure of eight", "Figure of eight"], ["points", "Points of my own"]];
 const reach = ([low, high]) => Math.max(-low, high, 0.01);
 const within = (value, [low, high]) => Math.min(Math.max(value, low), high);
 
 export class Steering {
-  /** @param {() => boolean} canSteer says whether commands may be sent now. */
+  /** @param {() => boolean} canSteer returns whether commands may be sent. */
   constructor(canSteer) {
     this.canSteer = canSteer;
     this.points = [];
+    this.joints = {}; // of the pad and the sliders, not sent yet
+    this.send = latestOnly((name, body) => {
+      this.joints = {};
+      return this.command(name, body);
+    });
     this.makeOptions();
     this.makePad();
     by("centre").onclick = () => this.command("centre");
@@ -48,7 +54,7 @@ export class Steering {
     this.frame.onchange = () => { this.frame.blur(); if (this.mode === "follow a frame") this.go(); };
   }
 
-  /** Do what the options of the mode say. */
+  /** Send the options of the mode. */
   async go() {
     const speed = Number(this.speed.value);
     if (this.mode === "follow a frame") await this.command("mode", { mode: this.mode, frame: this.frame.value });
@@ -58,7 +64,6 @@ export class Steering {
   }
 
   choose(mode) {
-    this.opened = mode;
     if (mode === "path") { this.mode = mode; return this.go(); }
     return this.command("mode", { mode, frame: this.frame.value });
   }
@@ -66,7 +71,7 @@ export class Steering {
   show(state) {
     this.mode = state.mode;
     offer(this.frame, state.frames.map((name) => [name, name]), this.frame.value || (state.frames.includes("base_link") ? "base_link" : state.frames[0]));
-    write(by("target"), state.target_text);
+    write(by("target"), ["point", "track"].includes(state.mode) ? state.target_text : "");
     for (const [mode, [title, text, icon]] of Object.entries(CARDS)) {
       const possible = state.modes.includes(mode), rare = !["face", "ball", "marker", "point", "path", "nothing"].includes(mode);
       let card = by("cards").querySelector(`[data-mode="${mode}"]`);
@@ -113,26 +118,17 @@ export class Steering {
     };
   }
 
-  /** Aim at a place of the pad: its edge is the joint limit that is farthest from 0. */
+  /** Move the joints to a place of the pad. Its edge is the joint limit that is farthest from 0. */
   aimAt(x, y) {
     const { robot } = this;
     if (!robot?.pan) return;
     this.aim({ [robot.pan]: within(this.left() * -x * reach(robot.pan_limits), robot.pan_limits), [robot.tilt]: within(y * reach(robot.tilt_limits) * this.down(), robot.tilt_limits) });
   }
 
-  aim(joints) { return this.lead("aim", { joints: { ...this.wanted?.body.joints, ...joints } }); }
-
-  /** Send what is led by hand. While a command is under way only the latest is kept: none overtakes another. */
-  async lead(name, body) {
-    this.wanted = { name, body };
-    if (this.leading) return;
-    this.leading = true;
-    while (this.wanted) {
-      const next = this.wanted;
-      this.wanted = null;
-      await this.command(next.name, next.body);
-    }
-    this.leading = false;
+  /** Move joints [rad or m]; joints that wait to be sent go into the same command. */
+  aim(joints) {
+    this.joints = { ...this.joints, ...joints };
+    return this.send("aim", { joints: this.joints });
   }
 
   /** Return 1 where a positive pan looks left, -1 where it looks right. */

@@ -1,7 +1,7 @@
 """The services of the servo bus.
 
-None of them keeps another one waiting, nor a command: each hands its work to the bus's thread,
-which takes it in steps between its cycles, and answers when that is done. Relaxing is done at once.
+No service delays another one, or a command: the thread of the bus executes each request in steps
+between its cycles. Requests to relax are executed at once.
 """
 
 from __future__ import annotations
@@ -33,17 +33,16 @@ Request = Callable[[ServoBus, Joints], object]
 
 
 class BusServices:
-    """Offers torque, relaxing, recovery, stopping and starting, and the servos' memory.
+    """Offers the services for torque, recovery, stopping and starting, and the EEPROM.
 
-    No callback of another node of the process delays them, and none of them another one, least of
-    all `stop`; see `UrgentServices`.
+    They run in threads of their own, see `UrgentServices`.
 
     Args:
         bus: the node servo_bus.
-        servos: carry the requests out.
-        loop: STOP is its; while the head is stopped only what takes torque away is done.
-        eeprom: what to write into the servos' memory when somebody asks for it.
-        short_names: whether services of the whole bus are offered without the node's name, too.
+        servos: execute the requests.
+        loop: has STOP; while the head is stopped, only requests to relax are executed.
+        eeprom: returns the settings that `write_eeprom` writes.
+        short_names: offer the services of the whole bus also without the node's name.
     """
 
     def __init__(
@@ -70,7 +69,7 @@ class BusServices:
         self._services.start()
 
     def close(self) -> None:
-        """Offers nothing any more."""
+        """Withdraw the services."""
         self._services.close()
 
     def _offer_for_joint(self, controller: str, joint: Joints) -> None:
@@ -95,7 +94,7 @@ class BusServices:
         self._services.offer(kind, name, callback)
 
     def _switch(self, joints: Joints, on: bool) -> str:
-        if not on and self._loop.owners.stopped:  # relaxed they are; a cable may have been out
+        if not on and self._loop.owners.stopped:  # repeat STOP: a cable may have been unplugged
             problems = {j: problem for j, problem in self._loop.stop().items() if problem}
             if problems:
                 raise TorqueError(False, problems)
@@ -109,7 +108,7 @@ class BusServices:
 
     def _start(self, joints: Joints) -> str:
         self._run(joints, lambda bus, share: bus.starting(share))
-        return f"{', '.join(joints)}: started, relaxed until a command comes"
+        return f"{', '.join(joints)}: started, relaxed until the first command"
 
     def _restart(self, joints: Joints) -> str:
         self._loop.owners.permit()
@@ -123,7 +122,7 @@ class BusServices:
         faulted = [joint for share in found for joint in share]
         if not faulted:
             return "no servo has a fault"
-        return f"{', '.join(faulted)}: recovered, relaxed until a command comes"
+        return f"{', '.join(faulted)}: recovered, relaxed until the first command"
 
     def _write_eeprom(self, joints: Joints) -> str:
         settings = self._eeprom()
@@ -150,16 +149,14 @@ class BusServices:
         """Return the result of each bus; raise the first error after all have ended.
 
         Args:
-            joints: which.
-            request: what is to be done.
-            timeout: how long it may take [s].
-            relaxes: whether it only takes torque away; then it is done although the head is
-                stopped.
+            joints: their names.
+            request: the function to run in the thread of each bus.
+            timeout: maximum time [s].
+            relaxes: whether it only switches off torque, which is done also after a STOP.
 
         Raises:
-            StoppedError: the head is stopped, or was before the request was carried out.
-            TimeoutError: it is not done in time; nothing more of it will be done, unless it is to
-                relax, which nobody takes back.
+            StoppedError: the head is stopped, or was before the request was executed.
+            TimeoutError: the time has passed. The request is cancelled, unless it is to relax.
         """
         timeout = timeout or _TIMEOUT
         epoch = None if relaxes else self._loop.owners.permit()
@@ -168,8 +165,8 @@ class BusServices:
         if late and not relaxes:
             late = [future for future in late if future.cancel()]
         if late:
-            more = "it goes on trying" if relaxes else "nothing more of it will be done"
-            raise TimeoutError(f"the bus has not done it within {timeout} s; {more}")
+            more = "it keeps trying" if relaxes else "the request is cancelled"
+            raise TimeoutError(f"the bus has not executed the request within {timeout} s; {more}")
         errors = [error for error in (future.exception() for future in futures) if error]
         if errors:
             raise errors[0]

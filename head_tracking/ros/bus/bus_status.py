@@ -1,4 +1,4 @@
-"""What the servo bus says on /diagnostics."""
+"""The diagnostics of the servo bus."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ _BAD = {Health.UNKNOWN, Health.LOST, Health.FAULTED}
 
 @dataclass(frozen=True, slots=True)
 class BusStatus:
-    """What there is to know about a bus at one moment.
+    """The status of a bus at one moment.
 
     Attributes:
         port_name: the port.
         statistics: counters.
-        timing: how the cycle keeps up.
-        states: what the last cycle read, by joint.
+        timing: of the cycle.
+        states: of the latest cycle, by joint.
         now: time on the clock of the stamps [ns].
-        settings: says which temperatures are too high.
+        settings: with the temperature limits.
     """
 
     port_name: str
@@ -46,13 +46,13 @@ class BusStatus:
 
     @property
     def faults(self) -> int:
-        """Transactions that were answered badly or not at all, and adapters that went."""
+        """Number of transactions without a valid reply, and of lost adapters."""
         failed = sum(servo.timeouts + servo.corrupt for servo in self.statistics.servos)
         return failed + self.statistics.port_losses
 
     @property
     def in_short(self) -> str:
-        """A few words for a status line, such as "50 Hz"."""
+        """The status in a few words, such as "50 Hz"."""
         if not self.statistics.connected:
             return "unplugged"
         silent = sum(servo.lost for servo in self.statistics.servos)
@@ -62,7 +62,7 @@ class BusStatus:
 
 
 def combined(statuses: Sequence[BusStatus]) -> BusStatus:
-    """The status of several buses as if they were one, with the timing of the slowest."""
+    """Return the status of several buses as one, with the timing of the slowest."""
     first, *others = statuses
     if not others:
         return first
@@ -82,7 +82,7 @@ def combined(statuses: Sequence[BusStatus]) -> BusStatus:
 
 
 def bus_diagnostics(status: BusStatus) -> list[DiagnosticStatus]:
-    """One entry for the bus and one for every servo; OK only with fresh data."""
+    """Return an entry for the bus and one for each servo; OK only with recent data."""
     return [_bus(status), *(_servo(servo, status) for servo in status.statistics.servos)]
 
 
@@ -91,7 +91,7 @@ def _bus(status: BusStatus) -> DiagnosticStatus:
     level = Level.OK
     message = f"{timing.reached_rate:.1f} of {timing.update_rate:.1f} cycles per second"
     if not counted.connected:
-        level, message = Level.ERROR, "the port has gone; it is looked for all the time"
+        level, message = Level.ERROR, "the port is missing; waiting for it"
     elif counted.adapter.advice:
         level, message = Level.WARN, counted.adapter.advice
     elif 0 < timing.reached_rate < 0.9 * timing.update_rate:
@@ -150,7 +150,7 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
 
 
 def _verdict(servo: ServoStatistics, age: float | None, status: BusStatus) -> tuple[Level, str]:
-    """Level and message; the worst comes first."""
+    """Return level and message of the most severe problem."""
     fresh = max(_FRESH_SECONDS, _FRESH_CYCLES / status.timing.update_rate)
     errors = describe_errors(servo.errors)
     if servo.health is Health.FAULTED:
@@ -166,8 +166,8 @@ def _verdict(servo: ServoStatistics, age: float | None, status: BusStatus) -> tu
     if servo.symptoms:
         serious = any(symptom.serious for symptom in servo.symptoms)
         level = Level.ERROR if serious else Level.WARN
-        told = [f"{symptom.value}: {text}" for symptom, text in servo.symptoms.items()]
-        return level, "; ".join(told)
+        texts = [f"{symptom.value}: {text}" for symptom, text in servo.symptoms.items()]
+        return level, "; ".join(texts)
     temperature = servo.temperature or 0.0
     if temperature >= status.settings.hot:
         return Level.ERROR, f"{temperature:.0f} degrees Celsius; {servo.torque}"

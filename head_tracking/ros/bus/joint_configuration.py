@@ -1,4 +1,4 @@
-"""The configuration of servos and joints as ROS parameters, by the tutorials' names."""
+"""The configuration of servos and joints as ROS parameters, with the tutorials' names."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 
 
 class DeclaredJoint(NamedTuple):
-    """A joint and the bus that it is on.
+    """A joint and its bus.
 
     Attributes:
-        configuration: how it is wired.
-        port_name: serial port; empty for the node's.
-        baud_rate: speed of that port; 0 for the node's.
+        configuration: of the joint.
+        port_name: serial port; empty: that of the node.
+        baud_rate: of that port [bit/s]; 0: that of the node.
     """
 
     configuration: JointConfiguration
@@ -50,17 +50,17 @@ def declare_joint(
     on_motor: OnMotor,
     check_motor: OnMotor,
 ) -> DeclaredJoint:
-    """Declares the parameters `<dynamixel>_controller.*` and reads them.
+    """Declare the parameters `<dynamixel>_controller.*` and return their values.
 
     Args:
         node: declares the parameters.
         dynamixel: the servo's name in the list `dynamixels`.
-        on_controller: called with the joint and its parameters when somebody changes a speed.
-        on_motor: called with the joint and its parameters when somebody changes a limit.
+        on_controller: called with the joint and its parameters after a speed was changed.
+        on_motor: called with the joint and its parameters after a limit was changed.
         check_motor: called before that; raises ConfigurationError if the limit cannot be set.
 
     Raises:
-        ConfigurationError: the servo can't do what is configured, or has no id.
+        ConfigurationError: the configuration is not possible for the servo, or has no id.
         ParameterError: a parameter is out of range.
     """
     controller = f"{dynamixel}_controller"

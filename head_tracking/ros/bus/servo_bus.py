@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import array
 import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from head_tracking.configuration.bus_parameters import (
 )
 from head_tracking.control import LEASE, ControlLoop, OwnershipError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
+from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import (
     BusEvent,
     BusReading,
@@ -48,9 +48,9 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
-from head_tracking.ros.kit.topic_output import Output
+from head_tracking.ros.kit.topics import Output
 
-_BAD_NEWS = (
+_ERRORS = (
     EventKind.LOST,
     EventKind.UNUSABLE,
     EventKind.TORQUE_FAILED,
@@ -62,24 +62,24 @@ _BAD_NEWS = (
 )
 _SECOND = 1_000_000_000
 _LOG_PERIOD = 5.0  # s
-_SOMEBODY = "somebody"  # who commands without a name
+_SOMEBODY = "somebody"  # the sender of commands without a name
 
 
 class ServoBusNode(ClosingNode):
-    """Publishes what the servos measure and takes commands for them.
+    """Publishes the measurements of the servos, and receives commands for them.
 
     Args:
-        connect: makes the port for these joints and names it; None: the parameter `port_name`.
-            Called once for each bus.
-        loop: of the process: its controllers are asked in each cycle; None: there are none.
+        connect: opens the port for the joints of a bus and returns its name; None: the parameter
+            `port_name`.
+        loop: the control loop of the process; None: a new one.
 
     Raises:
-        DynamixelError: the configuration can't work, a port can't be opened, or a servo does not
-            answer.
+        DynamixelError: the configuration is not possible, a port cannot be opened, or a servo does
+            not answer.
 
     Attributes:
         backend: the servos.
-        failure: what has ended a bus; None as long as all run.
+        failure: the error that has ended a bus; None as long as all run.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class ServoBusNode(ClosingNode):
         self._states_output = Output(self, JointState, "servo_states")
         self._goals_output = Output(self, JointState, "joint_goals")
         self._messages: dict[ServoBus, StatesMessage] = {}
-        self._reported: dict[str, float] = {}
+        self._throttle = Throttle(_LOG_PERIOD)
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         ports = self._declare_joints(p)
@@ -138,20 +138,20 @@ class ServoBusNode(ClosingNode):
         self.backend.start(self._on_reading, self._on_error)
 
     def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
-        """Return port, baud rate and, by id, the models of the servos that were found on it."""
+        """Return port, baud rate, and the models of the servos on it by id, of each bus."""
         return [
             (each.bus.port_name, baud_rate, {servo.id: servo.model for servo in each.bus.servos})
             for each, baud_rate in zip(self.backend.threads, self._baud_rates, strict=True)
         ]
 
     def status(self) -> BusStatus:
-        """Counters, rate and the newest state of every servo that answers, of all buses."""
+        """Return counters, rate and the latest servo states of all buses."""
         return combined(self._statuses())
 
     def make_safe(self) -> list[str]:
-        """Stops the head, relaxes the servos and closes the ports; what went wrong.
+        """Stop the head, relax the servos and close the ports; return the problems.
 
-        Waits for no callback, and may be called by any thread, and twice.
+        Waits for no callback; may be called by any thread, and twice.
         """
         if self._safe is None:
             try:
@@ -168,7 +168,7 @@ class ServoBusNode(ClosingNode):
     def _declare_joints(
         self, p: ServoBusParameters
     ) -> dict[tuple[str, int], list[JointConfiguration]]:
-        """The joints of each port and baud rate."""
+        """Return the joints of each port and baud rate."""
         ports: dict[tuple[str, int], list[JointConfiguration]] = {}
         for name in p.dynamixels:
             joint = declare_joint(
@@ -204,7 +204,7 @@ class ServoBusNode(ClosingNode):
             self.create_subscription(Float64, f"{controller}/speed", self._speed_callback(name), 1)
 
     def _on_reading(self, bus: ServoBus, reading: BusReading) -> None:
-        """After writing, in the bus's thread."""
+        """Log events and publish states, after the write, in the thread of the bus."""
         for event in reading.events:
             self._log_event(event)
         self._states[bus] = states = reading.states
@@ -227,7 +227,7 @@ class ServoBusNode(ClosingNode):
         log = self.get_logger()
         if event.repeated:
             return
-        if event.kind in _BAD_NEWS:
+        if event.kind in _ERRORS:
             log.error(event.text)
         elif event.kind is EventKind.ALARM:
             log.warning(event.text)
@@ -235,17 +235,17 @@ class ServoBusNode(ClosingNode):
             log.info(event.text)
 
     def _on_error(self, error: BaseException) -> None:
-        """Called in a bus's thread when it has ended."""
+        """Record the error that has ended a bus, in its thread."""
         self.failure = error
 
     def _on_joint_claims(self, message: JointState) -> None:
-        """Somebody takes joints over, whoever had them."""
+        """Give joints to the sender, whoever owns them."""
         sender, epoch = sender_from(message.header.frame_id)
         known = {joint.joint_name for joint in self.backend.joints}
         if not sender or not message.name or not set(message.name) <= known:
             self.get_logger().error(
-                f"joint_claims refused: {sender!r} wants {list(message.name)}; header.frame_id "
-                f"must name the sender, and there are {', '.join(sorted(known))}",
+                f"joint_claims refused: {sender!r} claims {list(message.name)}; header.frame_id "
+                f"must be the name of the sender, and the joints are {', '.join(sorted(known))}",
                 throttle_duration_sec=1.0,
             )
             return
@@ -255,7 +255,7 @@ class ServoBusNode(ClosingNode):
             self._refuse(f"joint_claims of {sender}", error)
 
     def _on_joint_commands(self, message: JointState) -> None:
-        """A stream of goals: the limits clamp it, and joints that take no commands are left out."""
+        """Set a stream of goals, within the limits, of the joints that accept commands."""
         sender, epoch = sender_from(message.header.frame_id or _SOMEBODY)
         try:
             goals = goals_from_message(message)
@@ -266,17 +266,15 @@ class ServoBusNode(ClosingNode):
             self._refuse(f"joint_commands{named}", error)
 
     def _claim(self, sender: str) -> Callable[[Iterable[str]], None]:
-        """Claims what a command moves, for as long as commands go on."""
+        """Return a function that claims the joints of a command while its sender sends commands."""
         return lambda joints: self._loop.owners.claim(sender, joints, LEASE)
 
     def _refuse(self, what: str, error: Exception) -> None:
         self.get_logger().error(f"{what} refused: {error}", throttle_duration_sec=1.0)
 
     def _report(self, subject: str, text: str) -> None:
-        """Log what was not done as it was asked for, now and then."""
-        now = time.monotonic()
-        if now >= self._reported.get(subject, 0.0):
-            self._reported[subject] = now + _LOG_PERIOD
+        """Log why something was not done as requested, at most every 5 s for each subject."""
+        if self._throttle.is_due(subject):
             self.get_logger().warning(f"{subject}: {text}")
 
     def _command_callback(self, joint: str) -> Callable[[Float64], None]:
@@ -300,16 +298,16 @@ class ServoBusNode(ClosingNode):
         return callback
 
     def _on_controller(self, joint: str, changed: ControllerParameters) -> None:
-        """Called when somebody has set a speed, which has been checked."""
+        """Apply a new speed, which has been checked."""
         self._set_limits(joint, max_speed=changed.max_speed)
         self.backend.joint(joint).set_default_speed(changed.joint_speed)
 
     def _on_motor(self, joint: str, changed: MotorParameters) -> None:
-        """Called when somebody has set a limit, which has been checked."""
+        """Apply a new limit, which has been checked."""
         self._set_limits(joint, lowest=changed.min, highest=changed.max)
 
     def _check_motor(self, joint: str, changed: MotorParameters) -> None:
-        """Called when somebody wants to set a limit; raises if the servo does not allow it."""
+        """Raise ConfigurationError if the servo does not allow a limit."""
         self.backend.joint(joint).reconfigured(changed.min, changed.max)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
@@ -342,13 +340,13 @@ class ServoBusNode(ClosingNode):
 
 
 class StatesMessage:
-    """A servo_states message that is filled anew each cycle; a new one costs nine times as much.
+    """A servo_states message that is reused in each cycle: a new one takes nine times as long.
 
-    The servos were read a fraction of a millisecond apart: the stamp is the middle of it. There is
-    no effort: servos measure a share of their full load, which is in the diagnostics.
+    The stamp is the mean of the servos' stamps. `effort` is empty: servos measure a ratio of their
+    full load, which is in the diagnostics.
 
     Args:
-        states: the joints that it tells of.
+        states: of the joints in the message.
     """
 
     def __init__(self, states: Mapping[str, ServoState]) -> None:
@@ -356,10 +354,10 @@ class StatesMessage:
         self._message = JointState(name=list(states))
 
     def filled(self, states: Mapping[str, ServoState]) -> JointState:
-        """The message, with these states."""
+        """Return the message with these states."""
         message = self._message
         stamp = message.header.stamp
-        each = [states[name] for name in message.name]  # whichever answered first
+        each = [states[name] for name in message.name]  # in the order of the message
         total = 0
         positions, velocities = [], []
         for state in each:
@@ -373,10 +371,10 @@ class StatesMessage:
 
 
 def goals_from_message(message: JointState) -> dict[str, Goal]:
-    """The goals of a joint_commands message; velocity, where given, is the speed to use.
+    """Return the goals of a joint_commands message; its velocities are the speeds to use.
 
     Raises:
-        ValueError: the lists do not fit each other.
+        ValueError: the lists have different lengths.
     """
     names = message.name
     speeds: Sequence[float | None] = message.velocity or [None] * len(names)
@@ -393,7 +391,7 @@ def goals_from_message(message: JointState) -> dict[str, Goal]:
 
 
 def main() -> int:
-    """Runs the node until it is interrupted; simulated heads with its names end before."""
+    """Run the node until it is interrupted; simulated heads with its names end first."""
     lock = HeadLock(sys.argv, simulated=False)
     try:
         with StopSignal() as stop:
@@ -403,12 +401,12 @@ def main() -> int:
     except RefusedError as error:
         print(error, file=sys.stderr)
         if lock.descriptors:
-            return 1  # a simulated head does not end
+            return 1  # (a simulated head did not end)
     return run_node(_claiming_node)
 
 
 def _claiming_node() -> ServoBusNode:
-    """Return the node of a head that is no run, and goes on whoever else is there."""
+    """Return the node of a single head, which continues also beside another head."""
     node = ServoBusNode()
     HeadClaim(node, simulated=False).begin()
     return node

@@ -1,4 +1,4 @@
-"""An action server for goals that a control loop carries out."""
+"""An action server for goals that a control loop executes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from rclpy.node import Node
 
 
 class _Server(ActionServer):
-    """rclpy's action server, for goals that no callback waits for.
+    """An action server that calls `execute_callback` when the result of a goal is known.
 
-    A callback that waits is resumed again and again by rclpy's executor, as fast as that can. So a
-    goal is executing from `execute` on, and its callback is called when its result is there.
+    rclpy's executors resume a callback that awaits a result in a busy loop. Here `execute` only
+    sets the status of the goal, and the callback that returns the result is scheduled later.
     """
 
     def notify_execute(
@@ -24,16 +24,16 @@ class _Server(ActionServer):
 
 
 class Goal:
-    """One goal, for what carries it out; for any thread.
+    """One goal; for any thread.
 
     Args:
-        handle: rclpy's.
-        on_result: called once, with what sets the last status and returns the result.
+        handle: rclpy's goal handle.
+        on_result: called once, with a function that sets the status and returns the result.
 
     Attributes:
-        request: what the client wants.
-        feedback: publishes a message for the client.
-        on_cancel: called when the client wants it no more; it ends the goal.
+        request: the goal message.
+        feedback: publishes a feedback message.
+        on_cancel: called when the client cancels; it must end the goal.
         is_over: whether it has a result.
     """
 
@@ -45,15 +45,15 @@ class Goal:
         self._handle, self._on_result = handle, on_result
 
     def succeed(self, result: Any) -> None:
-        """End it well."""
+        """End the goal with success."""
         self._end(self._handle.succeed, result)
 
     def abort(self, result: Any) -> None:
-        """End it, because it cannot be reached, or because another one has come."""
+        """End the goal because it cannot be reached, or was preempted."""
         self._end(self._handle.abort, result)
 
     def cancel(self, result: Any) -> None:
-        """End it as the client wants."""
+        """End the goal at the request of the client."""
         handle = self._handle
         self._end(
             lambda: handle.canceled() if handle.is_cancel_requested else handle.abort(), result
@@ -70,14 +70,14 @@ class Goal:
 
 
 class GoalServer:
-    """Accepts goals, and answers each when it has a result; in between no callback waits.
+    """Accepts goals, and returns the result of each when it is known.
 
     Args:
-        node: serves.
-        kind: of the action.
+        node: offers the action.
+        kind: type of the action.
         name: of the action.
-        refusal: returns why a goal is not accepted; an empty string: it is.
-        begin: begins to carry one out.
+        refusal: returns why a goal is rejected; empty: it is accepted.
+        begin: starts the execution of a goal.
     """
 
     def __init__(

@@ -1,19 +1,20 @@
-"""What clients of other heads ask for: PointHead, FollowJointTrajectory, and joint_trajectory."""
+"""The actions of other heads' controllers, PointHead and FollowJointTrajectory, and the topic."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from rclpy.node import Node
 
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.head_control import HeadControl
-from head_tracking.head.tasks import HeadTask, PointTask, TaskEnd, TrajectoryTask
+from head_tracking.head.motions import Motion, MotionEnd, TrajectoryMotion
 from head_tracking.ros.head.goal_server import Goal, GoalServer
-from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import (
     JointTrajectory,
@@ -35,18 +36,18 @@ try:
 except ImportError:
     TrajectoryMessage = None
 
-_RESERVE = 0.8  # of the speed that is allowed after a STOP: the rest makes up for what is late
-_PAUSE = 0.5  # s between two complaints of a stream
+_RESERVE = 0.8  # of the speed limit after a STOP; the rest is for catching up
+_LOG_PERIOD = 0.5  # s
 
 
 class HeadActions:
-    """Offers the actions and the topic on a node that points, as tasks of its head.
+    """Offers the actions and the topic, whose goals are motions of a head.
 
     Args:
         node: offers them.
-        below: the name below which they are.
+        below: the namespace of their names.
         control: of the head.
-        parameters: how the head turns to points, as it is now.
+        parameters: returns how the head turns to points at present.
     """
 
     def __init__(
@@ -78,64 +79,65 @@ class HeadActions:
         if missing:
             self._log.info("; ".join(missing))
 
-    def point_refusal(self, goal: Any) -> str:
-        """Why a goal of PointHead is not taken, which is logged; empty: it is."""
+    def point_refusal(self, request: Any) -> str:
+        """Return why a goal of PointHead is rejected, which is logged; empty: it is accepted."""
         control = self._control
         with control.lock:
             control.watch()
-            refusal = control.obstacle or self._point_mistake(goal)
+            obstacle = control.obstacle
+            refusal = self._mistake(request) if obstacle is None else str(obstacle)
             if refusal:
                 control.reject(refusal)
-                target = target_from_message(goal.target)
+                target = target_from_message(request.target)
                 self._log.warning(f"the goal {target} is rejected: {refusal}")
         return refusal
 
-    def _point_mistake(self, goal: Any) -> str:
-        target = target_from_message(goal.target)
-        numbers = (*_axis(goal), goal.max_velocity)
+    def _mistake(self, request: Any) -> str:
+        target, frames = target_from_message(request.target), self._control.frames
+        numbers = (*_axis(request), request.max_velocity)
         if not all(map(math.isfinite, numbers)):
             return f"{numbers} are not finite: pointing_axis and max_velocity must be"
-        duration = _seconds(goal.min_duration)
-        if goal.max_velocity < 0.0 or duration < 0.0:
+        duration = _seconds(request.min_duration)
+        if request.max_velocity < 0.0 or duration < 0.0:
             return (
-                f"max_velocity is {goal.max_velocity:g} rad/s, min_duration {duration:g} s; "
+                f"max_velocity is {request.max_velocity:g} rad/s, min_duration {duration:g} s; "
                 "neither may be below 0 (0: as usual)"
             )
         try:
             target.check()
-            self._control.place_latest(target)
-            self._control.pointing(goal.pointing_frame.removeprefix("/"), _axis(goal))
+            frames.latest_in_base(target)
+            frames.pointing(request.pointing_frame.removeprefix("/"), _axis(request))
         except (ValueError, TransformException, RobotModelError) as error:
             return str(error)
         return ""
 
     def point(self, goal: Goal) -> None:
-        """Begins a goal of PointHead that was not refused."""
-        p, request, control = self._parameters(), goal.request, self._control
+        """Begin a goal of PointHead that was accepted."""
+        request, control = goal.request, self._control
 
-        def notify(task: HeadTask) -> None:
-            if task.result is not None:
-                _end(goal, task.result.end, PointHead.Result())
-            elif task.miss is not None:
-                goal.feedback(PointHead.Feedback(pointing_angle_error=task.miss))
+        def notify(motion: Motion) -> None:
+            if motion.result is not None:
+                _end(goal, motion.result.end, PointHead.Result())
+            elif motion.miss is not None:
+                goal.feedback(PointHead.Feedback(pointing_angle_error=motion.miss))
 
         with control.lock:
+            frame, axis = request.pointing_frame.removeprefix("/"), _axis(request)
             try:
-                frame, axis = request.pointing_frame.removeprefix("/"), _axis(request)
-                head = control.pointing(frame, axis)
+                head = control.frames.pointing(frame, axis)
             except RobotModelError as error:  # the model has just changed
                 self._log.warning(f"aborted: {error}")
                 goal.abort(PointHead.Result())
                 return
-            velocity, duration = request.max_velocity or math.inf, _seconds(request.min_duration)
-            turn = control.turn(p, head, velocity, duration)
+            p = self._parameters()
+            velocity = min(request.max_velocity or p.max_velocity, p.max_velocity)
+            p, duration = replace(p, max_velocity=velocity), _seconds(request.min_duration)
             target = target_from_message(request.target)
-            task = PointTask(notify, control, target, turn, clamp=p.clamp_to_limits)
-            goal.on_cancel = lambda: control.cancel(task)
-            control.carry_out(task)
+            motion = control.point(target, p, notify, head, duration)
+            goal.on_cancel = lambda: control.cancel(motion)
 
     def follow(self, goal: Goal) -> None:
-        """Begins a goal of FollowJointTrajectory, or ends it with what is wrong with it."""
+        """Begin a goal of FollowJointTrajectory, or abort it with the code of its mistake."""
         try:
             if goal.request.multi_dof_trajectory.points:
                 raise TrajectoryError(
@@ -154,33 +156,33 @@ class HeadActions:
             self._begin(message, None)
         except TrajectoryError as error:
             text = f"a trajectory is rejected: {error}"
-            self._log.warning(text, throttle_duration_sec=_PAUSE)
+            self._log.warning(text, throttle_duration_sec=_LOG_PERIOD)
             self._control.reject(str(error))
 
     def _begin(self, message: Any, goal: Goal | None) -> None:
-        """Begins a trajectory.
+        """Begin a trajectory.
 
         Raises:
-            TrajectoryError: nothing would move, or it cannot be followed.
+            TrajectoryError: nothing would move, or the trajectory is not valid.
         """
         control = self._control
 
-        def notify(task: HeadTask) -> None:
+        def notify(motion: TrajectoryMotion) -> None:
             assert goal is not None
-            result = task.result
-            if result is not None:
-                message = FollowJointTrajectory.Result(
-                    error_code=int(result.code), error_string=result.reason
+            if motion.result is not None:
+                result = FollowJointTrajectory.Result(
+                    error_code=int(motion.result.code), error_string=motion.result.reason
                 )
-                _end(goal, result.end, message)
-            elif task.reading is not None:
-                goal.feedback(_feedback(trajectory, task.reading.stamp, task.reading.positions))
+                _end(goal, motion.result.end, result)
+            elif control.readings.latest is not None:
+                latest = control.readings.latest
+                goal.feedback(_feedback(motion.trajectory, latest.stamp, latest.positions))
 
         with control.lock:
             control.watch()
-            reading, head, obstacle = control.reading(), control.head, control.obstacle
-            if reading is None or head is None or obstacle:
-                raise TrajectoryError(TrajectoryCode.INVALID_GOAL, obstacle or control.trouble)
+            joints, head, obstacle = control.readings.latest, control.frames.head, control.obstacle
+            if joints is None or head is None or obstacle is not None:
+                raise TrajectoryError(TrajectoryCode.INVALID_GOAL, str(obstacle))
             limits = dict(zip(control.joints, (head.pan_limits, head.tilt_limits), strict=True))
             waypoints = _waypoints(message)
             names = tuple(message.joint_names) if waypoints else ()
@@ -190,18 +192,11 @@ class HeadActions:
                 control.hold("preempted by an empty trajectory")
             tolerances = _tolerances(goal, names, tuple(limits), self._tolerances.value)
             now, stamp = control.now, stamp_to_ns(message.header.stamp)
-            present = control.start_from(reading, control.task if waypoints else None)
+            start = stamp * 1e-9 if stamp else now
+            present = dict(zip(control.joints, control.present(joints), strict=True))
 
-            def through(waypoints: Sequence[Waypoint]) -> JointTrajectory:
-                return JointTrajectory(
-                    names,
-                    waypoints,
-                    stamp * 1e-9 if stamp else now,
-                    now,
-                    dict(zip(control.joints, present, strict=True)),
-                    limits,
-                    tolerances,
-                )
+            def through(waypoints: list[Waypoint]) -> JointTrajectory:
+                return JointTrajectory(names, waypoints, start, now, present, limits, tolerances)
 
             trajectory = through(waypoints)
             possible = max(limit.velocity for limit in limits.values())  # else it fails anyway
@@ -209,16 +204,16 @@ class HeadActions:
             if factor > 1.0:  # after a STOP
                 self._log.info(f"the trajectory takes {factor:.1f} times as long after a stop")
                 trajectory = through([waypoint.slowed(factor) for waypoint in waypoints])
-            task = TrajectoryTask(None if goal is None else notify, trajectory)
+            motion = TrajectoryMotion(trajectory, control.law, None if goal is None else notify)
             if goal is not None:
-                goal.on_cancel = lambda: control.cancel(task)
-            control.carry_out(task)
+                goal.on_cancel = lambda: control.cancel(motion)
+            control.start(motion)
 
 
-def _end(goal: Goal, end: TaskEnd, result: Any) -> None:
-    if end is TaskEnd.SUCCEEDED:
+def _end(goal: Goal, end: MotionEnd, result: Any) -> None:
+    if end is MotionEnd.SUCCEEDED:
         goal.succeed(result)
-    elif end is TaskEnd.CANCELED:
+    elif end is MotionEnd.CANCELED:
         goal.cancel(result)
     else:
         goal.abort(result)
@@ -265,10 +260,10 @@ def _tolerances(
     joints: tuple[str, ...],
     usual: TrajectoryParameters,
 ) -> Tolerances:
-    """Those of a goal: 0 means the usual one, -1 none.
+    """Return the tolerances of a goal, in which 0 means the usual one, and -1 none.
 
     Raises:
-        TrajectoryError: one is for a joint that there is not, or is no tolerance.
+        TrajectoryError: one is for an unknown joint, or is not valid.
     """
     path = dict.fromkeys(joints, usual.path_tolerance or math.inf)
     end = dict.fromkeys(joints, usual.goal_tolerance)

@@ -1,8 +1,8 @@
-"""Topics, services and parameters of a node that turns a head."""
+"""Topics, services and parameters of a node that controls a head."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,18 +14,19 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.control import ControlLoop, JointBackend
 from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.head.head_control import HeadControl, TargetMode
+from head_tracking.head.head_control import HeadControl
 from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.head.motions import TargetMotion
+from head_tracking.head.obstacle import Reason
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.joint_topics import JointTopics
 from head_tracking.ros.head.trajectory_backend import TrajectoryBackend
 from head_tracking.ros.kit.diagnostics import Level, status_message
-from head_tracking.ros.kit.listening import TopicListener, unheard
-from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.topic_output import Output
+from head_tracking.ros.kit.target_point import target_from_message
+from head_tracking.ros.kit.topics import Output, TopicListener, unheard
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.tracking import ClockWatch
 
@@ -46,13 +47,13 @@ class DriveParameters:
     )
     command_topic: str = parameter(
         "head_controller/joint_trajectory",
-        "Where that controller listens, if it is one.",
+        "The topic of the joint_trajectory_controller.",
         fixed=True,
     )
     time_from_start: float = parameter(
         0.0,
-        "How long that controller has for each point; 0: it goes there at once, which suits one "
-        "that begins every trajectory at the measured position (the usual one does).",
+        "Time that the joint_trajectory_controller has for each point; 0: at once, for a "
+        "controller that starts every trajectory at the measured position (the usual one does).",
         unit="s",
         minimum=0.0,
         maximum=1.0,
@@ -61,26 +62,27 @@ class DriveParameters:
 
 
 class HeadInterface:
-    """Gives a node the control of a head, and others the topics and services of that.
+    """Gives a node the control of a head, and offers its topics and services.
 
     Args:
-        node: subscribes `target_point`, offers `~/enable` and `~/recenter`, and publishes
+        node: subscribes to `target_point`, offers `~/enable` and `~/recenter`, and publishes
             `~/enabled`, `~/state` and `~/status`.
         pointing_frame: the frame to point.
-        error_topic: where the angle by which the head misses its target is published [rad].
-        buffer: fed by another node of this process; None: this node listens itself.
-        loop: of this process; None: there is none.
-        mode: what the head does with targets.
-        period: between two steps, at least [s].
+        error_topic: where the angle between pointing axis and target is published [rad].
+        buffer: updated by another node of this process; None: this node listens itself.
+        loop: of this process; None: this node runs its own.
+        targets: what the head does with targets.
+        period: minimum time between two updates [s].
         on_state: called with the text when the state has changed.
 
     Raises:
         ValueError: a parameter is not allowed.
-        HeadTrackingError: what is to drive the joints is not there.
+        HeadTrackingError: what is to drive the joints is missing.
 
     Attributes:
-        control: turns the head.
-        unheard: which publishers of targets cannot be heard, and why; empty: none.
+        control: controls the head.
+        unheard: publishers of targets that cannot be received, and why; empty: none.
+        text: the latest text of `~/state`.
     """
 
     def __init__(
@@ -90,47 +92,52 @@ class HeadInterface:
         error_topic: str,
         buffer: Buffer | None,
         loop: ControlLoop | None,
-        mode: TargetMode,
+        targets: TargetMotion,
         period: float,
         on_state: Callable[[str], object] = lambda _: None,
     ) -> None:
-        self.unheard = ""
+        self.unheard = self.text = ""
         self._on_state = on_state
         self._node = node
         self._errors = Output(node, Float64, error_topic)
         self._enabled_topic = node.create_publisher(Bool, "~/enabled", LATCHED)
         self._state_topic = node.create_publisher(String, "~/state", LATCHED)
         self._status_topic = node.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        self._last_published: tuple[str, Mapping[str, str]] = "", {}
+        self._fields: dict[str, str] = {}
         if loop is None:
             buffer = buffer or Buffer(node=node)
             own = loop = ControlLoop(buffer.core)
             TransformListener(buffer, node, on_joints=lambda message: own.heard(message.name))
+        clock = node.get_clock()
         self.control = HeadControl(
             loop,
             str(node.get_fully_qualified_name()),
             NodeParameters(node, HeadParameters).value,
             pointing_frame,
-            mode,
-            ClockWatch(lambda: float(node.get_clock().now().nanoseconds) * 1e-9),
-            is_simulated=lambda: bool(node.get_clock().ros_time_is_active),
+            targets,
+            ClockWatch(lambda: float(clock.now().nanoseconds) * 1e-9),
+            is_simulated=lambda: bool(clock.ros_time_is_active),
             period=period,
             log=node.get_logger(),
             observer=self._publish,
         )
-        self._loop = loop
-        self._backend = self._make_backend(NodeParameters(node, DriveParameters).value)
+        self._backend = self._make_backend(NodeParameters(node, DriveParameters).value, loop)
         if self._backend is not None:
             loop.attach(self._backend)
-        TopicListener(node, PointStamped, "target_point", self._on_target)
+        TopicListener(
+            node,
+            PointStamped,
+            "target_point",
+            lambda message: self.control.accept(target_from_message(message)),
+        )
         node.create_service(SetBool, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/recenter", self._on_recenter)
         steady_timer(node, _WATCH_PERIOD, self._watch)
         steady_timer(node, _UNHEARD_PERIOD, self._check_publishers)
 
-    def _make_backend(self, p: DriveParameters) -> JointBackend | None:
+    def _make_backend(self, p: DriveParameters, loop: ControlLoop) -> JointBackend | None:
         """Return what drives the joints; None: the servo bus of this process does."""
-        node, control, loop = self._node, self.control, self._loop
+        node, control = self._node, self.control
         if p.command_interface == "joint_commands":
             if loop.backend is not None:
                 return None
@@ -139,22 +146,22 @@ class HeadInterface:
             name = node.get_name()
             raise HeadTrackingError(
                 "command_interface is joint_trajectory, but the servo bus runs in this process; "
-                f"start {name} alone (ros2 run head_tracking {name}), or leave command_interface "
-                "out"
+                f"start {name} alone (ros2 run head_tracking {name}), or do not set "
+                "command_interface"
             )
         return TrajectoryBackend(
             node, p.command_topic, control.name, control.joints, p.time_from_start, loop
         )
 
     def begin(self) -> None:
-        """Turn the head from now on; the node is complete."""
+        """Control the head from now on; the node is complete."""
         self.control.begin()
         if self._backend is not None:
             self._backend.start()
         self._publish(None)
 
     def close(self) -> None:
-        """Keep what was learned, and withdraw what drives the joints if this node has made it."""
+        """Save what was learned, and close the backend if this node has created it."""
         self.control.save()
         if self._backend is not None:
             self._backend.close()
@@ -168,60 +175,54 @@ class HeadInterface:
         if self.unheard:
             self.control.warn("unheard", self.unheard)
 
-    def _on_target(self, message: PointStamped) -> None:
-        self.control.accept(target_from_message(message))
-
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        title = self.control.mode.title
-        if not request.data:
-            self.control.disable(f"{title} is switched off")
-            response.success, response.message = True, f"{title} is off; the head stops"
-            return response
+        title = self.control.targets.title
         try:
-            self.control.enable()
-            response.success, response.message = True, f"{title} is on"
+            if request.data:
+                self.control.enable()
+                response.message = f"{title} is enabled"
+            else:
+                self.control.disable(Reason.DISABLED, title)
+                response.message = f"{title} is disabled; the head stops"
+            response.success = True
         except StoppedError as error:
             response.message = str(error)
         return response
 
     def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = self.control.recenter()
-        response.success = not refusal
-        response.message = refusal or "recentring; the next target is followed again"
+        obstacle = self.control.recenter()
+        response.success = obstacle is None
+        response.message = str(obstacle or "recentring; the next target is followed again")
         return response
 
     def _publish(self, error: float | None) -> None:
-        """Publish the error, and what has changed; in the thread of the loop, or of `_watch`."""
+        """Publish the error, and the state if it has changed."""
         if error is not None and self._errors.wanted:
             self._errors.publish(Float64(data=error))
         control = self.control
         with control.lock:
-            off, (state, text) = control.off, control.mode.state(control)
-            text = "; ".join(filter(None, (text, self.unheard)))
+            off, trouble, (state, text) = control.off, control.trouble, control.state()
+            obstacle = off or trouble
+            text = f"{text}; {self.unheard}" if self.unheard else text
             fields = {
                 "state": state,
-                "enabled": str(not off).lower(),
-                "stopped": str(control.is_stopped).lower(),
-                "slow": str(control.is_cautious).lower(),
-                "disabled because": off,
-                "trouble": control.trouble,
+                "enabled": "true" if off is None else "false",
+                "stopped": "true" if control.is_stopped else "false",
+                "slow": "true" if control.is_cautious else "false",
+                "reason": "" if obstacle is None else obstacle.reason.value,
+                "disabled because": "" if off is None else str(off),
+                "trouble": "" if trouble is None else str(trouble),
                 "not heard": self.unheard,
             }
-            before, self._last_published = self._last_published, (text, fields)
-            if (text, fields) == before:
+            before, self._fields = self._fields, fields
+            is_new, self.text = text != self.text, text
+            if fields == before and not is_new:
                 return
-            if fields["enabled"] != before[1].get("enabled"):
-                self._enabled_topic.publish(Bool(data=not off))
-            hampered = off or control.trouble or self.unheard
-            self._status_topic.publish(
-                status_message(control.name, Level.WARN if hampered else Level.OK, text, fields)
-            )
-            if text != before[0]:
+            if fields["enabled"] != before.get("enabled"):
+                self._enabled_topic.publish(Bool(data=off is None))
+            level = Level.WARN if obstacle is not None or self.unheard else Level.OK
+            self._status_topic.publish(status_message(control.name, level, text, fields))
+            if is_new:
                 self._state_topic.publish(String(data=text))
-            if state != before[1].get("state"):
+            if state != before.get("state"):
                 self._on_state(text)
-
-    @property
-    def text(self) -> str:
-        """The latest text of `~/state`."""
-        return self._last_published[0]

@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 
 from head_tracking.control import ControlLoop
-from head_tracking.head.modes import Following, FollowingSettings
+from head_tracking.head.motions import Tracking, TrackingSettings
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_interface import HeadInterface
 from head_tracking.ros.kit.closing_node import ClosingNode
@@ -26,12 +26,12 @@ from head_tracking.tracking import (
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
-_LEARNING = "learn: it is learned; freeze: it stays as it is; forget: it is forgotten."
+_LEARNING = "learn, freeze (use and keep what was learned) or forget."
 
 
 @dataclass(frozen=True, slots=True)
 class HeadTrackerParameters:
-    """What to point, how, and how often to correct it."""
+    """The frame to point, the rate, the law and what is learned."""
 
     camera_link: str = parameter("camera_link", "The frame to point.", fixed=True)
     rate: float = parameter(
@@ -39,28 +39,28 @@ class HeadTrackerParameters:
     )
     law: str = parameter(
         "predictive",
-        "What steers the head: "
+        "The tracking law: "
         + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
         choices=tuple(LAWS),
     )
     servo_learning: str = parameter(
         Learning.LEARN.value,
-        f"What becomes of what is learned of the servos: {_LEARNING}",
+        f"What tracking learns of the servos: {_LEARNING}",
         choices=tuple(Learning),
     )
     camera_learning: str = parameter(
         Learning.LEARN.value,
-        f"What becomes of what is learned of a camera on the head: {_LEARNING}",
+        f"What tracking learns of a camera on the head: {_LEARNING}",
         choices=tuple(Learning),
     )
 
 
 class HeadTrackerNode(ClosingNode):
-    """Follows `target_point`.
+    """Keeps the head on `target_point`.
 
     Args:
-        buffer: the transforms that the process shares; None: this node listens itself.
-        loop: that of the process; None: this node runs it.
+        buffer: the transform buffer of the process; None: this node listens itself.
+        loop: the control loop of the process; None: this node runs its own.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class HeadTrackerNode(ClosingNode):
         }
         self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
-        self._following = Following(self._settings)
+        self._tracking = Tracking(self._settings)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.interface = HeadInterface(
             self,
@@ -83,7 +83,7 @@ class HeadTrackerNode(ClosingNode):
             "~/tracking_error",
             buffer,
             loop,
-            self._following,
+            self._tracking,
             1.0 / own.value.rate,
             self.get_logger().info,
         )
@@ -93,13 +93,13 @@ class HeadTrackerNode(ClosingNode):
 
     @property
     def failure(self) -> Exception | None:
-        """What has ended its part in the loop."""
+        """The exception that has ended its part in the loop."""
         return self.interface.control.failure
 
-    def _settings(self) -> FollowingSettings:
+    def _settings(self) -> TrackingSettings:
         own = self._own.value
         law = own.law
-        return FollowingSettings(
+        return TrackingSettings(
             law,
             self._limits.value,
             self._laws[law].value,
@@ -111,11 +111,11 @@ class HeadTrackerNode(ClosingNode):
 
     def _tune(self, _: object) -> None:
         with self.interface.control.lock:
-            self._following.tune()
+            self._tracking.tune()
 
     def _measured(self) -> dict[str, str]:
-        """Return how late everything is, for `/diagnostics`."""
-        tracker = self._following.tracker
+        """Return the measured delays, for `/diagnostics`."""
+        tracker = self._tracking.tracker
         if tracker is None:
             return {}
         delays, now = tracker.delays, self.interface.control.now
@@ -127,19 +127,19 @@ class HeadTrackerNode(ClosingNode):
         }
 
     def _publish_diagnostics(self) -> None:
-        """What the head does, by which law, and how late everything is."""
+        """Publish the state, the law, and the measured delays."""
         control, tracker, unheard = (
             self.interface.control,
-            self._following.tracker,
+            self._tracking.tracker,
             self.interface.unheard,
         )
         with control.lock:
             values = {"law": self._own.value.law, **self._measured()}
-            state, text = self._following.state(control)
+            state, text = control.state()
         if unheard:
             values["not heard"] = unheard
-        hampered = control.trouble or unheard or state == TargetState.STALLED
-        level = Level.WARN if hampered else Level.OK
+        has_problem = control.trouble is not None or unheard or state == TargetState.STALLED
+        level = Level.WARN if has_problem else Level.OK
         if tracker is not None and tracker.fault:
             level = Level.ERROR
         self._diagnostics.publish(report(self, "target", level, text, values))

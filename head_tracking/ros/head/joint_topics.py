@@ -1,4 +1,4 @@
-"""Joints whose servo bus is in another process."""
+"""Joints whose servo bus runs in another process, as the backend of a control loop."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from head_tracking.ros.kit.joint_owners import control_from_message, sender
 from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
 from head_tracking.ros.kit.spinning import steady_timer
 
-_AGAIN = 0.1  # s
+_STOP_PERIOD = 0.1  # s
 
 
 class JointTopics:
-    """A `JointBackend`: publishes `joint_commands`, and follows the STOP and owners of a servo bus.
+    """A `JointBackend`: publishes `joint_commands`, and adopts STOP and owners of the servo bus.
 
     Args:
-        node: turns the head.
-        name: the owner that it is.
+        node: controls the head.
+        name: its name as an owner.
         joints: pan and tilt.
         loop: of the process.
     """
@@ -40,15 +40,15 @@ class JointTopics:
         )
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
         self._stop = node.create_client(Trigger, "stop")
-        self._stopping = steady_timer(node, _AGAIN, self._stop_again)
+        self._stopping = steady_timer(node, _STOP_PERIOD, self._stop_again)
         self._stopping.cancel()
 
     def start(self) -> None:
-        """See `JointBackend`: listen to the servo bus."""
+        """Subscribe to the servo bus; see `JointBackend`."""
         self._node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
 
     def close(self) -> None:
-        """See `JointBackend`; the topics end with the node."""
+        """See `JointBackend`; the node destroys its topics."""
 
     def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish goals; the servo bus discards them if their epoch is over."""
@@ -62,7 +62,7 @@ class JointTopics:
         self._commands.publish(message)
 
     def servo(self, joint: str) -> str:
-        """See `JointBackend`; the servo bus is another process."""
+        """Return an empty string: not known; see `JointBackend`."""
         return ""
 
     def claim(self) -> None:
@@ -72,7 +72,7 @@ class JointTopics:
         self._claims.publish(message)
 
     def relax_now(self) -> Mapping[str, str]:
-        """See `JointBackend`; only the servo bus can do that."""
+        """Return that only the servo bus can relax; see `JointBackend`."""
         return dict.fromkeys(self._joints, "the servo bus is another process: call its `stop`")
 
     def _on_control(self, message: DiagnosticStatus) -> None:
@@ -86,9 +86,11 @@ class JointTopics:
         if self._loop.owners.follow(control.stopped, control.epoch, control.owners):
             self._stopping.cancel()
         elif self._stopping.is_canceled():
-            self._node.get_logger().warning("a new servo bus knows of no STOP: it is stopped again")
+            self._node.get_logger().warning(
+                "the servo bus was restarted without its STOP: stopping it"
+            )
             self._stopping.reset()
 
     def _stop_again(self) -> None:
-        """Ask until the servo bus says that it is stopped: a request may find nobody yet."""
+        """Call `stop` repeatedly, until the servo bus reports that it is stopped."""
         self._stop.call_async(Trigger.Request())

@@ -1,4 +1,4 @@
-"""point_head: turns the head to a point and says whether it got there."""
+"""point_head: turns the head to points, and reports whether it has arrived."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import PointingParameters
-from head_tracking.head.modes import LookingOnce
+from head_tracking.head.motions import Pointing
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_actions import HeadActions
 from head_tracking.ros.head.head_interface import HeadInterface
@@ -20,25 +20,25 @@ _PERIOD = 0.02  # s
 
 @dataclass(frozen=True, slots=True)
 class PointHeadParameters:
-    """What to point."""
+    """The frame to point, and the names of the actions."""
 
     pointing_frame: str = parameter("camera_link", "The frame to point.", fixed=True)
     controller_name: str = parameter(
         "",
-        "Below this name clients find the actions and joint_trajectory: head_controller for those "
-        "of TIAGo, head_traj_controller for PR2's. Empty: below the node's own.",
+        "Namespace of the actions and of joint_trajectory: head_controller for clients of TIAGo, "
+        "head_traj_controller for clients of PR2. Empty: the node's name.",
         fixed=True,
     )
 
 
 class PointHeadNode(ClosingNode):
-    """Points a frame of the head at `target_point`, or as the goals of actions have it.
+    """Points a frame of the head at `target_point`, or executes the goals of its actions.
 
-    As long as a goal is under way, points on `target_point` are left alone.
+    While a goal is in progress, `target_point` is ignored.
 
     Args:
-        buffer: the transforms that the process shares; None: this node listens itself.
-        loop: that of the process; None: this node runs it.
+        buffer: the transform buffer of the process; None: this node listens itself.
+        loop: the control loop of the process; None: this node runs its own.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class PointHeadNode(ClosingNode):
             "~/pointing_error",
             buffer,
             loop,
-            LookingOnce(lambda: pointing.value),
+            Pointing(lambda: pointing.value),
             _PERIOD,
         )
         self.closing.callback(self.interface.close)
@@ -64,5 +64,5 @@ class PointHeadNode(ClosingNode):
 
     @property
     def failure(self) -> Exception | None:
-        """What has ended its part in the loop."""
+        """The exception that has ended its part in the loop."""
         return self.interface.control.failure

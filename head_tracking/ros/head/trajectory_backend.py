@@ -1,4 +1,4 @@
-"""A head that another controller drives: commands as joint_trajectory, and STOP without servos."""
+"""A head driven by a joint_trajectory_controller, as the backend of a control loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
 from head_tracking.ros.kit.joint_owners import OwnersOutput, offer_stop
 from head_tracking.ros.kit.urgent_services import UrgentServices
-from head_tracking.tracking import SetpointStream
+from head_tracking.tracking import JointReading, SetpointStream
 
 try:
     from builtin_interfaces.msg import Duration
@@ -27,14 +27,14 @@ _PERIOD = 0.02  # s
 class TrajectoryBackend:
     """A `JointBackend`: streams trajectories of one point to a joint_trajectory_controller.
 
-    Nobody but that controller can relax the joints. So `stop` and `resume`, which it offers in the
-    place of a servo bus, stop the stream, hold the head, and say that nothing is relaxed. In the
-    loop it comes after the controller of the head, and lets the last command go on.
+    It offers `stop` and `resume`. Only the robot's driver can relax the joints: `stop` ends the
+    stream, holds the head, and reports that nothing is relaxed. It is also a controller of the
+    loop, after that of the head, and continues the latest command.
 
     Args:
-        node: turns the head.
+        node: controls the head.
         topic: of the joint_trajectory_controller.
-        name: the owner whose commands they are.
+        name: the owner of the joints.
         joints: pan and tilt.
         time_from_start: of each point [s].
         loop: of the process.
@@ -80,25 +80,25 @@ class TrajectoryBackend:
         self._loop.add(self)
 
     def close(self) -> None:
-        """See `JointBackend`: withdraw the services."""
+        """Withdraw the services; see `JointBackend`."""
         self._services.close()
 
     def servo(self, joint: str) -> str:
-        """See `JointBackend`; nobody knows."""
+        """Return an empty string: not known; see `JointBackend`."""
         return ""
 
     def claim(self) -> None:
-        """See `JointBackend`; no servo bus has owners of these joints."""
+        """Do nothing: there is no servo bus with owners; see `JointBackend`."""
 
     def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
-        """See `JointBackend`: publish positions on the way to new goals."""
+        """Publish positions on the way to new goals; see `JointBackend`."""
         pan, tilt = (goals[joint] for joint in self.joints)
         self._advance(
             HeadCommand(pan.position, tilt.position, pan.speed or 0.0, tilt.speed or 0.0), epoch
         )
 
     def update(self) -> None:
-        """Publish the next positions on the way to the last goals; see `ControlLoop`."""
+        """Publish the next positions on the way to the latest goals; see `Controller`."""
         if self._loop.owners.owns(self.name, self.joints):
             self._advance(None, self._loop.owners.epoch.value)
         else:
@@ -106,7 +106,7 @@ class TrajectoryBackend:
                 self._stream.stop()
 
     def publish(self) -> None:
-        """See `ControlLoop`; there is nothing to publish."""
+        """Do nothing; see `Controller`."""
 
     def _advance(self, command: HeadCommand | None, epoch: int) -> None:
         measured = self._measured()
@@ -119,10 +119,12 @@ class TrajectoryBackend:
             if positions is not None:
                 self._publish(positions)
 
-    def _measured(self) -> tuple[float, float] | None:
+    def _measured(self) -> JointReading | None:
         assert self._loop.buffer is not None
         pan, tilt = (self._loop.buffer.latest_joint_position(joint) for joint in self.joints)
-        return (pan[1], tilt[1]) if pan and tilt else None
+        if pan is None or tilt is None:
+            return None
+        return JointReading(min(pan[0], tilt[0]) * 1e-9, (pan[1], tilt[1]))
 
     def _publish(self, positions: tuple[float, float]) -> None:
         seconds, rest = divmod(self._after, 1.0)
@@ -130,16 +132,16 @@ class TrajectoryBackend:
             positions=list(positions),
             time_from_start=Duration(sec=int(seconds), nanosec=round(rest * 1e9)),
         )
-        # stamp 0: at once, by the controller's own clock
+        # stamp 0: at once
         self._publisher.publish(JointTrajectory(joint_names=list(self.joints), points=[point]))
 
     def relax_now(self) -> Mapping[str, str]:
-        """See `JointBackend`: hold the head, for that is all that can be done."""
+        """Hold the head, which cannot be relaxed from here; see `JointBackend`."""
         with self._lock:
             measured = self._measured()
             if measured is not None and self._stream.active:
-                self._publish(measured)
+                self._publish(measured.positions)
             self._stream.stop()
         topic = self._publisher.topic_name
-        problem = f"{topic} was told to hold, and nothing else is sent; it was not relaxed"
+        problem = f"{topic} was commanded to hold; only the driver of the robot can relax it"
         return dict.fromkeys(self.joints, problem)

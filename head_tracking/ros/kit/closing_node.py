@@ -1,4 +1,4 @@
-"""A node that ends other things when it ends."""
+"""A node with resources that end with it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from rclpy.node import Node
 
 
 class ClosingNode(Node):
-    """A node that ends other things with it, also if it could not be made completely.
+    """A node that calls `closing` when it is destroyed, also if its constructor has failed.
 
-    Since ROS 2 Kilted a context that shuts down destroys its nodes, such ones included.
+    Since ROS 2 Kilted a context that shuts down destroys its nodes, also incomplete ones.
 
     Args:
         name: of the node.
         options: for the node.
 
     Attributes:
-        closing: what is called at the end, the last one first.
+        closing: callbacks, the last one first.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -26,6 +26,6 @@ class ClosingNode(Node):
         super().__init__(name, **options)
 
     def destroy_node(self) -> None:
-        """Ends what is to end with the node, and the node."""
+        """Call `closing`, then destroy the node."""
         self.closing.close()
         super().destroy_node()

@@ -1,4 +1,4 @@
-"""What nodes say of themselves on /diagnostics, one topic for all robots."""
+"""Messages of /diagnostics, the topic of all robots."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 
 class Level(IntEnum):
-    """How bad it is, as in diagnostic_msgs."""
+    """Levels of diagnostic_msgs."""
 
     OK = 0
     WARN = 1
@@ -21,7 +21,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What one part of the robot says of itself on /diagnostics."""
+    """The status of one part of the robot."""
 
     name: str
     level: Level
@@ -30,7 +30,7 @@ class Health:
 
 
 def health_from_message(status: DiagnosticStatus) -> Health:
-    """Return what a status says. A level that diagnostic_msgs does not have becomes STALE."""
+    """Return the status of a message. An unknown level becomes STALE."""
     level = Level(min(int.from_bytes(status.level, "little"), Level.STALE))
     values = {pair.key: pair.value for pair in status.values}
     return Health(status.name, level, status.message, values)
@@ -39,7 +39,7 @@ def health_from_message(status: DiagnosticStatus) -> Health:
 def status_message(
     name: str, level: Level, text: str, values: Mapping[str, str], hardware_id: str = ""
 ) -> DiagnosticStatus:
-    """Return the message that says how something is."""
+    """Return a status message."""
     return DiagnosticStatus(
         name=name,
         level=bytes((level,)),
@@ -52,14 +52,14 @@ def status_message(
 def report(
     node: Node, name: str, level: Level, text: str, values: Mapping[str, str]
 ) -> DiagnosticArray:
-    """Return the message by which a node says how a part of the robot is.
+    """Return the message for /diagnostics with the status of one part of the robot.
 
     Args:
-        node: that says it.
-        name: of the part; the node's own name comes before it.
-        level: how bad it is.
-        text: for a person.
-        values: what is known, by name.
+        node: publishes it.
+        name: of the part; the node's name is put before it.
+        level: of the status.
+        text: for the user.
+        values: further values by name.
     """
     name = f"{node.get_name()}: {name}"
     return diagnostics(node, [status_message(name, level, text, values, "head")])
@@ -68,7 +68,7 @@ def report(
 def diagnostics(node: Node, statuses: Sequence[DiagnosticStatus]) -> DiagnosticArray:
     """Return a message for /diagnostics, with the node's namespace before the names in it.
 
-    As diagnostic_updater has it with `use_fqn`: `left/servo_bus: head_pan_joint`.
+    Example, as of diagnostic_updater with `use_fqn`: `left/servo_bus: head_pan_joint`.
     """
     namespace = node.get_namespace().strip("/")
     for status in statuses if namespace else ():

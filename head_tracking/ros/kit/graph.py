@@ -1,4 +1,4 @@
-"""Which nodes and services there are in the namespace of one robot."""
+"""The nodes and services in the namespace of one robot."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from rclpy.node import NodeNameNonExistentError as NodeHasGone
 
 
 class Graph:
-    """The nodes of a namespace, and what they offer. Other robots are in other namespaces.
+    """The nodes of a namespace and their services, as of the last `look`.
 
     Args:
-        node: in that namespace; it and those whose names begin with its name are left out.
+        node: in that namespace; nodes whose names begin with its name are left out.
     """
 
     def __init__(self, node: Node) -> None:
@@ -28,11 +28,11 @@ class Graph:
 
     @property
     def services(self) -> Mapping[str, str]:
-        """Type by full name."""
+        """The type of each service by its full name."""
         return self._services
 
     def look(self) -> None:
-        """Finds out what is there now."""
+        """Discover nodes and services."""
         own = self._node.get_name()
         nodes: set[str] = set()
         services: dict[str, str] = {}
@@ -48,13 +48,9 @@ class Graph:
         self._nodes, self._services = tuple(sorted(nodes)), services
 
     def is_own(self, node: str) -> bool:
-        """Whether a node belongs to the namespace.
-
-        Args:
-            node: its full name, with or without the slash before it.
-        """
+        """Return whether a node, given by its full name, is in the namespace."""
         return "/" + node.lstrip("/").rpartition("/")[0] == self.namespace
 
     def is_below(self, name: str) -> bool:
-        """Whether a full name lies in the namespace, or in one below it."""
+        """Return whether a full name is in the namespace or in one below it."""
         return name.startswith(self.namespace.rstrip("/") + "/")

@@ -1,8 +1,7 @@
-"""Lets the heads of several machines find each other: each has one latched message.
+"""One head for each ROS domain and namespace of several machines; `HeadLock` is for one machine.
 
-`HeadLock` does that within a machine. Of heads with the same domain and namespace one goes on: a
-real one before a simulated one, one that has begun to move before one that looks for others, the
-older before the younger.
+Each head publishes one latched message. One head continues: a real one before a simulated one, one
+that has begun to move before one that is still discovering others, the older before the younger.
 """
 
 from __future__ import annotations
@@ -23,19 +22,19 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_lock import CURES
 from head_tracking.ros.kit.qos import LATCHED
 
-# a depth of 1 is that of all publishers together, this one's included
+# a depth of 1 would be one message of all publishers together
 _ALL: Final = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 LOOK_TIME: Final = 1.5
-"""So long [s] a head looks for others, who say four times a second that they are there."""
+"""How long a head discovers others [s]; they announce themselves four times a second."""
 
 
 class HeadClaim:
     """The claim of one head to its domain and namespace, on the latched topic `head_claim`.
 
     Args:
-        node: publishes and listens.
-        simulated: whether the servos are.
+        node: publishes and subscribes.
+        simulated: whether the servos are simulated.
     """
 
     def __init__(self, node: Node, *, simulated: bool) -> None:
@@ -47,16 +46,12 @@ class HeadClaim:
         self._publish()
 
     def begin(self) -> None:
-        """Go before all heads of the same kind that still look for others."""
+        """Take precedence over heads of the same kind that are still discovering others."""
         self._rank[1] = False
         self._publish()
 
     def check(self) -> None:
-        """Check that this head may go on.
-
-        Raises:
-            RefusedError: another head goes on; says which.
-        """
+        """Raise a RefusedError if another head continues instead of this one."""
         if self._first is not None:
             raise RefusedError(f"another head is in this graph: {self._first}; {CURES}")
 
@@ -71,13 +66,13 @@ class HeadClaim:
             if rank < self._rank:
                 self._first = head
             elif rank != self._rank and not rank[1]:
-                self._log.warning(f"another head is in this graph: {head}; this one goes on")
+                self._log.warning(f"another head is in this graph: {head}; this one continues")
         except (ValueError, TypeError, KeyError, IndexError):
-            self._log.warning(f"head_claim: {message.data[:80]!r} is no claim of a head")
+            self._log.warning(f"head_claim: {message.data[:80]!r} is not the claim of a head")
 
 
 def is_heard_elsewhere(environment: Mapping[str, str]) -> bool:
-    """Return whether other machines hear the nodes of a process with this environment."""
+    """Return whether other machines can discover nodes that have this environment."""
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET").upper()
     alone = reach in ("LOCALHOST", "OFF") or environment.get("ROS_LOCALHOST_ONLY") == "1"
     return not alone or bool(environment.get("ROS_STATIC_PEERS"))

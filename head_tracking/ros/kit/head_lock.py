@@ -1,12 +1,12 @@
-"""One head for each ROS domain and namespace of a machine: two would turn each other's servos.
+"""One head for each ROS domain and namespace of a machine: two would move each other's servos.
 
-Two files in /tmp are locked for as long as the processes of a head run:
+Two files in /tmp are locked while the processes of a head run:
 
-    real   by real heads; whoever holds it goes before simulated heads
-    head   by the head that publishes now
+    real   by real heads, which have priority over simulated heads
+    head   by the head that publishes
 
-A real head locks `real`, then waits for `head`. A simulated head locks `head`, and gives it up as
-soon as somebody has locked `real`. So there are never both.
+A real head locks `real`, then waits for `head`. A simulated head locks `head`, and releases it when
+another head has locked `real`. So a real and a simulated head never run together.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Final
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.stop_signal import EndRequestedError
 
-_FOLDER: Final = Path("/tmp")  # not TMPDIR, which may be a user's own
+_FOLDER: Final = Path("/tmp")  # not TMPDIR, which may differ between users
 _PATIENCE: Final = 15.0  # s that a simulated head may take to end
 _PERIOD: Final = 0.05  # s
 _RETRIES: Final = (0.002, 0.005, 0.01, 0.02, 0.0)  # s
@@ -40,19 +40,19 @@ class HeadLock:
     """The lock of one domain and namespace.
 
     Args:
-        arguments: of ROS, with the namespace among them.
-        simulated: whether the head is.
-        folder: where the files are.
+        arguments: of ROS; they may set the namespace.
+        simulated: whether the servos are simulated.
+        folder: of the files.
 
     Attributes:
-        descriptors: of the locked files; a process that has them holds the lock, too.
+        descriptors: of the locked files; a process that inherits them holds the lock, too.
     """
 
     def __init__(
         self, arguments: Sequence[str], *, simulated: bool, folder: Path = _FOLDER
     ) -> None:
-        domain, self._namespace = os.environ.get("ROS_DOMAIN_ID") or "0", namespace(arguments)
-        name = f"head_tracking_{domain}{self._namespace.rstrip('/').replace('/', '.')}"
+        self._namespace = namespace(arguments)
+        name = f"head_tracking_{domain_and_namespace(arguments)}"
         self._real = folder / f"{name}.real.lock"
         self._head = folder / f"{name}.head.lock"
         self._simulated = simulated
@@ -69,11 +69,11 @@ class HeadLock:
 
         Args:
             wait: waits for a time [s]; returns whether to give up.
-            shared: beside others that share.
+            shared: together with other heads that share.
             patience: how long to wait for a simulated head [s].
 
         Raises:
-            RefusedError: another head runs; says which.
+            RefusedError: another head runs.
             EndRequestedError: `wait` has returned True.
         """
         if self._simulated:
@@ -95,7 +95,7 @@ class HeadLock:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether a simulated head must end, because a real one is there or waits for it."""
+        """Whether a simulated head must end, because a real one runs or waits for it."""
         if not (self._simulated and self.descriptors):
             return False
         file = _open(self._real)
@@ -117,7 +117,7 @@ class HeadLock:
     def _lock(self, path: Path, shared: bool) -> None:
         file = _open(path)
         kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-        for pause in _RETRIES:  # a simulated head that tries `real` has it for a moment
+        for pause in _RETRIES:  # a simulated head that tests `real` locks it for a moment
             if _flock(file, kind):
                 break
             time.sleep(pause)
@@ -125,7 +125,7 @@ class HeadLock:
             os.close(file)
             raise self._refusal(path)
         self.descriptors.append(file)
-        with suppress(OSError):  # another user's, that only they write
+        with suppress(OSError):  # the file of another user may be read-only
             os.ftruncate(file, 0)
             os.pwrite(file, _myself().encode(), 0)
 
@@ -136,14 +136,20 @@ class HeadLock:
 
 
 def namespace(arguments: Sequence[str]) -> str:
-    """Return the namespace that ROS's arguments give to all nodes, such as /second; or /."""
+    """Return the namespace that arguments of ROS give to all nodes, such as /second, or /."""
     rules = [rule for word, rule in pairwise(arguments) if word in ("-r", "--remap")]
     given = [rule.removeprefix("__ns:=") for rule in rules if rule.startswith("__ns:=")]
     return "/" + given[-1].strip("/") if given else "/"
 
 
+def domain_and_namespace(arguments: Sequence[str]) -> str:
+    """Return domain and namespace as part of a file name, such as `0.second`."""
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    return domain + namespace(arguments).rstrip("/").replace("/", ".")
+
+
 def _flock(file: int, kind: int) -> bool:
-    """Return whether a file could be locked at once."""
+    """Lock a file and return whether that succeeded at once."""
     try:
         fcntl.flock(file, kind | fcntl.LOCK_NB)
     except BlockingIOError:

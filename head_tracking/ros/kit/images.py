@@ -1,4 +1,4 @@
-"""Between image messages and the values of the core."""
+"""Conversions between image messages and the values of `head_tracking.vision`."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from head_tracking.vision.images import (
 
 
 def picture_of(message: Image | CompressedImage) -> Picture:
-    """The picture of a message.
+    """Return the picture of a message.
 
     Raises:
-        ImageError: it has none that can be read.
+        ImageError: it cannot be decoded.
     """
     if isinstance(message, CompressedImage):
         return decode_compressed_picture(message.data, message.format)
@@ -35,10 +35,10 @@ def picture_of(message: Image | CompressedImage) -> Picture:
 
 
 def depth_of(message: Image | CompressedImage) -> DepthImage:
-    """The distances of a message.
+    """Return the depth image of a message.
 
     Raises:
-        ImageError: it has none that can be read.
+        ImageError: it cannot be decoded.
     """
     if isinstance(message, CompressedImage):
         return decode_compressed_depth(message.data, message.format)
@@ -48,9 +48,9 @@ def depth_of(message: Image | CompressedImage) -> DepthImage:
 def frame_pose(
     buffer: TransformBuffer, fixed_frame: str, frame_id: str, stamp: int
 ) -> Transform | None:
-    """A frame in one that stands still at a time [ns], or as near to it as is known.
+    """Return `T_fixed_frame` at a time [ns], else the latest one.
 
-    None if that is not known, or `fixed_frame` is empty.
+    None if it is not known, or `fixed_frame` is empty.
     """
     for time in (stamp, LATEST) if fixed_frame else ():
         try:
@@ -61,7 +61,7 @@ def frame_pose(
 
 
 def raw_image(message: Image) -> RawImage:
-    """An image message's data, not copied."""
+    """Return the data of an image message, not copied."""
     return RawImage(
         message.encoding,
         message.width,
@@ -73,15 +73,15 @@ def raw_image(message: Image) -> RawImage:
 
 
 def image_message(header: Header, encoding: str, pixels: npt.NDArray[Any]) -> Image:
-    """An image message.
+    """Return an image message.
 
     Args:
         header: its stamp and frame.
-        encoding: what the numbers mean.
+        encoding: of the pixels.
         pixels: shape (height, width) or (height, width, channels), in this machine's byte order.
     """
     height, width = pixels.shape[:2]
-    # an array.array is taken as it is; of anything else the setter checks every byte
+    # the setter accepts an array.array at once; of other types it checks every byte
     data = array("B")
     data.frombytes(np.ascontiguousarray(pixels).data.cast("B"))
     return Image(
@@ -98,7 +98,7 @@ def camera_of(message: CameraInfo, *, rectified: bool = False) -> Camera:
     """Return the camera of a CameraInfo message, whose images may be rectified.
 
     Raises:
-        CameraError: the calibration makes no sense.
+        CameraError: the calibration is not valid.
     """
     roi = message.roi
     return Camera.from_calibration(
@@ -115,7 +115,7 @@ def camera_of(message: CameraInfo, *, rectified: bool = False) -> Camera:
 
 
 def camera_info(header: Header, camera: Camera) -> CameraInfo:
-    """The CameraInfo message of a camera without distortion."""
+    """Return the CameraInfo message of a camera without distortion."""
     c = camera
     k = [c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]
     return CameraInfo(

@@ -1,4 +1,4 @@
-"""Owners, epoch and STOP as messages and services."""
+"""Messages and services for joint owners, epoch and STOP."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class JointControl(NamedTuple):
 
 
 def owners_message(owners: Mapping[str, str]) -> String:
-    """Return a joint_owners message: a line for each joint, its owner behind a colon."""
+    """Return a joint_owners message: a line `joint: owner` for each joint."""
     return String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
 
 
@@ -59,23 +59,23 @@ def control_from_message(message: DiagnosticStatus) -> JointControl:
 
 
 def sender(name: str, epoch: int) -> str:
-    """Return the `frame_id` of a command or a claim: who sends it, and in which epoch."""
+    """Return the `frame_id` of a command or a claim: the sender and the epoch."""
     return f"{name}#{epoch}"
 
 
 def sender_from(frame_id: str) -> tuple[str, int | None]:
-    """Return who sent a command, and its epoch; None where it gives none."""
+    """Return sender and epoch of a command; the epoch is None if it gives none."""
     name, _, epoch = frame_id.rpartition("#")
     return (name, int(epoch)) if name and epoch.isdecimal() else (frame_id, None)
 
 
 def stop_report(joint: str, problem: str) -> str:
-    """Return what a STOP says of a joint: confirmed, or what kept it from that."""
+    """Return the text for a joint after a STOP: relaxed, or the problem."""
     return f"{joint} NOT confirmed: {problem}" if problem else f"{joint} relaxed"
 
 
 def resume_report(resumed: Iterable[str]) -> str:
-    """Return what `resume` answers: who goes on."""
+    """Return the response text of `resume`: which controllers continue."""
     names = ", ".join(resumed)
     return f"{names} goes on, slowly at first" if names else "commands are accepted again"
 
@@ -90,8 +90,8 @@ def offer_stop(
 
     Args:
         services: offer them.
-        stop: STOP; returns for each joint what went wrong, or an empty string.
-        resume: ends it; returns the controllers that go on.
+        stop: STOP; returns the problem of each joint, or an empty string.
+        resume: ends the STOP; returns the controllers that continue.
         prefixes: of their names.
     """
 
@@ -120,7 +120,7 @@ class OwnersOutput:
     Args:
         node: publishes.
         owners: of the joints.
-        joints: which.
+        joints: their names.
     """
 
     def __init__(self, node: Node, owners: JointOwners, joints: Iterable[str]) -> None:
@@ -133,7 +133,7 @@ class OwnersOutput:
         self.publish()
 
     def publish(self) -> None:
-        """Publish what has changed; leases end by themselves."""
+        """Publish what has changed; call it regularly, because owners expire."""
         text, stopped = owners_message(self._owners.of(self._joints)), self._owners.stopped
         before = self._last_published
         self._last_published = text, stopped, self._owners.epoch.value

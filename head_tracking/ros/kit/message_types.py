@@ -1,12 +1,10 @@
-"""Types of messages by name: their classes, and their definitions as text."""
+"""Message types by name: their classes and definitions."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
@@ -14,21 +12,21 @@ from head_tracking.exceptions import HeadTrackingError
 _LINE = "=" * 80
 _NESTED = re.compile(r"([a-zA-Z]\w*)/(\w+)")
 _WORDS = {"boolean": "bool", "float": "float32", "double": "float64", "octet": "byte"}
-"""Words of OMG's IDL that ROS's definitions have others for."""
+"""Types of OMG IDL that have another name in .msg files."""
 
 _KNOWN = {"tf2_msgs/msg/TFMessage": {"transforms": "sequence<geometry_msgs/TransformStamped>"}}
-"""The fields of types that are written and read also where their packages are not installed."""
+"""Fields of types that are recorded also where their packages are not installed."""
 
 
 class MessagesMissingError(HeadTrackingError, LookupError):
-    """A package of messages is not installed; the message says which."""
+    """A package of messages is not installed."""
 
 
 def message_class(name: str) -> Any:
-    """The class of a type such as `std_msgs/msg/Bool`.
+    """Return the class of a type such as `std_msgs/msg/Bool`.
 
     Raises:
-        MessagesMissingError: the package that defines it is not installed.
+        MessagesMissingError: its package is not installed.
     """
     package, _, kind = name.partition("/msg/")
     try:
@@ -41,17 +39,17 @@ def message_class(name: str) -> Any:
 
 
 def message_definition(name: str) -> str:
-    """The definition of a type and of all types in it, as MCAP's encoding `ros2msg` wants it.
+    """Return the definition of a type and all types in it, in MCAP's encoding `ros2msg`.
 
-    The text that the package has installed; where it has none, one made of the class's fields.
+    It is made from the fields of the classes, without comments, defaults and constants.
     Format: https://mcap.dev/spec/registry#ros2msg.
 
     Raises:
-        LookupError: the package that defines it is not installed.
+        MessagesMissingError: its package is not installed.
     """
-    parts = [_text(name)]
+    parts = [_definition(name)]
     for package, kind in dict.fromkeys(_nested(name)):
-        parts.append(f"{_LINE}\nMSG: {package}/{kind}\n{_text(f'{package}/msg/{kind}')}")
+        parts.append(f"{_LINE}\nMSG: {package}/{kind}\n{_definition(f'{package}/msg/{kind}')}")
     return "\n".join(parts)
 
 
@@ -66,7 +64,7 @@ def _fields(name: str) -> Mapping[str, str]:
 
 
 def _nested(name: str) -> list[tuple[str, str]]:
-    """Package and name of the types in it, each before those in itself."""
+    """Return package and name of the types in it, in depth-first order."""
     found = []
     for field in _fields(name).values():
         for package, kind in _NESTED.findall(field):
@@ -74,23 +72,12 @@ def _nested(name: str) -> list[tuple[str, str]]:
     return found
 
 
-def _text(name: str) -> str:
-    package, _, kind = name.partition("/msg/")
-    spec = importlib.util.find_spec(package)
-    for folder in Path((spec and spec.origin) or "").parents:
-        file = folder / "share" / package / "msg" / f"{kind}.msg"
-        if file.is_file():
-            return file.read_text()
-    return _text_from_fields(name)
-
-
-def _text_from_fields(name: str) -> str:
-    """A definition without comments, defaults and constants."""
+def _definition(name: str) -> str:
     return "".join(f"{_type(field)} {called}\n" for called, field in _fields(name).items())
 
 
 def _type(field: str) -> str:
-    """A field's type as a definition has it, from IDL: `sequence<double, 3>` is `float64[<=3]`."""
+    """Convert the type of a field from IDL: `sequence<double, 3>` is `float64[<=3]`."""
     if field.startswith("sequence<"):
         inner, _, bound = field[len("sequence<") : -1].partition(", ")
         return f"{_type(inner)}[{f'<={bound}' if bound else ''}]"

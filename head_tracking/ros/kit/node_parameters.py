@@ -1,4 +1,4 @@
-"""Declares the fields of a dataclass as ROS parameters, and keeps its value up to date."""
+"""The fields of a dataclass as ROS parameters."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ _LARGEST = 1.7976931348623157e308
 
 
 class NodeParameters(Generic[P]):
-    """The ROS parameters of a node that make up one dataclass.
+    """Declares the fields of a dataclass as parameters of a node, and keeps its value up to date.
 
-    A value that is not allowed is refused with the reason and the old one stays.
+    A value that is not allowed is refused with the reason.
 
     Args:
         node: declares the parameters.
         kind: a frozen dataclass; :func:`head_tracking.parameters.parameter` makes its fields.
-        prefix: put before the fields' names, such as ``head_pan_controller.``.
-        defaults: values to use instead of the dataclass's own defaults.
-        check: called with a value that somebody wants to set; raises ValueError to refuse it.
-        on_change: called with the new value after somebody set a parameter.
-        maxima: highest values allowed, where they depend on other parameters.
+        prefix: put before the names of the fields, such as ``head_pan_controller.``.
+        defaults: instead of those of the dataclass.
+        check: called with a new value before it is set; raises a ValueError to refuse it.
+        on_change: called with the new value after a parameter was set.
+        maxima: largest allowed values that depend on other parameters.
 
     Raises:
-        ParameterError: values given at the start are not allowed; names each, and says what is.
+        ParameterError: initial values are not allowed.
     """
 
     def __init__(
@@ -80,16 +80,16 @@ class NodeParameters(Generic[P]):
             except (ParameterException, ParameterError) as error:
                 refused.append((name, error))
         if refused:
-            raise ParameterError("; ".join(self._told(*each) for each in refused))
+            raise ParameterError("; ".join(self._description(*each) for each in refused))
         self.value: P = kind(**values)
         if hasattr(node, "add_post_set_parameters_callback"):
             node.add_on_set_parameters_callback(self._check)
-            node.add_post_set_parameters_callback(self._take)
+            node.add_post_set_parameters_callback(self._set)
         else:  # ROS 2 Humble
-            node.add_on_set_parameters_callback(self._check_and_take)
+            node.add_on_set_parameters_callback(self._check_and_set)
 
-    def _told(self, name: str, error: Exception) -> str:
-        """What is wrong with the value given for a field, and where it comes from."""
+    def _description(self, name: str, error: Exception) -> str:
+        """Return the error of a field's value, and where the value comes from."""
         full_name = self._prefix + name
         where = f"{source(self._node, full_name)}: {self._node.get_fully_qualified_name()}"
         if isinstance(error, InvalidParameterTypeException):
@@ -110,7 +110,7 @@ class NodeParameters(Generic[P]):
         }
 
     def _changed(self, parameters: Sequence[Parameter]) -> P | None:
-        """The dataclass with those of `parameters` that belong to it; None if none does."""
+        """Return the dataclass with new parameters; None if none of them is a field."""
         own = {
             name: parameter.value
             for parameter in parameters
@@ -128,19 +128,19 @@ class NodeParameters(Generic[P]):
                 self._is_possible(changed)
         except ValueError as error:
             for parameter in parameters:
-                # rclpy has described the refused value's type already
+                # rclpy has already changed the type in the description
                 described = self._node.describe_parameter(parameter.name)
                 described.type = self._node.get_parameter(parameter.name).type_.value
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _check_and_take(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+    def _check_and_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         result = self._check(parameters)
         if result.successful:
-            self._take(parameters)
+            self._set(parameters)
         return result
 
-    def _take(self, parameters: Sequence[Parameter]) -> None:
+    def _set(self, parameters: Sequence[Parameter]) -> None:
         changed = self._changed(parameters)
         if changed is not None:
             self.value = changed
@@ -153,7 +153,7 @@ def _descriptor(info: ParameterInfo, default: Any) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=info.description + unit,
         read_only=info.fixed,
-        # lets `rate: 10` stand for 10.0; types and ranges are checked by head_tracking.parameters
+        # accept `rate: 10` for 10.0; head_tracking.parameters checks types and ranges
         dynamic_typing=isinstance(default, float | tuple),
     )
     if isinstance(default, bool | str | tuple):

@@ -1,4 +1,4 @@
-"""The parameters of other nodes: found, described, followed and set at run time."""
+"""Discovers, reads and sets the parameters of other nodes."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _SERVICES = {
     "set_parameters": SetParameters,
 }
 _HUGE = 1e9
-"""Bounds beyond this are none: `a or more` comes as the largest number that there is."""
+"""A bound beyond this is no bound: nodes describe `no maximum` by the largest number."""
 
-_SHOWN = {
+_TYPES = {
     ParameterType.PARAMETER_BOOL,
     ParameterType.PARAMETER_INTEGER,
     ParameterType.PARAMETER_DOUBLE,
     ParameterType.PARAMETER_STRING,
     ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
-_WORDS = "one of: "
+_CHOICES = "one of: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +40,13 @@ class Setting:
     """A parameter of a node that can be changed while it runs.
 
     Attributes:
-        node: whose.
-        name: its name.
+        node: full name of the node.
+        name: name of the parameter.
         value: a bool, int, float, str, or list of floats.
         description: what it does, and its unit.
-        minimum: smallest number that its node takes; -inf if it does not say.
-        maximum: largest number.
-        choices: the words that its node takes; empty for any.
+        minimum: smallest allowed number; -inf for none.
+        maximum: largest allowed number; inf for none.
+        choices: the allowed words; empty for any.
     """
 
     node: str
@@ -59,14 +59,14 @@ class Setting:
 
 
 class OtherParameters:
-    """What can be changed in nodes while they run.
+    """The parameters of the nodes of a namespace.
 
-    All but `set` and `settings` must be called in the node's thread.
+    `look` must be called in the node's thread, everything else may be called in any thread.
 
     Args:
-        node: asks the other nodes.
+        node: has the clients.
         graph: the nodes.
-        ignored: nodes to leave alone.
+        ignored: names of nodes to leave out.
     """
 
     def __init__(self, node: Node, graph: Graph, ignored: Sequence[str]) -> None:
@@ -80,7 +80,7 @@ class OtherParameters:
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
 
     def look(self) -> None:
-        """Asks nodes that came, and forgets nodes that went."""
+        """Read the parameters of new nodes, and discard those of nodes that have ended."""
         base = self._graph.namespace.rstrip("/")
         found = {
             f"{base}/{name}"
@@ -104,10 +104,10 @@ class OtherParameters:
             self._ask(owner)
 
     def settings(self) -> tuple[Setting, ...]:
-        """All parameters that can be changed, by node.
+        """Return all parameters that can be changed, sorted by node.
 
-        Free text is left out: names of frames and topics, and whole models, are for the people who
-        set a robot up, and a wrong one can end its program.
+        Free text, such as names of frames and topics or a robot model, is left out: a wrong one can
+        end its node.
         """
         owners = dict(self._settings)
         return tuple(
@@ -115,7 +115,7 @@ class OtherParameters:
         )
 
     def fixed(self, ending: str) -> dict[str, Any]:
-        """The parameters of all nodes that can't be changed and whose names end so."""
+        """Return the read-only parameters of all nodes whose names have this ending."""
         return {
             name: value
             for values in list(self._fixed.values())
@@ -124,14 +124,14 @@ class OtherParameters:
         }
 
     def values(self) -> Mapping[str, Mapping[str, Any]]:
-        """The parameters of all nodes by full name, as far as they have told them."""
+        """Return all known parameters by full name of the node and name of the parameter."""
         return {owner: dict(values) for owner, values in list(self._values.items())}
 
     def set(self, owner: str, name: str, value: Any) -> Outcome:
-        """Sets a parameter; says what its node answered."""
+        """Set a parameter."""
         clients = self._clients.get(owner)
         if clients is None:
-            return Outcome(False, f"{owner} is not there any more")
+            return Outcome(False, f"the node {owner} has ended")
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
@@ -144,7 +144,7 @@ class OtherParameters:
         return Outcome(True, f"{name} = {value}")
 
     def _answers(self, owner: str) -> bool:
-        """Whether a node is there; what it offered is listed as long as it has clients: these."""
+        """Return whether a node runs. Its services stay listed as long as they have clients."""
         return all(client.service_is_ready() for client in self._clients[owner].values())
 
     def _ask(self, owner: str) -> None:
@@ -157,7 +157,7 @@ class OtherParameters:
         )
 
     def _on_names(self, owner: str, names: Sequence[str]) -> None:
-        self._ask_for(owner, [name for name in names if not _of_every_node(name)])
+        self._ask_for(owner, [name for name in names if not _is_of_every_node(name)])
 
     def _ask_for(self, owner: str, names: Sequence[str]) -> None:
         if owner not in self._clients or not names:
@@ -170,12 +170,12 @@ class OtherParameters:
 
         def on_answer(_: Any) -> None:
             if described.done() and got.done() and owner in self._clients:
-                self._take(owner, names, described.result().descriptors, got.result().values)
+                self._record(owner, names, described.result().descriptors, got.result().values)
 
         described.add_done_callback(on_answer)
         got.add_done_callback(on_answer)
 
-    def _take(
+    def _record(
         self,
         owner: str,
         names: Sequence[str],
@@ -183,8 +183,7 @@ class OtherParameters:
         values: Sequence[Any],
     ) -> None:
         if not len(names) == len(descriptors) == len(values):
-            # one without a value, or that has gone, makes a node leave out all: the others are
-            # asked for without it
+            # a node leaves out all if one has no value or has been undeclared: ask for fewer
             half = len(names) // 2
             if half:
                 self._ask_for(owner, names[:half])
@@ -194,7 +193,7 @@ class OtherParameters:
             plain = self._values.setdefault(owner, {})[name] = _plain(value)
             if descriptor.read_only:
                 self._fixed.setdefault(owner, {})[name] = plain
-            elif value.type in _SHOWN:
+            elif value.type in _TYPES:
                 setting = _setting(owner, name, plain, descriptor)
                 if not isinstance(plain, str) or setting.choices:
                     self._settings.setdefault(owner, {})[name] = setting
@@ -220,8 +219,8 @@ def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor)
         descriptor.description,
         minimum if minimum > -_HUGE else -math.inf,
         maximum if maximum < _HUGE else math.inf,
-        tuple(constraints.removeprefix(_WORDS).split(", "))
-        if constraints.startswith(_WORDS) and isinstance(value, str)
+        tuple(constraints.removeprefix(_CHOICES).split(", "))
+        if constraints.startswith(_CHOICES) and isinstance(value, str)
         else (),
     )
 
@@ -231,7 +230,7 @@ def _plain(value: Any) -> Any:
     return list(plain) if isinstance(plain, array) else plain
 
 
-def _of_every_node(name: str) -> bool:
+def _is_of_every_node(name: str) -> bool:
     return name in ("use_sim_time", "start_type_description_service") or name.startswith(
         "qos_overrides."
     )

@@ -1,4 +1,4 @@
-"""The services of other nodes, called from any thread."""
+"""Clients of the Trigger and SetBool services of other nodes, for calls from any thread."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _PATIENCE = 5.0  # s
 
 
 class Outcome(NamedTuple):
-    """How a request ended: whether it was done, and a sentence for the person who asked."""
+    """The result of a request: whether it succeeded, and a sentence for the user."""
 
     done: bool
     text: str
 
 
 class OtherServices:
-    """Clients for the switches and triggers of other nodes.
+    """Calls services of other nodes.
 
     Args:
         node: has the clients; another thread must spin it.
@@ -31,28 +31,28 @@ class OtherServices:
         self._lock = threading.Lock()
 
     def know(self, kind: type[SetBool] | type[Trigger], *names: str) -> None:
-        """Makes clients, so that they find their services before they are needed."""
+        """Create clients in advance, so that they have discovered their services when called."""
         with self._lock:
             for name in names:
                 if name not in self._clients:
                     self._clients[name] = self._node.create_client(kind, name)
 
     def offered(self, name: str) -> bool:
-        """Whether somebody offers a service that is known."""
+        """Return whether a node offers a known service."""
         client = self._clients.get(name)
         return client is not None and bool(client.service_is_ready())
 
     def trigger(self, name: str) -> Outcome:
-        """Calls a Trigger service."""
+        """Call a Trigger service."""
         return self._call(name, Trigger.Request())
 
     def switch(self, name: str, on: bool) -> Outcome:
-        """Calls a SetBool service."""
+        """Call a SetBool service."""
         return self._call(name, SetBool.Request(data=on))
 
     def _call(self, name: str, request: Any) -> Outcome:
         if not self.offered(name):
-            return Outcome(False, f"nobody offers {name}; is its node running?")
+            return Outcome(False, f"no node offers {name}; is its node running?")
         answer = wait_for_answer(self._clients[name], request)
         if answer is None:
             return Outcome(False, f"{name} did not answer within {_PATIENCE:.0f} s")
@@ -60,7 +60,10 @@ class OtherServices:
 
 
 def wait_for_answer(client: Any, request: Any, patience: float = _PATIENCE) -> Any:
-    """What a service answers, while another thread spins the node; None if it does not."""
+    """Call a service and return its response; None after `patience` [s].
+
+    Another thread must spin the client's node.
+    """
     answered = threading.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: answered.set())

@@ -1,4 +1,4 @@
-"""Parameter files: who gave a value, and what in them no node knows."""
+"""The files and arguments that parameters come from, and mistakes in their names."""
 
 from __future__ import annotations
 
@@ -17,30 +17,28 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.programs import NODES
 from head_tracking.ros.kit.head_lock import namespace
 
-if TYPE_CHECKING:  # the tools that read these files work without ROS
+if TYPE_CHECKING:
     from rclpy.node import Node
 
-_LIKELY = 0.75  # how alike a name must be to be meant
+_LIKELY = 0.75  # similarity of names for a suggestion
 _LISTED = 3
 
 
 class UnknownParametersError(RefusedError):
-    """A file names parameters or nodes that do not exist."""
+    """Parameters or nodes do not exist."""
 
 
 _given: list[Given] = []
 _COMMAND_LINE: Final = "the command line"
-_RULE: Final = re.compile(
-    r"(\w+):([\w.]+):=(.*)", re.DOTALL
-)  # a node's name, a parameter, its value
+_RULE: Final = re.compile(r"(\w+):([\w.]+):=(.*)", re.DOTALL)  # node, parameter, value
 
 
 def remember(arguments: Sequence[str]) -> None:
-    """Reads the files that ROS's arguments name, which ROS has taken already."""
+    """Record which parameters the arguments of ROS and their files set."""
     _given.clear()
     for word, file in pairwise(arguments):
         if word == "--params-file":
-            with suppress(OSError, ValueError, yaml.YAMLError):  # ROS has reported it
+            with suppress(OSError, ValueError, yaml.YAMLError):  # ROS has reported the error
                 _given.extend(read(file))
     for node, values in _rules(arguments)[0].items():
         _given.extend(Given(_COMMAND_LINE, f"/**/{node}", name) for name in values)
@@ -48,10 +46,10 @@ def remember(arguments: Sequence[str]) -> None:
 
 @contextmanager
 def rules_in_namespace(arguments: Sequence[str]) -> Iterator[list[str]]:
-    """Yield ROS's arguments; in a namespace with each `-p node:name:=value` in a file.
+    """Yield arguments of ROS in which `-p node:name:=value` works in a namespace.
 
-    ROS uses such a rule for nodes of the root namespace only, and ignores it for others. The file
-    is there until the end of the block.
+    ROS ignores such a rule for nodes outside of the root namespace. So the rules are written to a
+    parameter file, which exists until the end of the block.
     """
     rules, others = _rules(arguments)
     prefix = namespace(arguments).rstrip("/")
@@ -82,38 +80,37 @@ def _rules(arguments: Sequence[str]) -> tuple[dict[str, dict[str, str]], list[st
 
 
 def source(node: Node, name: str) -> str:
-    """Where a node's value comes from: a file, or the command line."""
+    """Return the file that sets a parameter of a node, or `the command line`."""
     full_name = node.get_fully_qualified_name()
     files = [given.file for given in _given if given.name == name and given.is_for(full_name)]
     return files[-1] if files else _COMMAND_LINE
 
 
 def check(nodes: Iterable[Node], *, names: bool = True) -> None:
-    """Looks for values that nobody takes, after the nodes have declared their parameters.
+    """Find values for parameters and nodes that do not exist, after all were declared.
 
-    On the command line, one for a node that does not exist is nobody's. In a file, a value for
-    nodes of any name (`/**`) is somebody's if it is not one of these nodes'. So is one for a node
-    whose name is like none of ours, or is one of ours with something more.
+    On the command line each name must exist. In a file these are ignored: values for nodes of any
+    name (`/**`), and values for a node whose name is similar to none of ours, or contains one.
 
     Args:
         nodes: those of this process.
-        names: whether names of nodes are checked, too; False: another process does that.
+        names: check names of nodes, too; False: another process does that.
 
     Raises:
-        UnknownParametersError: there are some; names each, with the nearest that exists.
+        UnknownParametersError: lists them with similar names that exist.
     """
     nodes = list(nodes)
     problems = []
     for node in nodes:
         full_name = node.get_fully_qualified_name()
-        anybodys = {
-            given.name for given in _given if not given.node and given.is_for(full_name)
-        } - {given.name for given in _given if given.node and given.is_for(full_name)}
+        shared = {given.name for given in _given if not given.node and given.is_for(full_name)} - {
+            given.name for given in _given if given.node and given.is_for(full_name)
+        }
         declared, given = node._parameters, node._parameter_overrides
         for name in sorted(given):
             is_known = (
                 name in declared
-                or name in anybodys
+                or name in shared
                 or name.startswith("qos_overrides.")
                 or f"{name.split('.', 1)[0]}.motor.id" in given  # a servo that is not in use
             )
@@ -123,7 +120,7 @@ def check(nodes: Iterable[Node], *, names: bool = True) -> None:
                     f"{_nearest(name, declared)}"
                 )
     if names:
-        # one file can be for several nodes, each in a process of its own
+        # one file may configure nodes of several processes
         problems += _misspelt_nodes({*NODES, *(node.get_name() for node in nodes)})
     if problems:
         raise UnknownParametersError("; ".join(problems) + "; nothing was moved")
@@ -133,7 +130,7 @@ def _misspelt_nodes(known: set[str]) -> Iterator[str]:
     for file, name in dict.fromkeys((given.file, given.node) for given in _given):
         if file == _COMMAND_LINE:
             is_wrong = name not in known
-        else:  # servo_bus_left is somebody's second servo_bus
+        else:  # servo_bus_left may be a second servo_bus
             is_wrong = not any(one in name for one in known) and bool(_alike(name, known))
         if name and is_wrong:
             yield f"{file}: there is no node {name}{_nearest(name, known)}"

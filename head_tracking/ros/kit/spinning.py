@@ -1,4 +1,4 @@
-"""Runs nodes: one executor for all, ended by a signal, by time, or by a node that dies."""
+"""Runs nodes in one executor until a signal, the end of a time, or an error in a node."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from rclpy.timer import Timer
 from std_msgs.msg import Empty
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
-from head_tracking.output import output_may_get_lost
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.start import in_short, start_ros
 from head_tracking.ros.kit.stop_signal import StopSignal
@@ -37,7 +36,7 @@ _TRIED: WeakKeyDictionary[Context, bool] = WeakKeyDictionary()
 _PATIENCE = 3.0  # s that a node's callbacks may take to return at the end
 
 EXPLAINED = (HeadTrackingError, ParameterException)
-"""Errors whose message is all that a person needs to know."""
+"""Errors that are printed without a traceback."""
 
 
 class NodeDied(Exception):
@@ -55,7 +54,7 @@ class NodeDied(Exception):
 
 
 def describe(error: Exception) -> str:
-    """The error for a person: its message; the traceback too if nobody has foreseen it."""
+    """Return the message of an error, and its traceback if the error is unexpected."""
     cause = error.error if isinstance(error, NodeDied) else error
     if isinstance(cause, RefusedError):
         return str(cause)
@@ -67,10 +66,10 @@ def describe(error: Exception) -> str:
 
 
 class NodeThreads:
-    """Nodes that spin, all in one thread: by an EventsExecutor where that works.
+    """Spins nodes in one thread, by an EventsExecutor where that works.
 
     Attributes:
-        problems: what went wrong at the end, such as servos that may have torque on.
+        problems: problems at the end, such as servos that may have torque on.
     """
 
     def __init__(self) -> None:
@@ -83,17 +82,17 @@ class NodeThreads:
 
     @property
     def executor(self) -> str:
-        """What spins the nodes."""
+        """The executor, as text for the log."""
         if isinstance(self._executor, SingleThreadedExecutor):
             return (
-                "all nodes run in one SingleThreadedExecutor, which costs more: rclpy's "
-                "EventsExecutor is missing or does not work here"
+                "all nodes run in one SingleThreadedExecutor, which needs more processor time: "
+                "the EventsExecutor of rclpy is missing or does not work here"
             )
         return "all nodes run in one EventsExecutor"
 
     @property
     def failure(self) -> NodeDied | None:
-        """The first node that died: in a callback, or as its `failure` says."""
+        """The first error of a node: of a callback, or its attribute `failure`."""
         for node in self._nodes:
             error = getattr(node, "failure", None)
             if self._failure is None and error is not None:
@@ -101,7 +100,7 @@ class NodeThreads:
         return self._failure
 
     def start(self, node: Node) -> None:
-        """Spin a node from now on."""
+        """Start to spin a node."""
         if self._executor is None:
             kind = EventsExecutor if events_executor_works(node.context) else SingleThreadedExecutor
             self._executor = kind(context=node.context)
@@ -113,14 +112,14 @@ class NodeThreads:
         self,
         stop: StopSignal,
         duration: float | None = None,
-        look: Callable[[], object] = lambda: None,
+        update: Callable[[], object] = lambda: None,
     ) -> None:
-        """Wait until somebody asks to stop, `duration` [s] is over, or a node dies.
+        """Wait for `stop`, for `duration` [s], or for an error in a node.
 
         Args:
-            stop: asks to stop.
-            duration: how long to wait [s]; None: for ever.
-            look: called ten times a second.
+            stop: ends the wait.
+            duration: the longest wait [s]; None: no limit.
+            update: called ten times a second.
 
         Raises:
             NodeDied: a node ended with an error.
@@ -129,14 +128,14 @@ class NodeThreads:
         while not stop() and (left := end - time.monotonic()) > 0.0:
             if self.failure is not None:
                 raise self.failure
-            look()
+            update()
             stop.wait(min(_POLL, left))
 
     def close(self) -> None:
-        """Make safe what moves, end the thread, then destroy the nodes, the last one first.
+        """Stop what moves, end the thread, then destroy the nodes, the last one first.
 
-        A node with a method `make_safe` comes first, whatever its callbacks or another node's do;
-        the method returns what went wrong.
+        First the methods `make_safe` of the nodes are called, which return their problems; running
+        callbacks do not delay that.
         """
         if self._ending.is_set():
             return
@@ -155,7 +154,7 @@ class NodeThreads:
             node.destroy_node()
 
     def exit_code(self) -> int:
-        """Print what went wrong at the end; return 1 if something did, else 0."""
+        """Print the problems at the end; return 1 if there are any, else 0."""
         for problem in self.problems:
             print(problem, file=sys.stderr)
         return 1 if self.problems else 0
@@ -172,7 +171,7 @@ class NodeThreads:
 
 
 def _node_of(error: Exception) -> str:
-    """The name of the node in whose callback an error was raised."""
+    """Return the name of the node whose callback raised an error."""
     for frame, _ in traceback.walk_tb(error.__traceback__):
         owner = frame.f_locals.get("self")
         node = owner if isinstance(owner, Node) else getattr(owner, "_node", None)
@@ -182,7 +181,7 @@ def _node_of(error: Exception) -> str:
 
 
 def events_executor_works(context: Context) -> bool:
-    """Whether rclpy has an EventsExecutor that brings timers and messages here; tried once."""
+    """Return whether an EventsExecutor delivers timers and messages here; tried once."""
     if EventsExecutor is None:
         return False
     if context not in _TRIED:
@@ -210,34 +209,28 @@ def _probe(context: Context) -> bool:
             executor.spin_once(timeout_sec=_PROBE_PERIOD)
         executor.shutdown()
     except Exception:
-        return False  # whatever it is, the other executor is there
+        return False  # the other executor always works
     finally:
         node.destroy_node()
     return bool(heard)
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
-    """Calls back after each period [s] of a clock that runs whatever happens to the node's.
+    """Create a timer on the steady clock; the period is in seconds.
 
-    A timer on the node's own clock waits for hours when that is set back by hours, and for ever
-    while nobody publishes /clock.
+    A timer on the node's own clock stands still for hours when that clock is set back by hours, and
+    while nothing publishes /clock.
     """
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def run_node(make: Callable[[], Node]) -> int:
-    """Runs one node as a program until somebody asks it to end; see `StopSignal`.
+    """Run one node as a program until a signal ends it; see `StopSignal`.
 
     Returns:
-        The exit code: 0, or 1 if the node could not start, died, or did not end well (servos that
-        were not confirmed relaxed); the reason is printed.
+        The exit code: 0, or 1 after an error at the start, in a callback, or at the end (servos
+        that are not confirmed relaxed); the error is printed.
     """
-    with output_may_get_lost(), StopSignal() as stop:
-        return run_until(stop, make)
-
-
-def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Runs one node as a program until `stop`; see `run_node`."""
     threads = NodeThreads()
 
     def begin() -> None:
@@ -245,7 +238,8 @@ def run_until(stop: StopSignal, make: Callable[[], Node], args: Sequence[str] | 
         parameter_sources.check([node])
         threads.start(node)
 
-    return run_threads(stop, threads, begin, args)
+    with StopSignal() as stop:
+        return run_threads(stop, threads, begin)
 
 
 def run_threads(
@@ -253,21 +247,21 @@ def run_threads(
     threads: NodeThreads,
     begin: Callable[[], object],
     args: Sequence[str] | None = None,
-    look: Callable[[], object] = lambda: None,
+    update: Callable[[], object] = lambda: None,
 ) -> int:
     """Run ROS and nodes until `stop`, and end both; return the exit code, see `run_node`.
 
     Args:
-        stop: asks to end.
+        stop: ends the nodes.
         threads: of the nodes.
-        begin: starts the first nodes, when ROS runs.
-        args: ROS's.
-        look: called ten times a second.
+        begin: starts the first nodes, after ROS.
+        args: of ROS.
+        update: called ten times a second.
     """
     try:
         start_ros(args)
         begin()
-        threads.wait(stop, look=look)
+        threads.wait(stop, update=update)
     except Exception as error:
         print(describe(error), file=sys.stderr)
         return 1

@@ -1,13 +1,12 @@
-"""Starts ROS for a program; what a person has to mend is said in one line."""
+"""Initialisation of ROS for a program, with errors of one line."""
 
 from __future__ import annotations
 
-import functools
 import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
@@ -18,7 +17,6 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.output import output_may_get_lost
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.share import share_directory
 
@@ -26,25 +24,27 @@ _PROFILES = {
     "fastrtps": "FASTRTPS_DEFAULT_PROFILES_FILE",
     "fastdds": "FASTDDS_DEFAULT_PROFILES_FILE",
 }
-"""Where Fast DDS 2 and 3 look for settings; 3 warns of the name of 2."""
+"""The variables of Fast DDS 2 and 3 for their settings; 3 warns of that of 2."""
 
 
 class StartError(HeadTrackingError):
-    """ROS does not take its arguments, or a file that they name."""
+    """ROS refuses its arguments, or a file that they name."""
 
 
 def start_ros(arguments: Sequence[str] | None = None) -> None:
-    """`rclpy.init`, without its signal handlers.
+    """Call `rclpy.init` without its signal handlers.
 
-    Where no log file can be written none is, and that is said. Fast DDS gets config/fastdds.xml,
-    unless the user has settings of their own.
+    If no log file can be written, a warning is printed. Fast DDS uses config/fastdds.xml unless the
+    user has other settings.
 
     Args:
         arguments: the command line; None: `sys.argv`.
 
     Raises:
-        StartError: an argument of ROS or a parameter file is malformed; says which and where.
+        StartError: an argument of ROS or a parameter file is malformed.
     """
+    # rosidl_generator_py does without its generator, whose parser takes 7 MB and 0.1 s
+    sys.modules.setdefault("rosidl_generator_py.generate_py_impl", None)  # type: ignore[arg-type]
     arguments = list(sys.argv if arguments is None else arguments)
     reason = _why_no_log_file()
     if reason:
@@ -62,7 +62,7 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
 
 
 def _fast_dds() -> list[str]:
-    """Which Fast DDS is installed beside ROS."""
+    """Return the keys of `_PROFILES` for the installed Fast DDS."""
     try:
         share = Path(get_package_prefix("rmw_fastrtps_cpp")) / "share"
     except (LookupError, OSError):  # another middleware; or AMENT_PREFIX_PATH is not set
@@ -71,7 +71,7 @@ def _fast_dds() -> list[str]:
 
 
 def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
-    """What is left for the program itself; the first one is its name.
+    """Return the arguments of the program itself; the first one is its name.
 
     Raises:
         StartError: an argument of ROS is malformed.
@@ -80,24 +80,6 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
         return list(remove_ros_args(list(arguments)))
     except rclpy_implementation.RCLError as error:
         raise StartError(in_short(error)) from error
-
-
-def program(name: str) -> Callable[[Callable[[], int]], Callable[[], int]]:
-    """Makes a tool's main function end by one line and 1 if a person can mend what went wrong."""
-
-    def made(main: Callable[[], int]) -> Callable[[], int]:
-        @functools.wraps(main)
-        def run() -> int:
-            with output_may_get_lost():
-                try:
-                    return main()
-                except HeadTrackingError as error:
-                    print(f"{name}: {error}", file=sys.stderr)
-                    return 1
-
-        return run
-
-    return made
 
 
 def _why_no_log_file() -> str:
@@ -112,7 +94,7 @@ def _why_no_log_file() -> str:
 
 
 def in_short(error: Exception) -> str:
-    """ROS's message in one line, without the places in its own source."""
+    """Return the message of an error of ROS in one line, without places in its source."""
     text = re.sub(r", at /\S+\.c(pp)?:\d+", "", str(error))
     text = re.sub(r"^failed to initialize \w+: |^Failed to parse ROS arguments: ", "", text)
     return " ".join(text.split())

@@ -1,4 +1,4 @@
-"""Whoever wants a program to end, as something to ask for, before anything slow is imported."""
+"""Signals that end a program. Importing this module is fast: it needs no ROS."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class EndRequestedError(Exception):
-    """Somebody asked to stop before everything had started."""
+    """The program was asked to end before everything had started."""
 
 
 class StopSignal:
-    """Waits for a signal to end instead of letting rclpy shut down under the nodes' feet."""
+    """Records signals that end the program; the program ends its nodes before rclpy.
+
+    A context manager, which restores the signal handlers.
+    """
 
     def __init__(self) -> None:
         self._stopped = threading.Event()
@@ -42,7 +45,7 @@ class StopSignal:
 
     @contextmanager
     def while_importing(self) -> Iterator[None]:
-        """Until the end of the block there is nothing to end: who asks to stop ends the process."""
+        """End the process at once if it is asked to end in this block: nothing runs yet."""
         self._importing = True
         try:
             yield
@@ -50,24 +53,20 @@ class StopSignal:
             self._importing = False
 
     def __call__(self) -> bool:
-        """Whether it is time to stop."""
+        """Return whether the program has been asked to end."""
         return self._stopped.is_set()
 
     def set(self) -> None:
-        """Asks to stop."""
+        """Ask the program to end."""
         self._stopped.set()
         if self._importing:
             os._exit(0)
 
     def check(self) -> None:
-        """To be called between the steps of a start.
-
-        Raises:
-            EndRequestedError: it is time to stop.
-        """
+        """Raise an EndRequestedError if the program has been asked to end."""
         if self._stopped.is_set():
             raise EndRequestedError
 
     def wait(self, seconds: float) -> bool:
-        """Waits for a signal; whether there was one."""
+        """Wait for at most this time; return whether the program has been asked to end."""
         return self._stopped.wait(seconds)

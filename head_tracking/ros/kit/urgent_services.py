@@ -1,11 +1,11 @@
-"""Services of a node that no callback of its executor delays, and that delay no other one."""
+"""Services of a node that no callback of its executor delays, and that do not delay each other."""
 
 from __future__ import annotations
 
 import threading
 import traceback
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -16,18 +16,11 @@ _POLL = 1_000_000_000  # ns
 _PATIENCE = 3.0  # s that a callback may take to return at the end
 
 
-class _Offer(NamedTuple):
-    service: Any
-    kind: Any
-    callback: Callable[[Any, Any], Any]
-
-
 class UrgentServices:
-    """Services that a thread of their own receives; each request is carried out in another one.
+    """Services that each have a thread, which receives requests and calls the callback.
 
-    They belong to the node, under its name and with its remap rules, but its executor does not know
-    them. A service carries out one request at a time. An error in a callback is logged, and its
-    client gets the answer as it was then.
+    They belong to the node, have its name and remap rules, but its executor does not know them. An
+    error in a callback is logged; the client receives the response as the callback left it.
 
     Args:
         node: offers them.
@@ -35,83 +28,75 @@ class UrgentServices:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._offers: list[_Offer] = []
-        self._idle = threading.Condition()
-        self._busy: set[_Offer] = set()
-        self._ending = False
-        self._wake = rclpy_implementation.GuardCondition(node.context.handle)
-        self._thread = threading.Thread(
-            target=self._receive, name=f"{node.get_name()} services", daemon=True
-        )
+        self._services: list[_Service] = []
 
     def offer(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Offer a service from `start` on.
+        """Offer a service.
 
         Args:
             kind: of the service.
-            name: as `Node.create_service` takes it.
-            callback: gets request and response, and returns the response.
+            name: as for `Node.create_service`.
+            callback: receives request and response, and returns the response.
         """
-        check_is_valid_srv_type(kind)
-        qos = qos_profile_services_default.get_c_qos_profile()
-        with self._node.handle:
-            service = rclpy_implementation.Service(self._node.handle, kind, name, qos)
-        self._offers.append(_Offer(service, kind, callback))
+        self._services.append(_Service(self._node, kind, name, callback))
 
     def start(self) -> None:
-        """Receive requests from now on."""
-        self._thread.start()
+        """Start to receive requests."""
+        for service in self._services:
+            service.thread.start()
 
     def close(self) -> None:
         """Withdraw the services; may be called twice."""
-        self._ending = True
-        if self._thread.is_alive():
-            self._wake.trigger_guard_condition()
-            self._thread.join(_PATIENCE)
-        with self._idle:
-            self._idle.wait_for(lambda: not self._busy, _PATIENCE)
-        while self._offers:
-            self._offers.pop().service.destroy_when_not_in_use()
+        for service in self._services:
+            service.end()
+        while self._services:
+            self._services.pop().withdraw()
 
-    def _receive(self) -> None:
+
+class _Service:
+    def __init__(self, node: Node, kind: Any, name: str, callback: Callable[..., Any]) -> None:
+        check_is_valid_srv_type(kind)
+        self._node, self._kind, self._callback = node, kind, callback
+        with node.handle:
+            self._service = rclpy_implementation.Service(
+                node.handle, kind, name, qos_profile_services_default.get_c_qos_profile()
+            )
+        self._wake = rclpy_implementation.GuardCondition(node.context.handle)
+        self._ending = False
+        self.thread = threading.Thread(target=self._serve, name=f"service {name}", daemon=True)
+
+    def end(self) -> None:
+        self._ending = True
+        if self.thread.is_alive():
+            self._wake.trigger_guard_condition()
+
+    def withdraw(self) -> None:
+        if self.thread.is_alive() and self.thread is not threading.current_thread():
+            self.thread.join(_PATIENCE)
+        self._service.destroy_when_not_in_use()
+
+    def _serve(self) -> None:
         context = self._node.context
-        waiting = rclpy_implementation.WaitSet(0, 1, 0, 0, len(self._offers), 0, context.handle)
+        waiting = rclpy_implementation.WaitSet(0, 1, 0, 0, 1, 0, context.handle)
         while not self._ending and context.ok():
-            with self._idle:
-                free = [each for each in self._offers if each not in self._busy]
             waiting.clear_entities()
             waiting.add_guard_condition(self._wake)
-            for each in free:
-                waiting.add_service(each.service)
+            waiting.add_service(self._service)
             waiting.wait(_POLL)
-            ready = waiting.get_ready_entities("service")
-            for each in free:
-                if each.service.pointer in ready:
-                    self._begin(each)
+            if waiting.get_ready_entities("service"):
+                try:
+                    self._answer()
+                except Exception:
+                    self._node.get_logger().error(traceback.format_exc())
 
-    def _begin(self, offer: _Offer) -> None:
-        with offer.service:
-            request, header = offer.service.service_take_request(offer.kind.Request)
-        if header is not None:
-            with self._idle:
-                self._busy.add(offer)
-            threading.Thread(
-                target=self._answer, args=(offer, request, header), daemon=True
-            ).start()
-
-    def _answer(self, offer: _Offer, request: Any, header: Any) -> None:
-        response = offer.kind.Response()
+    def _answer(self) -> None:
+        with self._service:
+            request, header = self._service.service_take_request(self._kind.Request)
+        if header is None:
+            return
+        response = self._kind.Response()
         try:
-            response = offer.callback(request, response)
-        except Exception:
-            self._node.get_logger().error(traceback.format_exc())
-        try:
-            with offer.service:
-                offer.service.service_send_response(response, header.request_id)
-        except Exception:
-            self._node.get_logger().error(traceback.format_exc())
+            response = self._callback(request, response)
         finally:
-            with self._idle:
-                self._busy.discard(offer)
-                self._idle.notify_all()
-            self._wake.trigger_guard_condition()
+            with self._service:
+                self._service.service_send_response(response, header.request_id)

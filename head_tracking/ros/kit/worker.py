@@ -1,4 +1,4 @@
-"""A thread beside the executor's, for what takes longer than a callback may: images."""
+"""A thread for work that takes longer than a callback may: drawing and detecting in images."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-_PATIENCE = 3.0  # s that what is under way at the end may take
+_PATIENCE = 3.0  # s that the current work may take at the end
 
 
 class Worker(Generic[T]):
-    """Works on the newest thing it was given, one at a time, in a thread of its own.
+    """Processes items one at a time in its own thread; of waiting items only the latest one.
 
     Args:
         name: of the thread.
-        work: what is done with each thing; one that nobody had time for is left out.
+        work: processes an item.
     """
 
     def __init__(self, name: str, work: Callable[[T], object]) -> None:
         self._work = work
         self._changed = threading.Condition()
-        self._newest: list[T] = []
+        self._latest: list[T] = []
         self._tasks: deque[Callable[[], object]] = deque()
         self._later: deque[tuple[float, Callable[[], object]]] = deque()
         self._error: Exception | None = None
@@ -32,32 +32,32 @@ class Worker(Generic[T]):
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def offer(self, thing: T) -> None:
-        """Works on it next; on nothing that was given before.
+    def offer(self, item: T) -> None:
+        """Process this item next, and no item that waits.
 
         Raises:
-            Exception: what ended the thread, so that it ends the node too.
+            Exception: what ended the thread, so that the caller's node ends too.
         """
         if self._error is not None:
             raise self._error
         with self._changed:
-            self._newest = [thing]
+            self._latest = [item]
             self._changed.notify()
 
     def do(self, task: Callable[[], object]) -> None:
-        """Does something before the next thing, in the order of the calls."""
+        """Call a task before the next item; tasks keep their order."""
         with self._changed:
             self._tasks.append(task)
             self._changed.notify()
 
     def later(self, delay: float, task: Callable[[], object]) -> None:
-        """Does something after `delay` [s], and after all that was to be done later before."""
+        """Call a task after `delay` [s]; these tasks keep their order, too."""
         with self._changed:
             self._later.append((time.monotonic() + delay, task))
             self._changed.notify()
 
     def close(self) -> None:
-        """Ends what is under way, leaves out the rest."""
+        """Finish the current work and drop the rest."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -71,7 +71,7 @@ class Worker(Generic[T]):
             self._error = error
 
     def _next(self) -> Callable[[], object] | None:
-        """What is to be done now, as soon as there is something; None at the end."""
+        """Wait for the next work and return it; None at the end."""
         with self._changed:
             while not self._closed:
                 wait = self._later[0][0] - time.monotonic() if self._later else None
@@ -79,8 +79,8 @@ class Worker(Generic[T]):
                     return self._later.popleft()[1]
                 if self._tasks:
                     return self._tasks.popleft()
-                if self._newest:
-                    thing = self._newest.pop()
-                    return lambda: self._work(thing)
+                if self._latest:
+                    item = self._latest.pop()
+                    return lambda: self._work(item)
                 self._changed.wait(wait)
             return None

@@ -1,4 +1,4 @@
-"""joint_state_publisher: measured joints, joints that follow them, and stated defaults."""
+"""joint_state_publisher: publishes measured joints, dependent joints and defaults."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.topic_output import Output
+from head_tracking.ros.kit.topics import Output
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.transforms import (
     LARGEST_POSITION,
@@ -34,19 +34,19 @@ from head_tracking.transforms import (
 
 @dataclass(frozen=True, slots=True)
 class JointStatePublisherParameters:
-    """Where the joints come from."""
+    """The sources of joint states."""
 
     source_list: tuple[str, ...] = parameter(
-        ("servo_states",), "Topics with measured joints.", fixed=True
+        ("servo_states",), "Topics of measured joint states.", fixed=True
     )
     publish_default_positions: bool = parameter(
         False,
-        "Send joints that nobody measures at 0, or in the middle of their limits.",
+        "Publish joints that are not measured at 0, or in the middle of their limits.",
         fixed=True,
     )
     rate: float = parameter(
         10.0,
-        "How often the defaults are sent while nothing is measured.",
+        "How often defaults are published while there are no measurements.",
         unit="Hz",
         minimum=0.1,
         maximum=1000.0,
@@ -55,15 +55,15 @@ class JointStatePublisherParameters:
 
 
 class JointStatePublisherNode(Node):
-    """Answers every measurement with a complete `joint_states`, stamped with its time.
+    """Publishes complete `joint_states` for each measurement, with its stamp.
 
-    A joint that nobody measured is sent only if `zeros.<joint>` states its position, if
-    `dependent_joints.<joint>.parent`, `.factor` and `.offset` tie it to another, or all of them if
+    A joint that is not measured is published if `zeros.<joint>` gives its position, if
+    `dependent_joints.<joint>.parent`, `.factor` and `.offset` make it follow another, or if
     `publish_default_positions` is set.
 
     Args:
-        loop: of the process, which has the servos; its buffer has the robot's model. None: the
-            servos are in another process, and the model comes from `robot_description`.
+        loop: of the process, if it reads the servos; its buffer has the robot model. None: the
+            servos are in another process, and the model is that of `robot_description`.
     """
 
     def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
@@ -91,7 +91,7 @@ class JointStatePublisherNode(Node):
         steady_timer(self, 1.0 / p.rate, self._publish_defaults)
 
     def _declare_zeros(self) -> dict[str, float]:
-        """The defaults that were given; their names are those of the model's joints."""
+        """Declare the parameters `zeros.<joint>` that were given."""
         prefix = "zeros."
         names = [name.removeprefix(prefix) for name in self._given(prefix)]
         return {name: self._declare_number(prefix + name, 0.0) for name in names}
@@ -108,12 +108,12 @@ class JointStatePublisherNode(Node):
         return dependents
 
     def _given(self, prefix: str) -> list[str]:
-        """Parameters whose names only the model knows: those that somebody gave."""
+        """Return the names of the given parameters with a prefix; each ends with a joint."""
         return [name for name in self._parameter_overrides if name.startswith(prefix)]
 
     def _declare_number(self, name: str, default: float) -> float:
         descriptor = ParameterDescriptor(
-            description="Position of a joint that nobody measures, or part of it. [rad or m]",
+            description="Position, factor or offset of a joint that is not measured. [rad or m]",
             dynamic_typing=True,
         )
         value = self.declare_parameter(name, default, descriptor).value
@@ -128,10 +128,10 @@ class JointStatePublisherNode(Node):
             self._refuse(error)
 
     def _refuse(self, error: RobotModelError) -> None:
-        self.get_logger().error(f"robot_description is not used: {error}")
+        self.get_logger().error(f"robot_description is ignored: {error}")
 
     def _use(self, model: RobotModel | None) -> None:
-        """Complete joints by another model from now on."""
+        """Use another model."""
         self._model = model
         if model is not None:
             try:
@@ -156,12 +156,12 @@ class JointStatePublisherNode(Node):
         if len(measured) < max(len(message.name), len(message.position)) and message.position:
             self.get_logger().error(
                 f"of the joints {list(message.name)} at {list(message.position)} only "
-                f"{list(measured)} are used: each needs a name of its own and a finite position",
+                f"{list(measured)} are valid: each needs a unique name and a finite position",
                 throttle_duration_sec=1.0,
             )
-        self._take(stamp_to_ns(message.header.stamp), measured)
+        self._process(stamp_to_ns(message.header.stamp), measured)
 
-    def _take(self, stamp: int, measured: Mapping[str, JointSample]) -> None:
+    def _process(self, stamp: int, measured: Mapping[str, JointSample]) -> None:
         if self._loop is None:
             self._publish(stamp, self._complete(measured))
             return
@@ -170,7 +170,7 @@ class JointStatePublisherNode(Node):
         self._loop.publish(measured, stamp, states)
 
     def _complete(self, measured: Mapping[str, JointSample]) -> Mapping[str, JointSample]:
-        """The measured joints, and what follows from them or is stated; see `JointStates`."""
+        """Add dependent joints and defaults; see `JointStates.complete`."""
         self._measured = True
         buffer = None if self._loop is None else self._loop.buffer
         model = self._described if buffer is None else buffer.model
@@ -180,7 +180,7 @@ class JointStatePublisherNode(Node):
 
     def _publish_defaults(self) -> None:
         if not self._measured:
-            self._take(self.get_clock().now().nanoseconds, {})
+            self._process(self.get_clock().now().nanoseconds, {})
         self._measured = False
 
     def _publish(self, stamp: int, states: Mapping[str, JointSample]) -> None:

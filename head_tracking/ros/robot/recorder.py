@@ -1,4 +1,4 @@
-"""recorder: everything that a robot says, in an MCAP file, without a page."""
+"""recorder: records the topics of a robot in an MCAP file, without the page."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from head_tracking.ros.kit.other_parameters import OtherParameters
 from head_tracking.ros.kit.spinning import run_node, steady_timer
 from head_tracking.tf import listening_buffer
 
-_LOOK_PERIOD = 1.0  # s
+_DISCOVERY_PERIOD = 1.0  # s
 _NICENESS = 10
 
 
 class RecorderNode(ClosingNode):
-    """Records from its start to its end, or until the file is full.
+    """Records until it ends or the file is full.
 
     Raises:
-        HeadTrackingError: a library is missing, or the file can't be written; says what to do.
+        HeadTrackingError: a library is missing, or the file cannot be written.
     """
 
     def __init__(self, **options: Any) -> None:
         if find_spec("mcap_ros2") is None:
             raise HeadTrackingError(
-                "recordings need mcap-ros2-support, which is not installed here: "
-                "`ros2 run head_tracking head_setup viewer` in a workspace, "
-                "pip install 'head_tracking[viewer]' elsewhere"
+                "recordings need mcap-ros2-support, which is not installed; install it with "
+                "`ros2 run head_tracking head_setup viewer` in a workspace, or with "
+                "pip install 'head_tracking[viewer]'"
             )
         from head_tracking.recording.recorder import Recorder, RecorderParameters
 
@@ -45,8 +45,8 @@ class RecorderNode(ClosingNode):
             listening_buffer(self).core,
             self._others.values,
         )
-        self._said_end = False
-        steady_timer(self, _LOOK_PERIOD, self._look)
+        self._has_ended = False
+        steady_timer(self, _DISCOVERY_PERIOD, self._update)
         outcome = self.recorder.start()
         if not outcome.done:
             raise HeadTrackingError(outcome.text)
@@ -58,15 +58,15 @@ class RecorderNode(ClosingNode):
             self.recorder.stop()
             self.get_logger().info(self.recorder.status)
 
-    def _look(self) -> None:
+    def _update(self) -> None:
         self._graph.look()
         self._others.look()
-        if self.recorder.file is None and not self._said_end:
-            self._said_end = True
+        if self.recorder.file is None and not self._has_ended:
+            self._has_ended = True
             self.get_logger().error(self.recorder.status)
 
 
 def main() -> int:
-    """Runs the node until it is interrupted."""
-    os.nice(_NICENESS)  # gives way to the robot
+    """Run the node."""
+    os.nice(_NICENESS)  # the robot has priority
     return run_node(RecorderNode)

@@ -1,4 +1,4 @@
-"""robot_state_publisher: the robot's model for everybody, and its frames on /tf."""
+"""robot_state_publisher: publishes the robot model, and its frames on /tf."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ _DIAGNOSTICS_PERIOD = 1.0  # s
 
 @dataclass(frozen=True, slots=True)
 class RobotStatePublisherParameters:
-    """Which robot, and where it stands."""
+    """The robot model and its pose in the world."""
 
     robot_description: str = parameter(
-        "", "The model as URDF text; wins over `robot`, also while running."
+        "", "The model as URDF text; has priority over `robot`, also while running."
     )
     robot: str = parameter("kinectbot", "The model: its name, or a URDF or xacro file.", fixed=True)
     calibration: str = parameter(
-        "", "A file that `calibrate` has made, applied to the model.", fixed=True
+        "", "A file written by `calibrate`, which is applied to the model.", fixed=True
     )
     world_frame: str = parameter(
         "",
-        "A frame put above the robot's root; empty for none: where a robot drives, its odometry "
-        "has put one there.",
+        "A frame above the root of the robot; empty for none, as for a robot that drives: its "
+        "odometry publishes one.",
         fixed=True,
     )
     world_transform: tuple[float, ...] = parameter(
@@ -66,7 +66,7 @@ class RobotStatePublisherParameters:
     )
     publish_frequency: float = parameter(
         20.0,
-        "How often /tf is sent at the most, where tf2_msgs is installed.",
+        "The highest rate of /tf, where tf2_msgs is installed.",
         unit="Hz",
         minimum=0.1,
         maximum=1000.0,
@@ -74,7 +74,7 @@ class RobotStatePublisherParameters:
     )
     frame_prefix: str = parameter("", "Put before the names of the robot's links.", fixed=True)
     ignore_timestamp: bool = parameter(
-        False, "Send /tf also for joint states whose stamps go back.", fixed=True
+        False, "Publish /tf also for joint states whose stamps go back.", fixed=True
     )
 
     def __post_init__(self) -> None:
@@ -85,12 +85,12 @@ class RobotStatePublisherParameters:
             )
 
     def model(self) -> RobotModel:
-        """The model, with the world above it if one is wanted.
+        """Return the model, calibrated and below `world_frame`.
 
         Raises:
-            RobotModelError: it can't be used.
+            RobotModelError: it is not valid.
             FileNotFoundError: there is no such robot.
-            CalibrationFileError: the calibration can't be used with it.
+            CalibrationFileError: the calibration is not valid for it.
         """
         model = (
             parse_robot_model(self.robot_description)
@@ -110,14 +110,14 @@ class RobotStatePublisherParameters:
 
 
 class RobotStatePublisherNode(Node):
-    """Publishes the model, keeps a buffer of the robot's frames, and sends them on /tf.
+    """Publishes the model, fills a buffer with the robot's frames, and sends them on /tf.
 
     Args:
-        buffer: fed by this node; other nodes of the same process can share it.
-        loop: that of the process, which tells of joints that have been read.
+        buffer: is filled; other nodes of the same process can share it.
+        loop: of the process, if it reads the joints.
 
     Raises:
-        RobotModelError: the model can't be used.
+        RobotModelError: the model is not valid.
         FileNotFoundError: there is no such robot.
     """
 
@@ -134,7 +134,7 @@ class RobotStatePublisherNode(Node):
         if broadcasting_possible():
             self._sender = TransformBroadcaster(self)
             self._static_sender = StaticTransformBroadcaster(self)
-        self._take(p.model())
+        self._use(p.model())
         self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
         TransformListener(
             self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
@@ -153,10 +153,10 @@ class RobotStatePublisherNode(Node):
             steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_calibration)
 
     def _on_change(self, parameters: RobotStatePublisherParameters) -> None:
-        self._take(parameters.model())
+        self._use(parameters.model())
 
-    def _take(self, model: RobotModel) -> None:
-        """Uses a model from now on, and tells everybody."""
+    def _use(self, model: RobotModel) -> None:
+        """Use and publish a model."""
         self._model = model.prefixed(self._settings.value.frame_prefix)
         self._buffer.core.set_model(self._model)
         self._description.publish(String(data=model.urdf))
@@ -169,16 +169,14 @@ class RobotStatePublisherNode(Node):
         self._send_moving(stamp_to_ns(message.header.stamp))
 
     def _send_moving(self, stamp: int) -> None:
-        # (the listener of this node is no reason to send)
+        # one of the subscriptions is that of this node's listener
         if not broadcasting_possible() or self._sender.pub_tf.get_subscription_count() < 2:
             return
-        if self._limiter.accept(stamp):
-            moving = self._edges(moving=True)
-            if moving:
-                self._sender.sendTransform(moving)
+        if self._limiter.accept(stamp) and (moving := self._edges(moving=True)):
+            self._sender.sendTransform(moving)
 
     def _publish_calibration(self) -> None:
-        """How old the calibration is, and each value with its standard deviation."""
+        """Publish the age of the calibration, and each value with its standard deviation."""
         calibration = self._calibration
         level = Level.WARN if calibration.is_old else Level.OK
         advice = "; it is old: calibrate again" if calibration.is_old else ""
@@ -186,7 +184,7 @@ class RobotStatePublisherNode(Node):
         self._diagnostics.publish(report(self, "calibration", level, text, self._values))
 
     def _edges(self, *, moving: bool) -> list[TransformStamped]:
-        """The transforms of all joints that move, or of all that do not, as far as known."""
+        """Return the known transforms of all joints that move, or of all fixed joints."""
         core, found = self._buffer.core, []
         for joint in self._model.joints.values():
             if joint.moves is moving and core.can_transform(joint.parent, joint.child):

@@ -1,4 +1,4 @@
-"""What other programs have found: messages of vision_msgs and hri_msgs as candidates."""
+"""Convert detections of vision_msgs and hri_msgs."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from head_tracking.vision.identity import Located
 
 
 def candidates(detections: Iterable[Any], wanted: str) -> list[Candidate]:
-    """The things of a Detection2DArray.
+    """Convert the detections of a Detection2DArray; skip invalid ones.
 
     Args:
-        detections: its vision_msgs/Detection2D messages.
-        wanted: the class that counts; empty: all.
+        detections: vision_msgs/Detection2D messages.
+        wanted: class to return; empty: all.
     """
     found = []
     for detection in detections:
@@ -38,12 +38,12 @@ def candidates(detections: Iterable[Any], wanted: str) -> list[Candidate]:
     return found
 
 
-def places(detections: Iterable[Any], wanted: str) -> list[Located]:
-    """The things of a Detection3DArray, in the frame of their messages.
+def located(detections: Iterable[Any], wanted: str) -> list[Located]:
+    """Convert a Detection3DArray, in the frame of the message; skip invalid detections.
 
     Args:
-        detections: its vision_msgs/Detection3D messages.
-        wanted: the class that counts; empty: all.
+        detections: vision_msgs/Detection3D messages.
+        wanted: class to return; empty: all.
     """
     found = []
     for detection in detections:
@@ -69,13 +69,13 @@ def region_candidate(
     camera: Camera,
     position: Vector3 | None,
 ) -> Candidate | None:
-    """A face or a body of hri_msgs; None if its region is empty.
+    """Convert a face or body of hri_msgs; None: its region is empty or invalid.
 
     Args:
-        name: its id.
+        name: id of the person.
         region: a NormalizedRegionOfInterest2D.
-        camera: whose image it is a part of.
-        position: where it is in the optical frame [m]; None: not known.
+        camera: camera of the image.
+        position: position in the optical frame [m]; None: unknown.
     """
     edges = (region.xmin, region.ymin, region.xmax, region.ymax)
     if not all(map(math.isfinite, edges)):
@@ -85,13 +85,13 @@ def region_candidate(
     if right <= left or bottom <= top:
         return None
     box = Box(left, top, right - left, bottom - top)
-    # a program that says nothing of its confidence leaves 0 there
+    # 0: the confidence is not set
     score = region.c if 0.0 < region.c <= 1.0 else 1.0
     return Candidate(box, box.centre, score, name, unique=True, position=position)
 
 
 def _score(detection: Any, wanted: str) -> float | None:
-    """How sure the other program is; None: it is something else."""
+    """Return the score of a detection; None: another class, or invalid."""
     scores = [
         result.hypothesis.score
         for result in detection.results

@@ -10,11 +10,10 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.target_output import TargetOutput
-from head_tracking.ros.kit.topic_output import Output
+from head_tracking.ros.kit.target_point import TargetOutput, target_message
+from head_tracking.ros.kit.topics import Output
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
 
 try:
@@ -25,9 +24,9 @@ except ImportError:  # optional: only RViz shows it
 
 @dataclass(frozen=True, slots=True)
 class TargetFrameParameters:
-    """Where the target moves, and how often it is sent."""
+    """Frame and rate of the target."""
 
-    frame_id: str = parameter("base_link", "The frame of the target.", fixed=True)
+    frame_id: str = parameter("base_link", "Frame of the target.", fixed=True)
     rate: float = parameter(
         40.0, "Targets per second.", unit="Hz", minimum=0.1, maximum=1000.0, fixed=True
     )
@@ -54,7 +53,7 @@ class FictitiousTargetNode(Node):
     def _publish(self) -> None:
         now = self.get_clock().now()
         if not self._targets.on or now == self._sent:
-            return  # (simulated time stands still, and so does the target)
+            return  # simulated time is paused
         elapsed = (now - self._sent).nanoseconds * 1e-9 if self._sent is not None else 0.0
         self._sent = now
         target = Target(now.nanoseconds, self._frame_id, self._target.advance(elapsed * self._rate))

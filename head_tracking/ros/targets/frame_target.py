@@ -1,4 +1,4 @@
-"""frame_target: publishes where a frame is as the target."""
+"""frame_target: publish the position of a frame as the target."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rclpy.node import Node
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.target_output import TargetOutput
+from head_tracking.ros.kit.target_point import TargetOutput
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import ClockWatch
@@ -19,15 +19,15 @@ from head_tracking.transforms import TransformException
 
 @dataclass(frozen=True, slots=True)
 class FrameTargetRate:
-    """How often the frame is looked for."""
+    """Rate of the node."""
 
     rate: float = parameter(
-        30.0, "Targets per second, at most.", unit="Hz", minimum=0.1, maximum=1000.0, fixed=True
+        30.0, "Maximum rate of targets.", unit="Hz", minimum=0.1, maximum=1000.0, fixed=True
     )
 
 
 class FrameTargetNode(Node):
-    """Publishes `target_point` while somebody says where the frame is."""
+    """Publishes `target_point` while the transform of the frame is known."""
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("frame_target", **options)

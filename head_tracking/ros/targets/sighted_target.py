@@ -1,7 +1,8 @@
-"""What a node does around a `VisualTracker`: its parameters, its camera, and what comes of it."""
+"""ROS interface of a `VisualTracker`: parameters, camera_info, published target."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,7 @@ from std_srvs.srv import Trigger
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import camera_of, frame_pose
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.target_output import TargetOutput
+from head_tracking.ros.kit.target_point import TargetOutput
 from head_tracking.ros.kit.worker import Worker
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform, TransformBuffer
@@ -23,43 +24,45 @@ from head_tracking.vision import (
     CameraError,
     Detector,
     DistanceParameters,
+    Frame,
     IdentityParameters,
+    ImageError,
     Sighting,
     VisualTracker,
 )
 
-NEWEST = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""An image that nobody had time for is of no use any more."""
+LATEST_ONLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""QoS of images: late ones are dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraParameters:
-    """What `camera_info` is to be read as."""
+    """Interpretation of `camera_info`."""
 
     rectified: bool = parameter(
         False,
-        "The images are rectified (image_rect): the matrix P of camera_info counts, and neither K "
-        "nor D nor R.",
+        "The images are rectified (image_rect): use the matrix P of camera_info instead of K, D "
+        "and R.",
     )
 
 
 class SightedTarget:
-    """Makes `target_point` of what a detector finds.
+    """Publishes `target_point` from detections.
 
-    Listens to `camera_info`; offers `~/reset` and `~/enable`; tells `~/enabled` and `~/confidence`.
-    `find_by`, `pose`, `send` and the tracker belong to the worker's thread.
+    Subscribes to `camera_info`; offers `~/reset` and `~/enable`; publishes `~/enabled` and
+    `~/confidence`. Call `set_detector`, `pose`, `send` and the tracker in the worker's thread only.
 
     Args:
-        node: whose topics, services and parameters these are.
-        detector: finds things.
-        buffer: the robot's frames.
-        fixed_frame: stands still while the head turns; empty: things are told apart in the frame
-            that they come in.
-        worker: does what takes its time.
+        node: the node of the topics, services and parameters.
+        detector: detects candidates.
+        buffer: the frames of the robot.
+        fixed_frame: a frame that does not move with the head; empty: objects are tracked in the
+            frame of the detections.
+        worker: thread for detection and tracking.
 
     Attributes:
         output: publishes targets while the node is enabled.
-        tracker: keeps to one of the things that are found.
+        tracker: tracks one target.
     """
 
     def __init__(
@@ -77,69 +80,84 @@ class SightedTarget:
         self._camera_parameters = NodeParameters(node, CameraParameters)
         self._distances = NodeParameters(node, DistanceParameters, on_change=self._on_parameters)
         self._identity = NodeParameters(node, IdentityParameters, on_change=self._on_parameters)
-        self.find_by(detector)
+        self.set_detector(detector)
         self._camera: tuple[Camera, str] | None = None
-        self._placed = False
+        self._has_pose = False
         self.output = TargetOutput(node)
         self._confidence = node.create_publisher(Float32, "~/confidence", 10)
-        node.create_subscription(CameraInfo, "camera_info", self._on_info, NEWEST)
+        node.create_subscription(CameraInfo, "camera_info", self._on_info, LATEST_ONLY)
         node.create_service(Trigger, "~/reset", self._on_reset)
 
     @property
     def wanted(self) -> bool:
-        """Whether anybody wants to know what is found."""
+        """Whether results are published or subscribed to."""
         return self.output.on or self._confidence.get_subscription_count() > 0
 
-    def find_by(self, detector: Detector) -> None:
-        """Looks for other things from now on."""
+    def set_detector(self, detector: Detector) -> None:
+        """Start a new tracker with a detector."""
         self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
 
-    def camera(self, frame_id: str, otherwise: str) -> Camera | None:
-        """The camera whose images have that frame, by the newest camera_info.
+    def detect(
+        self, frame_id: str, make: Callable[[Camera], Frame]
+    ) -> tuple[Frame, Sighting | None] | None:
+        """Detect the target in one image and publish it.
 
-        Where there is none, a person is told, after what it leads to. (Some drivers leave the frame
-        of camera_info empty.)
+        Args:
+            frame_id: optical frame of the image.
+            make: returns the image with its camera; may raise ImageError.
+
+        Returns:
+            The image and the target; None: the image cannot be used, which is logged.
         """
+        try:
+            frame = make(self._camera_of(frame_id))
+            sighting = self.tracker.step(frame, self.pose(frame_id, frame.stamp))
+        except ImageError as error:
+            self.warn(str(error))
+            return None
+        self.send(frame.stamp, frame_id, sighting)
+        return frame, sighting
+
+    def _camera_of(self, frame_id: str) -> Camera:
         if self._camera is None:
-            self.complain(f"{otherwise}: there is no usable camera_info yet")
-            return None
+            raise ImageError("the image is ignored: no valid camera_info received")
         camera, frame = self._camera
+        # some drivers leave the frame of camera_info empty
         if frame.lstrip("/") not in ("", frame_id.lstrip("/")):
-            self.complain(
-                f"{otherwise}: camera_info is of a camera in {frame!r}, the image of one in "
-                f"{frame_id!r}; remap camera_info to that of the image"
+            raise ImageError(
+                f"the image is ignored: camera_info has the frame {frame!r} and the image "
+                f"{frame_id!r}; remap camera_info to the topic of that camera"
             )
-            return None
         return camera
 
     def pose(self, frame_id: str, stamp: int) -> Transform | None:
-        """A frame in the one that stands still, if that is known; at its stamp [ns]."""
+        """Return the pose of a frame in the fixed frame at a stamp [ns]; None: unknown."""
         found = frame_pose(self._buffer, self._fixed_frame, frame_id, stamp)
-        if (found is not None) != self._placed:
-            self._placed = found is not None
+        if (found is not None) != self._has_pose:
+            self._has_pose = found is not None
             self.tracker.identity.reset()
         return found
 
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
-        """Sends the target that was sighted, unless that is switched off, and how sure it is."""
+        """Publish a target, if enabled, and the confidence."""
         if sighting is not None:
             self.output.publish(Target(stamp, frame_id, sighting.point))
         elif self.tracker.without_distance:
-            self.complain(
-                "something is found, but not how far away: there is no depth for it; without a "
-                "depth camera set object_size or distance"
+            self.warn(
+                "the distance of a detection is unknown: it has no depth; without a depth camera, "
+                "set object_size or distance"
             )
         if self._confidence.get_subscription_count():
             self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
 
-    def complain(self, reason: str) -> None:
-        """Tells a person what should be mended."""
+    def warn(self, reason: str) -> None:
+        """Log a warning, at most every 2 s."""
         self._log.warning(reason, throttle_duration_sec=2.0)
 
     def _on_parameters(self, _: Any) -> None:
-        self._worker.do(self._take_parameters)
+        self._worker.do(self._apply_parameters)
 
-    def _take_parameters(self) -> None:
+    def _apply_parameters(self) -> None:
         self.tracker.distances = self._distances.value
         self.tracker.identity.parameters = self._identity.value
 
@@ -149,9 +167,9 @@ class SightedTarget:
             self._camera = camera_of(message, rectified=rectified), message.header.frame_id
         except CameraError as error:
             self._camera = None
-            self.complain(str(error))
+            self.warn(str(error))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._worker.do(self.tracker.reset)
-        response.success, response.message = True, "looking for a new target"
+        response.success, response.message = True, "searching for a new target"
         return response

@@ -1,4 +1,4 @@
-"""simulated_camera: what the head's camera sees of a drawn scene, with depths."""
+"""simulated_camera: images and depths of a rendered scene, seen by the camera of the head."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.worker import Worker
-from head_tracking.ros.targets.placed_target import NewestTarget
+from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
@@ -31,57 +31,57 @@ _WITH_TARGET = (TARGET, "everything")
 
 @dataclass(frozen=True, slots=True)
 class SimulatedCameraParameters:
-    """The camera, and what is before it; defaults: a Kinect's."""
+    """Camera and scene; the defaults are those of a Kinect."""
 
     scene: str = parameter(
         "face",
-        "What there is to see; target and everything: a ball at target_point, too, if that is not "
-        "what the camera finds itself.",
+        "The scene; target and everything also show a ball at target_point, unless the target was "
+        "detected in these images.",
         choices=SCENES,
     )
-    scene_frame: str = parameter("base_link", "The frame of the scene, with z up.", fixed=True)
+    scene_frame: str = parameter("base_link", "Frame of the scene, with z up.", fixed=True)
     frame_id: str = parameter(
-        "camera_optical_frame", "The camera: z forward, x right, y down.", fixed=True
+        "camera_optical_frame", "Optical frame: z forward, x right, y down.", fixed=True
     )
-    width: int = parameter(640, "Of the image.", unit="pixels", minimum=1, maximum=4096, fixed=True)
+    width: int = parameter(
+        640, "Size of the images.", unit="pixels", minimum=1, maximum=4096, fixed=True
+    )
     height: int = parameter(
-        480, "Of the image.", unit="pixels", minimum=1, maximum=4096, fixed=True
+        480, "Size of the images.", unit="pixels", minimum=1, maximum=4096, fixed=True
     )
     horizontal_view: float = parameter(
-        1.0, "Between left and right edge.", unit="rad", minimum=0.05, maximum=2.8, fixed=True
+        1.0, "Horizontal field of view.", unit="rad", minimum=0.05, maximum=2.8, fixed=True
     )
     rate: float = parameter(
         30.0, "Images per second.", unit="Hz", minimum=0.1, maximum=200.0, fixed=True
     )
     delay: float = parameter(
-        0.08, "An image is published so long after its stamp.", unit="s", minimum=0.0, maximum=5.0
+        0.08, "Delay between stamp and publication.", unit="s", minimum=0.0, maximum=5.0
     )
     noise: float = parameter(
-        4.0, "Standard deviation of a pixel, of 255.", minimum=0.0, maximum=100.0, fixed=True
+        4.0, "Standard deviation of a pixel (0 to 255).", minimum=0.0, maximum=100.0, fixed=True
     )
     depth_noise: float = parameter(
         0.0015,
-        "Standard deviation of a depth at 1 m; it grows with the square of the depth.",
+        "Standard deviation of a depth at 1 m; it is proportional to the square of the depth.",
         unit="m",
         minimum=0.0,
         maximum=0.1,
         fixed=True,
     )
     depth_holes: float = parameter(
-        0.01, "Share of the depths that are missing.", minimum=0.0, maximum=1.0, fixed=True
+        0.01, "Share of missing depths.", minimum=0.0, maximum=1.0, fixed=True
     )
     depth_encoding: str = parameter(
         "16UC1",
         "Depths in millimetres or in metres; empty: none.",
         choices=("16UC1", "32FC1", ""),
     )
-    seed: int = parameter(
-        1, "Chooses the noise and the room.", minimum=0, maximum=2**31 - 1, fixed=True
-    )
+    seed: int = parameter(1, "Seed of noise and room.", minimum=0, maximum=2**31 - 1, fixed=True)
 
 
 class _Exposure(NamedTuple):
-    """When [ns] and from where (`T_scene_optical`) an image was taken, and where the target was."""
+    """Time [ns] and pose (`T_scene_optical`) of an image, and position of the target [m]."""
 
     stamp: int
     pose: Transform
@@ -89,18 +89,19 @@ class _Exposure(NamedTuple):
 
 
 class SimulatedCameraNode(ClosingNode):
-    """Publishes `image`, `depth` (aligned with it) and `camera_info`; draws what somebody looks at.
+    """Publishes `image`, `depth` (aligned) and `camera_info`, each while it has subscribers.
 
-    Drawing has a thread of its own: an image that it has no time for is left out.
+    A thread renders the images, and skips images if it is too slow.
 
     Args:
-        buffer: fed by another node of this process; None: this node listens itself.
-        true_position: where a simulated joint really is [rad]; None: joint_states tell.
-        options: for the node.
+        buffer: frames that another node of this process maintains; None: subscribe to them.
+        true_position: returns the exact position of a simulated joint [rad]; None: use
+            joint_states.
+        options: options of the node.
 
     Attributes:
-        scene: what there is to see.
-        renderer: draws it.
+        scene: the scene.
+        renderer: renders the scene.
     """
 
     def __init__(
@@ -122,41 +123,41 @@ class SimulatedCameraNode(ClosingNode):
         self._shown = p.scene
         self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
         self.renderer = Renderer(self.scene, self._camera)
-        self._target: NewestTarget | None = None
-        self._listen_for(p.scene)
+        self._target: LatestTarget | None = None
+        self._subscribe_to_target(p.scene)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
         self._image = self.create_publisher(Image, "image", 5, qos_overriding_options=OVERRIDABLE)
         self._depth = self.create_publisher(Image, "depth", 5, qos_overriding_options=OVERRIDABLE)
         self._info = self.create_publisher(
             CameraInfo, "camera_info", 5, qos_overriding_options=OVERRIDABLE
         )
-        self._drawing: Worker[_Exposure] = Worker("simulated camera", self._draw)
-        self.closing.callback(self._drawing.close)
-        steady_timer(self, 1.0 / p.rate, self._take)
+        self._worker: Worker[_Exposure] = Worker("simulated camera", self._draw)
+        self.closing.callback(self._worker.close)
+        steady_timer(self, 1.0 / p.rate, self._expose)
 
     def _on_parameters(self, changed: SimulatedCameraParameters) -> None:
         if changed.scene == self._shown:
             return
         self._shown = changed.scene
-        self._listen_for(changed.scene)
+        self._subscribe_to_target(changed.scene)
         scene = make_scene(changed.scene, np.random.default_rng(changed.seed))
         renderer = Renderer(scene, self._camera)
 
-        def take() -> None:
+        def change() -> None:
             self.scene, self.renderer = scene, renderer
 
-        self._drawing.do(take)
+        self._worker.do(change)
 
-    def _listen_for(self, scene: str) -> None:
-        """Listens to targets if the scene shows them."""
+    def _subscribe_to_target(self, scene: str) -> None:
+        """Subscribe to targets if the scene shows them."""
         if scene in _WITH_TARGET and self._target is None:
-            self._target = NewestTarget(self, self._buffer)
+            self._target = LatestTarget(self, self._buffer)
             self._target.place_in(self._settings.value.scene_frame)
         elif scene not in _WITH_TARGET and self._target is not None:
             self._target.close()
             self._target = None
 
-    def _take(self) -> None:
+    def _expose(self) -> None:
         publishers = (self._image, self._depth, self._info)
         if not any(publisher.get_subscription_count() for publisher in publishers):
             return
@@ -169,18 +170,18 @@ class SimulatedCameraNode(ClosingNode):
         except TransformException as error:
             self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
             return
-        target = None if self._target is None else self._target.newest()
-        # what was found in pictures would be hidden by a ball where it was found
+        target = None if self._target is None else self._target.latest()
+        # a ball at a target that was detected in these images would hide it
         is_own = target is not None and target.target.frame_id == self._settings.value.frame_id
         point = None if target is None or is_own else target.point
-        self._drawing.offer(_Exposure(self._now, pose, point))
+        self._worker.offer(_Exposure(self._now, pose, point))
 
     @property
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)
 
     def _draw(self, exposure: _Exposure) -> None:
-        """Draws what somebody looks at, and publishes it when it is due."""
+        """Render the images that have subscribers, and publish them after the delay."""
         p = self._settings.value
         head = header(exposure.stamp, p.frame_id)
         messages: list[tuple[Publisher, Any]] = []
@@ -201,10 +202,10 @@ class SimulatedCameraNode(ClosingNode):
             picture = self._noise.picture(seen.picture)
             messages.append((self._image, image_message(head, "bgr8", picture)))
         taken = (self._now - exposure.stamp) * 1e-9
-        self._drawing.later(p.delay - min(p.delay, max(0.0, taken)), lambda: _publish(messages))
+        self._worker.later(p.delay - min(p.delay, max(0.0, taken)), lambda: _publish(messages))
 
     def _pose(self, model: RobotModel) -> Transform:
-        """`T_scene_optical` by where the joints are now."""
+        """Return `T_scene_optical` at the present joint positions."""
         p = self._settings.value
         chain = model.chain(p.scene_frame, p.frame_id)
         return chain.transform(*map(self._position, chain.joints))
@@ -215,7 +216,7 @@ class SimulatedCameraNode(ClosingNode):
             return true
         found = self._buffer.latest_joint_position(joint)
         if found is None:
-            raise TransformException(f"nobody says where the joint {joint} is")
+            raise TransformException(f"no measurement of joint {joint} has been received")
         return found[1]
 
 

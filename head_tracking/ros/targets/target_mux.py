@@ -1,4 +1,4 @@
-"""target_mux: of several targets, the one that the head looks at."""
+"""target_mux: select one of several targets."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from head_tracking.parameters import ParameterError, parameter
-from head_tracking.ros.kit.listening import TopicListener
-from head_tracking.ros.kit.messages import target_from_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.target_output import TargetOutput
+from head_tracking.ros.kit.target_point import TargetOutput, target_from_message
+from head_tracking.ros.kit.topics import TopicListener
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
@@ -25,41 +24,40 @@ from head_tracking.transforms import LATEST, TransformException, Vector3
 
 _MESSAGES = {"point": PointStamped, "pose": PoseStamped}
 
-_STILL_THERE = 1.0
-"""So long [s] after its last target the head still looks there."""
+_TRANSITION_TIMEOUT = 1.0  # s after the last target: later targets need no transition
 
-_SPOKEN_ONCE = {"priority": 30, "timeout": 30.0, "repeat": True}
+_PUBLISHED_ONCE = {"priority": 30, "timeout": 30.0, "repeat": True}
 _DEFAULTS: dict[str, dict[str, Any]] = {
-    "clicked_point": {"topic": "clicked_point", **_SPOKEN_ONCE},
-    "target_pose": {"topic": "target_pose", "type": "pose", **_SPOKEN_ONCE},
+    "clicked_point": {"topic": "clicked_point", **_PUBLISHED_ONCE},
+    "target_pose": {"topic": "target_pose", "type": "pose", **_PUBLISHED_ONCE},
 }
 
 
 @dataclass(frozen=True, slots=True)
 class MuxWiring:
-    """Which sources there are, and how the head gets from one to the next."""
+    """Sources, and transitions between them."""
 
     sources: tuple[str, ...] = parameter(
         ("clicked_point", "target_pose", "visual_target", "frame_target", "fictitious_target"),
-        "Names of the sources; each has parameters of its own.",
+        "Names of the sources; each has its own parameters.",
         fixed=True,
     )
     fixed_frame: str = parameter(
         "base_link", "A frame that does not move with the head.", fixed=True
     )
     camera_link: str = parameter(
-        "camera_link", "Where the head is; a change of targets goes around it.", fixed=True
+        "camera_link", "Frame of the camera, the centre of transitions.", fixed=True
     )
     switch_time: float = parameter(
         0.6,
-        "A change from one source to another takes so long; 0: at once.",
+        "Duration of the transition to another source; 0: none.",
         unit="s",
         minimum=0.0,
         maximum=10.0,
     )
     rate: float = parameter(
         20.0,
-        "How often a target that is spoken once is repeated.",
+        "Rate of repeated targets.",
         unit="Hz",
         minimum=1.0,
         maximum=200.0,
@@ -74,28 +72,34 @@ class SourceParameters:
     topic: str = parameter("", "Its topic; empty: <name>/target_point.", fixed=True)
     type: str = parameter(
         "point",
-        "PointStamped or PoseStamped, of which the position counts.",
+        "PointStamped, or PoseStamped (its position).",
         choices=tuple(_MESSAGES),
         fixed=True,
     )
     priority: int = parameter(
-        0, "The highest with a target wins.", minimum=-1000, maximum=1000, fixed=True
+        0,
+        "The source with the highest priority and a valid target is selected.",
+        minimum=-1000,
+        maximum=1000,
+        fixed=True,
     )
     timeout: float = parameter(
         0.5,
-        "How long a target counts after it came.",
+        "A target is valid for this time after its arrival.",
         unit="s",
         minimum=0.01,
         maximum=36000.0,
         fixed=True,
     )
     repeat: bool = parameter(
-        False, "Repeat its last target until the time-out: for sources that speak once.", fixed=True
+        False,
+        "Repeat the last target until the timeout, for sources that publish once.",
+        fixed=True,
     )
 
 
 class TargetMuxNode(Node):
-    """Publishes `target_point`; `~/selected` names the source, `~/pin` takes the name of one."""
+    """Publishes `target_point` and the name of its source on `~/selected`; `~/pin` selects one."""
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("target_mux", **options)
@@ -110,7 +114,7 @@ class TargetMuxNode(Node):
         self._transition = Transition()
         self._repeated: dict[str, Target] = {}
         self._selected: str | None = None
-        self._looked_at: tuple[Vector3, float] | None = None
+        self._last_sent: tuple[Vector3, float] | None = None
         self._targets = TargetOutput(self, "targets are", "passed on")
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())
@@ -118,8 +122,8 @@ class TargetMuxNode(Node):
         for name, p in self._sources.items():
             if self.resolve_topic_name(p.topic) == self._targets.topic:
                 raise ParameterError(
-                    f"{name}.topic is {p.topic}, where the chosen target goes; give the source a "
-                    "topic of its own"
+                    f"{name}.topic is {p.topic}, the output topic of this node; give the source "
+                    "another topic"
                 )
             TopicListener(self, _MESSAGES[p.type], p.topic, self._receiver(name))
         steady_timer(self, 1.0 / wiring.rate, self._step)
@@ -129,7 +133,7 @@ class TargetMuxNode(Node):
         return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _source(self, name: str, rank: int) -> SourceParameters:
-        # sources that say nothing of priorities count in the order they are listed in
+        # the default priorities follow the order of the list
         defaults = {"topic": f"{name}/target_point", "priority": 20 - rank} | _DEFAULTS.get(
             name, {}
         )
@@ -152,20 +156,20 @@ class TargetMuxNode(Node):
         except ValueError as error:
             self.get_logger().error(f"pin refused: {error}")
             return
-        self._announce(self._mux.select(self._now))
+        self._set_selected(self._mux.select(self._now))
 
     def _on_target(self, name: str, target: Target) -> None:
         if not all(map(math.isfinite, target.point)):
             self.get_logger().error(
-                f"{name}: the target {target} is not finite and not passed on",
+                f"{name}: the target {target} is not finite; it is ignored",
                 throttle_duration_sec=1.0,
             )
             return
         chosen = self._mux.offer(name, self._now)
-        self._announce(self._mux.select(self._now))
+        self._set_selected(self._mux.select(self._now))
         if self._sources[name].repeat:
-            # placed now: a point seen by the camera must not turn with the head while repeated
-            point = self._placed(target)
+            # transformed now: a repeated point must not move with the camera
+            point = self._in_fixed_frame(target)
             if point is not None:
                 target = Target(target.stamp, self._wiring.value.fixed_frame, point)
             self._repeated[name] = target
@@ -173,35 +177,35 @@ class TargetMuxNode(Node):
             self._send(target)
 
     def _step(self) -> None:
-        self._announce(self._mux.select(self._now))
+        self._set_selected(self._mux.select(self._now))
         target = None if self._selected is None else self._repeated.get(self._selected)
         if target is not None:
             self._send(replace(target, stamp=self.get_clock().now().nanoseconds))
 
-    def _announce(self, selected: str | None) -> None:
+    def _set_selected(self, selected: str | None) -> None:
         if selected == self._selected:
             return
-        self.get_logger().info(f"looking at {selected or 'nothing'}")
+        self.get_logger().info(f"selected target: {selected or 'none'}")
         self._selected = selected
         self._name_publisher.publish(String(data=selected or ""))
-        if selected is not None and self._looked_at is not None:
-            point, when = self._looked_at
-            if self._now - when < _STILL_THERE:
+        if selected is not None and self._last_sent is not None:
+            point, when = self._last_sent
+            if self._now - when < _TRANSITION_TIMEOUT:
                 self._transition.begin(point, self._now, self._wiring.value.switch_time)
 
     def _send(self, target: Target) -> None:
         if not self._targets.on:
             return
-        point = self._placed(target)
+        point = self._in_fixed_frame(target)
         if point is not None and self._transition.under_way(self._now):
             frame = self._wiring.value.fixed_frame
             point = self._transition.at(point, self._now, self._centre())
             target = Target(target.stamp, frame, point)
-        self._looked_at = None if point is None else (point, self._now)
+        self._last_sent = None if point is None else (point, self._now)
         self._targets.publish(target)
 
-    def _placed(self, target: Target) -> Vector3 | None:
-        """Where a target is in the fixed frame; None if that is not known."""
+    def _in_fixed_frame(self, target: Target) -> Vector3 | None:
+        """Return a target in the fixed frame [m]; None: not known."""
         fixed_frame = self._wiring.value.fixed_frame
         for stamp in (target.stamp, LATEST):
             try:
@@ -211,7 +215,8 @@ class TargetMuxNode(Node):
             except TransformException as error:
                 reason = error
         self.get_logger().warning(
-            f"the target {target} is passed on as it is: {reason}", throttle_duration_sec=2.0
+            f"the target {target} is published without a transform: {reason}",
+            throttle_duration_sec=2.0,
         )
         return None
 

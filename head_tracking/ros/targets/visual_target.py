@@ -1,4 +1,4 @@
-"""visual_target: the point where a camera sees a face, a colour, features or a marker."""
+"""visual_target: publish the position of a face, colour, features or marker in images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.worker import Worker
-from head_tracking.ros.targets.sighted_target import NEWEST, SightedTarget
+from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision import (
@@ -26,7 +26,6 @@ from head_tracking.vision import (
     FaceDetector,
     Frame,
     GivenDetector,
-    ImageError,
     Pairing,
     Sighting,
     annotated,
@@ -36,37 +35,37 @@ from head_tracking.vision import (
 
 AnyImage: TypeAlias = Image | CompressedImage
 
-_ASKED_EVERY = 0.2  # s: whether somebody wants to know what is found
+_SUBSCRIPTION_PERIOD = 0.2  # s between checks for subscribers
 
 
 @dataclass(frozen=True, slots=True)
 class VisualTargetParameters:
-    """What to follow, and by which images."""
+    """Kind of target, and images."""
 
     follow: str = parameter(
         "face",
-        "What to follow: `features` is what a rectangle on ~/select holds, `nearest` needs depths "
+        "Kind of target; `features` is the content of a box on ~/select, `nearest` needs depths "
         "only.",
         choices=tuple(DETECTORS),
     )
     use_depth: bool = parameter(
-        True, "Wait for the depth image of each image, if somebody publishes depths.", fixed=True
+        True, "Wait for the depth image of each image, if depths are published.", fixed=True
     )
     image_transport: str = parameter(
         "raw",
-        "How pictures come: raw, or compressed on the topic <image>/compressed.",
+        "Transport of images: raw, or compressed on the topic <image>/compressed.",
         choices=("raw", "compressed"),
         fixed=True,
     )
     depth_transport: str = parameter(
         "raw",
-        "How depths come: raw, or compressed on the topic <depth>/compressedDepth.",
+        "Transport of depths: raw, or compressed on the topic <depth>/compressedDepth.",
         choices=("raw", "compressedDepth"),
         fixed=True,
     )
     depth_tolerance: float = parameter(
         0.02,
-        "How much the stamps of image and depth image may differ.",
+        "Maximum difference of the stamps of image and depth image.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
@@ -74,14 +73,14 @@ class VisualTargetParameters:
     )
     fixed_frame: str = parameter(
         "base_link",
-        "A frame that stands still while the head turns: things are told apart by where they are "
-        "in it; empty: in the camera's own frame.",
+        "A frame that does not move with the head, in which objects are tracked; empty: the frame "
+        "of the camera.",
         fixed=True,
     )
 
 
-class _Shot(NamedTuple):
-    """Messages of one moment; the first one's stamp and frame count."""
+class _Images(NamedTuple):
+    """Messages with the same time; stamp and frame are those of the first one."""
 
     stamped: AnyImage
     image: AnyImage | None
@@ -91,8 +90,8 @@ class _Shot(NamedTuple):
 class VisualTargetNode(ClosingNode):
     """Publishes `target_point` from `image`, `depth` and `camera_info`.
 
-    Looking has a thread of its own, which takes the newest image. While the node is switched off
-    and nobody listens to what it finds, it subscribes to no images: nobody has to make them.
+    A thread processes the latest image. While the node is disabled and its outputs have no
+    subscribers, it does not subscribe to images.
     """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
@@ -103,15 +102,15 @@ class VisualTargetNode(ClosingNode):
             self, VisualTargetParameters, on_change=self._on_follow
         ).value
         self._declare(p.follow)
-        self._found = p.follow  # for the thread that looks
-        self._looking: Worker[_Shot] = Worker("visual target", self._look)
-        self.closing.callback(self._looking.close)
+        self._followed = p.follow  # by the detector of the thread
+        self._worker: Worker[_Images] = Worker("visual target", self._process)
+        self.closing.callback(self._worker.close)
         self._target = SightedTarget(
             self,
             self._detector(p.follow),
             (buffer or listening_buffer(self)).core,
             p.fixed_frame,
-            self._looking,
+            self._worker,
         )
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._frame: Frame | None = None
@@ -120,7 +119,7 @@ class VisualTargetNode(ClosingNode):
         self._image: Subscription | None = None
         self._depth: Subscription | None = None
         self._subscribe_as_needed()
-        steady_timer(self, _ASKED_EVERY, self._subscribe_as_needed)
+        steady_timer(self, _SUBSCRIPTION_PERIOD, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
 
     @property
@@ -134,7 +133,7 @@ class VisualTargetNode(ClosingNode):
             self._target.output.set(enabled)
 
     def _detector(self, follow: str) -> Detector:
-        """What finds one kind of thing; takes its time."""
+        """Create a detector; this may take long."""
         detector = DETECTORS[follow][0](self._kinds[follow].value)
         if isinstance(detector, FaceDetector) and detector.shortcoming:
             self.get_logger().warning(detector.shortcoming)
@@ -145,30 +144,30 @@ class VisualTargetNode(ClosingNode):
             return
         self._declare(changed.follow)
         self._settings = changed
-        self._looking.do(lambda: self._find_by(changed.follow))
+        self._worker.do(lambda: self._change_detector(changed.follow))
         self._subscribe_as_needed()
 
     def _declare(self, follow: str) -> None:
-        """Declares the parameters of one kind of thing, the first time."""
+        """Declare the parameters of a detector once."""
         if follow not in self._kinds:
             kind = DETECTORS[follow][1]
             self._kinds[follow] = NodeParameters(self, kind, on_change=self._on_parameters)
 
-    def _find_by(self, follow: str) -> None:
-        """Looks for another kind of thing, if nobody has changed their mind meanwhile."""
+    def _change_detector(self, follow: str) -> None:
+        """Change the detector, unless `follow` has changed again."""
         if follow != self._settings.follow:
             return
-        self._found = follow
+        self._followed = follow
         try:
-            self._target.find_by(self._detector(follow))
+            self._target.set_detector(self._detector(follow))
         except HeadTrackingError as error:
-            self._target.find_by(GivenDetector())
-            self.get_logger().error(f"nothing is found, {follow} cannot be looked for: {error}")
+            self._target.set_detector(GivenDetector())
+            self.get_logger().error(f"no detection: the detector {follow} failed: {error}")
         else:
-            self.get_logger().info(f"the target is what is found now: {follow}")
+            self.get_logger().info(f"detecting {follow}")
 
     def _subscribe_as_needed(self) -> None:
-        """Listens to the pictures and depths that are needed to find something."""
+        """Subscribe to the images that are needed, and to no others."""
         p = self._settings
         outputs = (self._region, self._annotated)
         wanted = self._target.wanted or any(one.get_subscription_count() for one in outputs)
@@ -186,69 +185,66 @@ class VisualTargetNode(ClosingNode):
             self._depth = None
 
     def _on_parameters(self, _: Any) -> None:
-        self._looking.do(self._take_parameters)
+        self._worker.do(self._apply_parameters)
 
-    def _take_parameters(self) -> None:
-        self._target.tracker.detector.parameters = self._kinds[self._found].value
+    def _apply_parameters(self) -> None:
+        self._target.tracker.detector.parameters = self._kinds[self._followed].value
 
     def _subscribe(
         self, topic: str, transport: str, callback: Callable[[AnyImage], None]
     ) -> Subscription:
         if transport == "raw":
-            return self.create_subscription(Image, topic, callback, NEWEST)
+            return self.create_subscription(Image, topic, callback, LATEST_ONLY)
         topic = f"{self.resolve_topic_name(topic)}/{transport}"
-        return self.create_subscription(CompressedImage, topic, callback, NEWEST)
+        return self.create_subscription(CompressedImage, topic, callback, LATEST_ONLY)
 
     def _on_image(self, message: AnyImage) -> None:
         depth = self._depth
         if depth is None or not self.count_publishers(depth.topic_name):
-            self._looking.offer(_Shot(message, message, None))
+            self._worker.offer(_Images(message, message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._looking.offer(_Shot(pair[0], *pair))
+            self._worker.offer(_Images(pair[0], *pair))
         elif self._pairs.dropped > 2:
-            self._target.complain(
-                f"the depth images do not fit the images: {self._pairs.dropped} images without "
-                f"one within {self._settings.depth_tolerance:g} s (depth_tolerance)"
+            self._target.warn(
+                f"{self._pairs.dropped} images without a depth image within "
+                f"{self._settings.depth_tolerance:g} s (depth_tolerance)"
             )
 
     def _on_depth(self, message: AnyImage) -> None:
         if self._settings.follow == "nearest":
-            self._looking.offer(_Shot(message, None, message))
+            self._worker.offer(_Images(message, None, message))
             return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._looking.offer(_Shot(pair[0], *pair))
+            self._worker.offer(_Images(pair[0], *pair))
 
-    def _look(self, shot: _Shot) -> None:
-        """Looks for the target in one image, and publishes it."""
+    def _process(self, shot: _Images) -> None:
+        """Detect the target in one image and publish it."""
         stamped, image, depth = shot
         header = stamped.header
-        camera = self._target.camera(header.frame_id, "no image is looked at")
-        if camera is None:
-            return
-        try:
-            frame = Frame(
+        result = self._target.detect(
+            header.frame_id,
+            lambda camera: Frame(
                 stamp_to_ns(header.stamp),
                 camera,
                 None if image is None else picture_of(image),
                 None if depth is None else depth_of(depth),
-            )
-            sighting = self._target.tracker.step(
-                frame, self._target.pose(header.frame_id, frame.stamp)
-            )
-        except ImageError as error:
-            self._target.complain(str(error))
+            ),
+        )
+        if result is None:
             return
+        frame, sighting = result
         self._frame = frame
-        self._target.send(frame.stamp, header.frame_id, sighting)
         if sighting is not None and self._region.get_subscription_count():
             self._region.publish(_region(sighting.candidate.box, frame))
         if self._annotated.get_subscription_count():
-            self._show(frame, sighting, stamped)
+            self._publish_annotated(frame, sighting, stamped)
 
-    def _show(self, frame: Frame, sighting: Sighting | None, stamped: AnyImage) -> None:
+    def _publish_annotated(
+        self, frame: Frame, sighting: Sighting | None, stamped: AnyImage
+    ) -> None:
         tracker = self._target.tracker
         if frame.picture is not None:
             picture = frame.picture.bgr
@@ -259,14 +255,14 @@ class VisualTargetNode(ClosingNode):
         self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:
-        self._looking.do(lambda: self._select(message))
+        self._worker.do(lambda: self._select(message))
 
     def _select(self, message: RegionOfInterest) -> None:
         box = Box(message.x_offset, message.y_offset, message.width, message.height)
         if self._frame is None or min(box.clipped(*_size(self._frame))[2:]) <= 0:
-            self._target.complain(
-                "the selection is not used: "
-                + ("no image has come yet" if self._frame is None else f"{box} is empty")
+            self._target.warn(
+                "the selection is ignored: "
+                + ("no image received yet" if self._frame is None else f"{box} is empty")
             )
             return
         self._target.tracker.select(self._frame, box)

@@ -1,9 +1,4 @@
-"""A pan/tilt head for Python programs, without ROS.
-
-with Head.open("/dev/ttyUSB0", robot="kinectbot") as head:
-result = head.look_at((1.0, 0.3, 0.8), frame="base_link")
-print(result.arrived, result.miss)
-"""
+"""A pan/tilt head for Python programs, without ROS."""
 
 from __future__ import annotations
 
@@ -18,7 +13,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from head_tracking.compatibility import StrEnum
 from head_tracking.configuration import ConfiguredHead, configured_head
@@ -42,8 +37,8 @@ from head_tracking.exceptions import (
 from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.head_parameters import HeadParameters
-from head_tracking.head.modes import Following, FollowingSettings
-from head_tracking.head.tasks import HeadTask, PointTask, TaskEnd
+from head_tracking.head.motions import MotionEnd, PointMotion, Tracking, TrackingSettings
+from head_tracking.head.obstacle import Reason
 from head_tracking.parameters import checked, parameter_info
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.tracking import (
@@ -95,13 +90,13 @@ AX_12_PAIR = configured_head(()).servos
 """Pan and tilt of the robots that come with the package: AX-12 with the ids 1 and 2."""
 
 _RATE = 50.0  # cycles per second
-_PATIENCE = 2.0  # s
+_TIMEOUT = 2.0  # s
 _SIMULATED_REPLY = 0.1  # s: simulated servos share a process with the driver
-_T = TypeVar("_T")
+_FASTEST = 12.0  # rad/s
 
 
 class HeadState(StrEnum):
-    """What a head does when it follows no target; see `TargetState` for when it does."""
+    """The states of a head that follows no target; `TargetState` has the others."""
 
     HOLDING = "holding"
     TURNING = "turning"
@@ -111,24 +106,24 @@ class HeadState(StrEnum):
 
 
 class Head:
-    """A pan/tilt head on Dynamixel servos; `open` and `simulated` make one.
+    """A pan/tilt head on Dynamixel servos; `open` and `simulated` create one.
 
-    The servos start relaxed, and nothing moves before the first `look_at` or `follow`. `close`, the
-    end of a `with` block and the end of the program brake and relax them. All methods may be called
-    by any thread.
+    The servos are relaxed at first, and nothing moves before the first `look_at` or `follow`.
+    `close`, the end of a `with` block and the end of the program brake and relax them. All methods
+    may be called by any thread.
 
     Args:
         port: serial port of the servos.
         model: of the robot.
-        servos: of pan and tilt.
-        pointing_frame: the link that is pointed: an optical frame along z, any other along x.
+        servos: pan and tilt.
+        pointing_frame: the link to point: an optical frame along z, any other along x.
         baud_rate: of the port [bit/s].
-        reply_timeout: how long to wait for a servo's answer [s]; None: as long as answers take.
+        reply_timeout: how long to wait for the reply of a servo [s]; None: from the baud rate.
         resources: closed after the port.
-        calibration: that the model already has.
+        calibration: the calibration that `model` includes.
 
     Attributes:
-        frames: the robot's frames; `frames.set_transform` adds those of objects.
+        frames: the robot's frames; `frames.set_transform` adds frames of objects.
         calibration: its estimates with their deviations, its age and file; None: there is none.
 
     Raises:
@@ -152,32 +147,36 @@ class Head:
         self.calibration = calibration
         self.frames = TransformBuffer()
         self.frames.set_model(model)
-        self._pan, self._tilt = pan.joint_name, tilt.joint_name
+        self._joints = pan.joint_name, tilt.joint_name
         self._owners = JointOwners()
         self._loop = ControlLoop(self.frames, self._owners)
-        self._settings = FollowingSettings()
-        self._following = Following(lambda: self._settings)
+        self._settings = TrackingSettings()
+        self._tracking = Tracking(lambda: self._settings)
         self._bus = ServoBus(
             DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
             servos,
             epoch=self._owners.epoch,
         )
-        self._servos = DynamixelBackend([self._bus], self._loop, _RATE, self._report)
+        self._servos = DynamixelBackend(
+            [self._bus],
+            self._loop,
+            _RATE,
+            lambda subject, text: self._control.warn(subject, f"{subject}: {text}"),
+        )
         self._servos.connect()
         self._loop.attach(self._servos)
         self._control = HeadControl(
             self._loop,
             "head",
             HeadParameters(
-                self._pan,
-                self._tilt,
+                *self._joints,
                 min_pan=pan.lower,
                 max_pan=pan.upper,
                 min_tilt=tilt.lower,
                 max_tilt=tilt.upper,
             ),
             pointing_frame,
-            self._following,
+            self._tracking,
             ClockWatch(time.time),
             period=1.0 / _RATE,
             log=logging.getLogger(__name__),
@@ -186,12 +185,11 @@ class Head:
         self._control.begin()
         self._relaxed = self._closed = False
         self._failure: BaseException | None = None
-        self._leading = threading.Lock()
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
         atexit.register(self._close)
         self._servos.start(self._check_control, self._fail)
-        if not self._servos.measured.wait(_PATIENCE):
+        if not self._servos.measured.wait(_TIMEOUT):
             self.close()
             raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
 
@@ -209,26 +207,26 @@ class Head:
         """Open the head on a serial port.
 
         Args:
-            port: such as /dev/ttyUSB0, or COM3.
+            port: such as /dev/ttyUSB0 or COM3.
             robot: its name (see `robot_names`), or a URDF or xacro file.
-            servos: of pan and tilt; None: as the robot's parameter file says.
-            pointing_frame: see `Head`; None: as that file says.
-            baud_rate: of the port [bit/s]; None: as that file says.
-            calibration: a file that `calibrate` has made; None: the model is right.
+            servos: pan and tilt; None: as in the robot's parameter file.
+            pointing_frame: see `Head`; None: as in that file.
+            baud_rate: of the port [bit/s]; None: as in that file.
+            calibration: a file that `calibrate` has written; None: the model is used as it is.
 
         Raises:
             DynamixelError: the port cannot be opened, a servo does not answer or is another model.
-            HeadTrackingError: there is no such robot, or it has no such head; or the calibration
-                is of another one.
+            HeadTrackingError: there is no such robot, it has no such head, or the calibration is
+                of another robot.
         """
-        model, head, known = _known_robot(str(robot), calibration)
+        model, head, known = _load_robot(robot, calibration)
         return cls(
             port,
             model,
             servos or head.servos,
-            calibration=known,
             pointing_frame=pointing_frame or head.pointing_frame,
             baud_rate=baud_rate or head.baud_rate,
+            calibration=known,
         )
 
     @classmethod
@@ -243,23 +241,22 @@ class Head:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
         from head_tracking.simulation import SimulatedJoints  # needs pseudo-terminals
 
-        model, configured, known = _known_robot(str(robot), calibration)
-        servos = servos or configured.servos
+        model, head, known = _load_robot(robot, calibration)
+        servos = servos or head.servos
         with ExitStack() as resources:
-            port = resources.enter_context(SimulatedJoints(servos)).port_name
-            head = cls(
-                port,
+            made = cls(
+                resources.enter_context(SimulatedJoints(servos)).port_name,
                 model,
                 servos,
-                pointing_frame=pointing_frame or configured.pointing_frame,
+                pointing_frame=pointing_frame or head.pointing_frame,
                 reply_timeout=_SIMULATED_REPLY,
                 resources=resources,
                 calibration=known,
             )
-            head._resources = resources.pop_all()
-            return head
+            made._resources = resources.pop_all()
+            return made
 
-    # What it does
+    # Commands
 
     def look_at(
         self,
@@ -272,64 +269,62 @@ class Head:
     ) -> PointingResult:
         """Turn the head to a point, and wait until the measured joints have come to rest.
 
-        A frame that moves is followed on the way, unless the head carries it.
+        A frame that moves is followed until the head arrives, unless the head carries it.
 
         Args:
             point: shape (3,) [m].
-            frame: the frame that it is given in.
-            stamp: when the point was there [s, as time.time()]; None: it is meant for now.
-            max_velocity: speed of the joint that has the longer way [rad/s].
-            timeout: how long to wait [s]; after it the head holds.
+            frame: the frame of `point`.
+            stamp: time at which the point was there [s, as time.time()]; None: now.
+            max_velocity: speed of the joint with the longer way [rad/s].
+            timeout: maximum time [s], after which the head holds.
 
         Returns:
             Whether the head has arrived, and by how much it misses the point [rad].
 
         Raises:
             FrameError: the frame is not known, or was not at that time.
-            UnreachableError: the point cannot be looked at; nothing has moved.
-            RefusedCommandError: the head is stopped, relaxed or closed, or was while it turned.
-            SupersededError: another thread has given the head something else to do.
-            DynamixelError: a servo cannot hold: it does not answer, or has shut itself down.
+            UnreachableError: the point is out of reach; nothing has moved.
+            RefusedCommandError: the head is or was stopped, relaxed or closed.
+            SupersededError: another thread has given a newer command.
+            DynamixelError: a servo does not answer, or has shut down.
             ValueError: a number is not finite, or not allowed.
         """
-        if not 0.0 < max_velocity <= 12.0:
-            raise ValueError(f"max_velocity is {max_velocity}; allowed are 0 to 12 rad/s")
+        if not 0.0 < max_velocity <= _FASTEST:
+            raise ValueError(f"max_velocity is {max_velocity}; allowed are 0 to {_FASTEST:g} rad/s")
+        if not timeout > 0.0:
+            raise ValueError(f"timeout is {timeout}; allowed are times above 0 s")
         target, epoch, control = _target(point, frame, stamp), self._permit(), self._control
-        self._take_over()
-        self._check(target)
+        self._end_following()
+        miss = self._check(target)
         self._switch_torque(True, epoch)
         result: Future[PointingResult] = Future()
-        turn = control.turn(PointingParameters(max_velocity=max_velocity))
-        task = PointTask(
-            lambda task: self._conclude(task, target, result),
-            control,
-            target,
-            turn,
-            clamp=True,
-            follows=stamp is None,
-        )
         with control.lock:
             self._permit(epoch)
-            control.carry_out(task)
+            motion = control.point(
+                target,
+                PointingParameters(max_velocity=max_velocity, clamp_to_limits=True),
+                lambda motion: self._conclude(motion, result),
+                at_stamp=stamp is not None,
+            )
         try:
             return result.result(timeout)
         except FutureTimeoutError:
-            return PointingResult(False, math.pi if task.miss is None else task.miss)
+            return PointingResult(False, miss if motion.miss is None else motion.miss)
         finally:  # also on Ctrl-C
-            control.cancel(task)
+            control.cancel(motion)
 
     def follow(
         self, point: Iterable[float], frame: str = "base_link", *, stamp: float | None = None
     ) -> None:
-        """Keep the head on a target that moves; call this for each new measurement of it.
+        """Keep the head on a moving target; call this for each new measurement of the target.
 
-        Returns at once; the head begins as soon as the servos hold.
+        Returns at once; the head starts as soon as the servos hold.
 
         Args:
             point: shape (3,) [m].
-            frame: the frame that it is given in, such as `camera_optical_frame`.
-            stamp: when it was seen [s, as time.time()]; None: now. A camera on the head needs the
-                time of its picture.
+            frame: the frame of `point`, such as `camera_optical_frame`.
+            stamp: time of the measurement [s, as time.time()]; None: now. A camera on the head
+                needs the time of its picture.
 
         Raises:
             FrameError: the frame is not known.
@@ -337,10 +332,12 @@ class Head:
             ValueError: a number is not finite.
         """
         target, epoch = _target(point, frame, stamp), self._permit()
-        if frame not in self.frames.frames():
-            known = ", ".join(self.frames.frames())
-            raise FrameError(frame, f"the frame {frame!r} does not exist; there are {known}")
-        self._take_over()
+        known = self.frames.frames()
+        if frame not in known:
+            raise FrameError(
+                frame, f"the frame {frame!r} does not exist; there are {', '.join(known)}"
+            )
+        self._end_following()
         self._follow(target, epoch)
 
     def follow_camera(
@@ -352,20 +349,20 @@ class Head:
         model: Camera | None = None,
         distances: DistanceParameters | None = None,
     ) -> CameraFollower:
-        """Keep the head on what a camera on it sees; returns at once. Needs OpenCV.
+        """Keep the head on what a camera on it detects; returns at once. Needs OpenCV.
 
-        It ends with the next command, `stop` and `relax` included: `resume` does not go on with it.
+        It ends with the next command, including `stop` and `relax`.
 
         Args:
             what: face, colour or marker, or a detector of `head_tracking.vision`.
             camera: number, device, file or URL; or pictures (blue, green, red; shape (height,
                 width, 3)) with the times at which they were taken [s, as time.time()].
             frame: the camera's optical frame.
-            model: of the camera; None: one that sees 60 degrees from left to right.
-            distances: how wide or how far away it is; None: 2 m away.
+            model: of the camera; None: a horizontal field of view of 60 degrees.
+            distances: size or distance of the target; None: 2 m away.
 
         Returns:
-            What is seen, and why it has ended.
+            What is detected, and why following has ended.
 
         Raises:
             OpenCVMissingError: OpenCV is not installed.
@@ -375,19 +372,25 @@ class Head:
         """
         from head_tracking.vision import CameraFollower, find_detector, pictures
 
-        detector = find_detector(what) if isinstance(what, str) else what
-        source = pictures(camera) if isinstance(camera, int | str) else camera
-        base, epoch = self._pointed.base_frame, self._permit()
+        base, epoch = self._head.base_frame, self._permit()
         self.pose(frame, base)
+
+        def follow(point: Iterable[float], stamp: float) -> None:
+            target = _target(point, frame, stamp)
+            with self._control.lock:
+                if follower is not self._follower:
+                    raise SupersededError(target.point, self.error)
+                self._follow(target, epoch)
+
         follower = CameraFollower(
-            detector,
-            source,
-            lambda point, stamp: self._follow_for(follower, _target(point, frame, stamp), epoch),
+            find_detector(what) if isinstance(what, str) else what,
+            pictures(camera) if isinstance(camera, int | str) else camera,
+            follow,
             lambda stamp: self.pose(frame, base, stamp=stamp),
             model,
             distances,
         )
-        self._take_over(follower)
+        self._end_following(follower)
         follower.start()
         return follower
 
@@ -401,19 +404,13 @@ class Head:
         focal_length: bool = False,
         report: Callable[[str], object] = lambda text: None,
     ) -> Calibration:
-        """Measure where the camera sits; see `head_tracking.calibration.gathering`."""
+        """Measure the pose of the camera; see `head_tracking.calibration.gathering`."""
         from head_tracking.calibration.gathering import calibrate_camera
 
         return calibrate_camera(
             self, camera, marker=marker, frame=frame, model=model, focal_length=focal_length,
             report=report,
         )  # fmt: skip
-
-    @property
-    def learned(self) -> Mapping[str, LearnedValue]:
-        """What tracking has learned of the servos and of a camera on the head, by name."""
-        with self._control.lock:
-            return self._tracker.learned
 
     def learn(
         self,
@@ -423,65 +420,68 @@ class Head:
         camera: str | None = None,
         servo_delay: float = 0.0,
     ) -> None:
-        """Choose what becomes of what tracking learns.
+        """Choose what tracking learns: "learn", "freeze" (use and keep) or "forget" values.
 
         Args:
-            how: "learn": it is learned; "freeze": it stays as it is; "forget": it is forgotten.
-            servos: `how`, for what is learned of the servos only.
-            camera: `how`, for what is learned of a camera on the head only.
+            how: for both.
+            servos: for the servo models only; None: `how`.
+            camera: for the timing of a camera on the head only; None: `how`.
             servo_delay: from a command to the motion [s], given by hand; 0: learned.
 
         Raises:
-            ValueError: there is no such way to learn, or the delay is not from 0 to 0.15 s.
+            ValueError: there is no such mode, or the delay is not from 0 to 0.15 s.
         """
-        chosen = [how if each is None else each for each in (servos, camera)]
-        for each in (how, *chosen):
-            if each not in tuple(Learning):
-                raise ValueError(f"how to learn is {each!r}; allowed are {', '.join(Learning)}")
-        (known,) = [each for each in fields(PredictiveLawParameters) if each.name == "servo_delay"]
-        delay = checked(known.name, parameter_info(known), 0.0, servo_delay)
-        law = PredictiveLawParameters(servo_delay=delay)
-        self._settings = FollowingSettings(
-            law_parameters=law, servo_learning=chosen[0], camera_learning=chosen[1]
+        try:
+            modes = [Learning(how if mode is None else mode) for mode in (servos, camera)]
+            Learning(how)
+        except ValueError as error:
+            raise ValueError(f"{error}; allowed are {', '.join(Learning)}") from None
+        (delay,) = (each for each in fields(PredictiveLawParameters) if each.name == "servo_delay")
+        self._settings = TrackingSettings(
+            law_parameters=PredictiveLawParameters(
+                servo_delay=checked(delay.name, parameter_info(delay), 0.0, servo_delay)
+            ),
+            servo_learning=modes[0],
+            camera_learning=modes[1],
         )
         with self._control.lock:
-            self._following.tune()
+            self._tracking.tune()
 
     def hold(self) -> None:
-        """End what is under way, also of another thread; the head stays where it is."""
-        self._take_over()
+        """End the present motion, also that of another thread; the head stays where it is."""
+        self._end_following()
         self._control.hold("superseded")
 
     def stop(self) -> Mapping[str, str]:
         """STOP: relax all servos at once, and refuse every command until `resume`.
 
         Returns:
-            For each joint what went wrong; empty where its servo has confirmed.
+            The problem of each joint; empty if its servo has confirmed.
         """
         problems = self._loop.stop()
         self._control.watch()
         return problems
 
     def relax(self) -> None:
-        """Switch the torque off, and refuse commands until `resume`.
+        """Switch off the torque, and refuse commands until `resume`.
 
         Raises:
-            DynamixelError: a servo has not confirmed it.
+            DynamixelError: a servo has not confirmed.
             RefusedCommandError: the head is closed.
         """
         self._require_open()
         self._relaxed = True
-        self._take_over()
-        self._control.disable(HeadState.RELAXED)
+        self._end_following()
+        self._control.disable(Reason.RELAXED)
         self._switch_torque(False)
 
     def resume(self) -> None:
-        """End a `stop` or a `relax`: the servos hold where they stand, and commands are accepted.
+        """End a `stop` or a `relax`: the servos hold where they are, and commands are accepted.
 
         After a `stop` the head moves slowly until it has arrived once.
 
         Raises:
-            DynamixelError: a servo has not confirmed it, or there was another stop meanwhile.
+            DynamixelError: a servo has not confirmed, or there was another stop meanwhile.
             RefusedCommandError: the head is closed.
         """
         self._require_open()
@@ -494,9 +494,9 @@ class Head:
         self._relaxed = False
 
     def close(self) -> None:
-        """Brake and relax the servos and close the port; safe to call twice.
+        """Brake and relax the servos and close the port; may be called twice.
 
-        An interrupt (Ctrl-C) meanwhile is raised after that.
+        Ctrl-C meanwhile is raised after that.
 
         Raises:
             DynamixelError: a servo has not confirmed that it is relaxed.
@@ -510,12 +510,12 @@ class Head:
             except Exception as error:
                 result.set_exception(error)
 
-        threading.Thread(target=close, name="close head").start()  # Python's end waits for it
+        threading.Thread(target=close, name="close head").start()  # not a daemon: Python waits
         interrupt: KeyboardInterrupt | None = None
         while not result.done():
             try:
                 with suppress(FutureTimeoutError):
-                    result.exception(_PATIENCE)
+                    result.exception(_TIMEOUT)
             except KeyboardInterrupt as error:
                 interrupt = error
         if interrupt is not None:
@@ -528,37 +528,43 @@ class Head:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # What is known
+    # State
 
     @property
     def state(self) -> HeadState | TargetState:
         """What the head does now."""
-        for state, is_so in (
-            (HeadState.CLOSED, self._closed),
-            (HeadState.STOPPED, self._owners.stopped),
-            (HeadState.RELAXED, self._relaxed),
-            (HeadState.TURNING, self._control.task is not None),
-        ):
-            if is_so:
-                return state
-        followed = self._tracker.state
-        return HeadState.HOLDING if followed is TargetState.IDLE else followed
+        if self._closed:
+            return HeadState.CLOSED
+        if self._owners.stopped:
+            return HeadState.STOPPED
+        if self._relaxed:
+            return HeadState.RELAXED
+        if self._control.motion is not self._tracking:
+            return HeadState.TURNING
+        state = self._tracker.state
+        return HeadState.HOLDING if state is TargetState.IDLE else state
 
     @property
     def reason(self) -> str:
-        """Why `follow` has the state that it has, for a person; empty: no target is followed."""
+        """Why `follow` has its state, as text; empty: no target is followed."""
         machine = self._tracker.machine
         return "" if machine.state is TargetState.IDLE else machine.reason
 
     @property
     def error(self) -> float | None:
-        """By how much the measured head misses its target [rad]; None: there is none."""
+        """Angle between the pointing axis and the target [rad]; None: there is no target."""
         return self._control.error
 
     @property
     def joints(self) -> Mapping[str, float]:
         """The measured positions of pan and tilt [rad]."""
-        return dict(zip((self._pan, self._tilt), self._positions(), strict=True))
+        return dict(zip(self._joints, self._positions(), strict=True))
+
+    @property
+    def learned(self) -> Mapping[str, LearnedValue]:
+        """What tracking has learned of the servos and of a camera on the head, by name."""
+        with self._control.lock:
+            return self._tracker.learned
 
     @property
     def statistics(self) -> BusStatistics:
@@ -566,78 +572,89 @@ class Head:
         return self._bus.statistics()
 
     def pose(self, link: str, frame: str = "base_link", *, stamp: float | None = None) -> Transform:
-        """Return `T_frame_link`: where a link is.
+        """Return `T_frame_link`, the pose of a link.
 
         Args:
             link: of the robot, or another frame.
             frame: in which its pose is expressed.
-            stamp: when [s, as time.time()]; waits for the joints of that time. None: the latest.
+            stamp: time [s, as time.time()]; waits for the joints of that time. None: the latest.
 
         Raises:
             FrameError: a frame is unknown, or was not known at that time.
         """
-        at, patience = (LATEST, 0.0) if stamp is None else (round(stamp * 1e9), _PATIENCE)
-        found = _known(lambda: self.frames.lookup_transform(frame, link, at, patience), link)
-        return found.transform
+        return self._lookup(frame, link, stamp, _TIMEOUT, link)
 
-    # Inside
+    # Private
 
     @property
-    def _pointed(self) -> PanTiltHead:
-        assert self._control.head is not None  # the constructor has set it
-        return self._control.head
+    def _head(self) -> PanTiltHead:
+        assert self._control.frames.head is not None  # the constructor has set it
+        return self._control.frames.head
 
     @property
     def _tracker(self) -> Tracker:
-        assert self._following.tracker is not None
-        return self._following.tracker
+        assert self._tracking.tracker is not None
+        return self._tracking.tracker
 
     def _positions(self) -> tuple[float, float]:
-        pan, tilt = (self.frames.latest_joint_position(name) for name in (self._pan, self._tilt))
+        pan, tilt = (self.frames.latest_joint_position(name) for name in self._joints)
         assert pan is not None  # the constructor waits for them
         assert tilt is not None
         return pan[1], tilt[1]
 
-    def _check(self, target: Target) -> None:
-        """Refuse what is not known, or cannot be looked at; may wait for the joints of its stamp.
+    def _lookup(
+        self, target: str, source: str, stamp: float | None, timeout: float, frame: str
+    ) -> Transform:
+        """Return `T_target_source`; an error is about `frame`."""
+        at, timeout = (LATEST, 0.0) if stamp is None else (round(stamp * 1e9), timeout)
+        try:
+            return self.frames.lookup_transform(target, source, at, timeout).transform
+        except TransformException as error:
+            raise FrameError(frame, str(error)) from error
+
+    def _check(self, target: Target) -> float:
+        """Return by how much the head misses a target now [rad].
+
+        It may wait for the joints of the target's stamp.
 
         Raises:
-            FrameError: it is not known where the point is.
-            UnreachableError: the head cannot point there.
+            FrameError: the frame is not known, or was not at that time.
+            UnreachableError: the target is out of reach.
         """
-        head, frame, at = self._pointed, target.frame_id, target.stamp
-        patience = self._control.transform_timeout if at else 0.0
-        found = _known(
-            lambda: self.frames.lookup_transform(head.base_frame, frame, at, patience), frame
-        )
-        point = found.transform @ target.point
-        gaze = head.gaze(point, *self._positions())
+        head, frame = self._head, target.frame_id
+        stamp = target.stamp * 1e-9 if target.stamp else None
+        pose = self._lookup(head.base_frame, frame, stamp, self._control.frames.patience, frame)
+        point = pose @ target.point
+        joints = self._positions()
+        gaze = head.gaze(point, *joints)
         if not gaze.reached:
             miss = head.miss(point, gaze.pan, gaze.tilt)
             raise UnreachableError(target.point, frame, miss, gaze.reason)
+        return head.miss(point, *joints)
 
-    def _conclude(self, task: HeadTask, target: Target, result: Future[PointingResult]) -> None:
-        """Hand the result of a turn to the thread that waits for it."""
-        if task.result is None or task.result.end is TaskEnd.CANCELED:  # by this thread
+    def _conclude(self, motion: PointMotion, result: Future[PointingResult]) -> None:
+        """Set the result of a motion that has ended, for the thread that waits for it."""
+        if motion.result is None or motion.result.end is MotionEnd.CANCELED:  # by that thread
             return
-        end, miss = task.result.end, task.miss
-        if end in (TaskEnd.SUCCEEDED, TaskEnd.MISSED) and miss is not None:
-            result.set_result(PointingResult(end is TaskEnd.SUCCEEDED, miss))
-        elif end is TaskEnd.PREEMPTED:
-            result.set_exception(SupersededError(target.point, miss))
-        elif end is TaskEnd.UNREACHABLE:
-            reason = task.result.reason
+        end, reason, miss = motion.result.end, motion.result.reason, motion.miss
+        target = motion.target
+        error: Exception
+        if end in (MotionEnd.SUCCEEDED, MotionEnd.MISSED) and miss is not None:
+            result.set_result(PointingResult(end is MotionEnd.SUCCEEDED, miss))
+            return
+        if end is MotionEnd.PREEMPTED:
+            error = SupersededError(target.point, miss)
+        elif end is MotionEnd.UNREACHABLE:
             error = UnreachableError(target.point, target.frame_id, miss or math.pi, reason)
-            result.set_exception(error)
-        elif end is TaskEnd.DISABLED:
+        elif end is MotionEnd.NO_TRANSFORM:
+            error = FrameError(target.frame_id, reason)
+        elif end is MotionEnd.DISABLED:
             state = HeadState.RELAXED if self._relaxed else HeadState.STOPPED
-            refusal = RefusedCommandError(HeadState.CLOSED if self._closed else state)
-            refusal.__cause__ = self._failure
-            result.set_exception(refusal)
-        elif self._control.trouble:
-            result.set_exception(BusStoppedError(task.result.reason))
+            error = RefusedCommandError(HeadState.CLOSED if self._closed else state)
+            error.__cause__ = self._failure
         else:
-            result.set_exception(FrameError(target.frame_id, task.result.reason))
+            error = BusStoppedError(reason)
+        result.set_exception(error)
 
     def _require_open(self) -> None:
         if self._closed:
@@ -654,22 +671,15 @@ class Head:
             raise RefusedCommandError(HeadState.STOPPED)
         return now
 
-    def _take_over(self, follower: CameraFollower | None = None) -> None:
-        """Let a camera lead the head, or none: what the one before sees counts no more."""
-        with self._leading:
+    def _end_following(self, follower: CameraFollower | None = None) -> None:
+        """End the camera that controls the head; another one replaces it, or none."""
+        with self._control.lock:
             self._follower = follower
-
-    def _follow_for(self, follower: CameraFollower, target: Target, epoch: int) -> None:
-        with self._leading:
-            if follower is not self._follower:
-                raise SupersededError(target.point, self.error)
-            self._permit(epoch)
-            self._follow(target, epoch)
 
     def _follow(self, target: Target, epoch: int) -> None:
         with self._control.lock:
             self._permit(epoch)
-            if self._control.task is not None:
+            if self._control.motion is not self._tracking:
                 self._control.hold("superseded")
             self._control.accept(target)
 
@@ -677,26 +687,23 @@ class Head:
         (switched,) = self._servos.switch_torque(None, on, epoch)
         try:
             with _refused_if_stopped():
-                switched.result(_PATIENCE)
+                switched.result(_TIMEOUT)
         except FutureTimeoutError:
-            raise BusStoppedError(f"no servo has confirmed it within {_PATIENCE} s") from None
-
-    def _report(self, subject: str, text: str) -> None:
-        self._control.warn(subject, f"{subject}: {text}")
+            raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
 
     def _check_control(self, *_: object) -> None:
         if self._control.failure is not None:
             raise self._control.failure
 
     def _fail(self, error: BaseException) -> None:
-        """End everything: the port has failed, and the servos were relaxed if that was possible."""
+        """Close the head after a failure of the port, which has relaxed the servos if possible."""
         self._closed, self._failure = True, error
-        self._control.disable(HeadState.CLOSED)
+        self._control.disable(Reason.CLOSED)
 
     def _close(self) -> None:
         self._closed = True
         atexit.unregister(self._close)
-        self._control.disable(HeadState.CLOSED)
+        self._control.disable(Reason.CLOSED)
         try:
             unconfirmed = self._servos.close()
         finally:
@@ -706,30 +713,22 @@ class Head:
             raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
 
 
-def _known_robot(
-    robot: str, calibration: str | Path | None
+def _load_robot(
+    robot: str | Path, calibration: str | Path | None
 ) -> tuple[RobotModel, ConfiguredHead, Calibration | None]:
-    """Return a robot's calibrated model, its head as its parameter file has it, the calibration."""
-    model, known = load_robot_model(robot_file(robot)), None
+    """Return the calibrated model, the configured head and the calibration of a robot."""
+    name, known = str(robot), None
+    model = load_robot_model(robot_file(name))
     if calibration is not None:
         from head_tracking.calibration import Calibration
 
         known = Calibration.load(calibration)
         model = known.apply(model)
-    return model, configured_head(robot_parameters(robot)), known
-
-
-def _known(look_up: Callable[[], _T], frame: str) -> _T:
-    """Return what is looked up; raise FrameError where a transform is not known."""
-    try:
-        return look_up()
-    except TransformException as error:
-        raise FrameError(frame, str(error)) from error
+    return model, configured_head(robot_parameters(name)), known
 
 
 @contextmanager
 def _refused_if_stopped() -> Iterator[None]:
-    """Raise RefusedCommandError where a STOP keeps something from being done."""
     try:
         yield
     except StoppedError:
@@ -737,8 +736,10 @@ def _refused_if_stopped() -> Iterator[None]:
 
 
 def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:
-    """Return a target; raise ValueError if a number is not finite."""
-    x, y, z = map(float, point)
+    try:
+        x, y, z = map(float, point)
+    except (TypeError, ValueError):
+        raise ValueError(f"the point is {point!r}; give x, y and z in metres") from None
     if not all(map(math.isfinite, (x, y, z, stamp or 0.0))):
         raise ValueError(f"the point {(x, y, z)} at {stamp} is not finite")
     return Target(LATEST if stamp is None else round(stamp * 1e9), frame, (x, y, z))

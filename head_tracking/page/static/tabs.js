@@ -1,4 +1,4 @@
-// The places Joints, Tune, Health and Record.
+// The tabs Joints, Tune, Health and Record.
 import { button, by, command, degrees, element, get, hold, isHeld, offer, radians, send, toast, write } from "./dom.js";
 
 const REFRESH = 1000; // ms
@@ -18,7 +18,7 @@ export class Joints {
 
   all(choose) {
     const movable = this.sliders.filter(({ slider }) => !slider.disabled);
-    if (!movable.length) return toast("No joint can be moved from here. Is torque switched on?");
+    if (!movable.length) return toast("No joint can be moved from here. Is torque enabled?");
     this.aim(Object.fromEntries(movable.map(({ joint }) => [joint.name, choose(...joint.limits)])));
   }
 
@@ -42,7 +42,7 @@ export class Joints {
     });
   }
 
-  /** Follow the robot: what a person moves stays where it was put for a moment. */
+  /** Follow the robot, except sliders that the user has just moved. */
   follow(positions) {
     for (const { joint, slider, field, number } of this.sliders) {
       if (positions[number] == null) continue;
@@ -54,9 +54,9 @@ export class Joints {
   show(state) {
     for (const { joint, slider, field } of this.sliders) slider.disabled = field.disabled = !state.movable.includes(joint.name);
     const relaxed = state.servos.filter((servo) => servo.torque === false).map((servo) => servo.joint);
-    const hints = state.free ? ["No hardware: the sliders say where the joints are (joint_states)."] : state.servos.length ? [] : ["No servo bus is known yet: the sliders only show the joints."];
-    if (relaxed.length) hints.push(`Relaxed: ${relaxed.join(", ")}. The sliders follow the hand.`);
-    if (state.servos.some((servo) => servo.refuses)) hints.push("Switch torque on to move joints from here.");
+    const hints = state.free ? ["No hardware: the page publishes the sliders as joint_states."] : state.servos.length ? [] : ["No servo bus has been found: the sliders only show the joints."];
+    if (relaxed.length) hints.push(`Relaxed: ${relaxed.join(", ")}. Their sliders follow your hand.`);
+    if (state.servos.some((servo) => servo.refuses)) hints.push("Enable torque to move joints from here.");
     write(by("hint"), hints.join(" "));
     const names = JSON.stringify(state.servos.map((servo) => servo.controller));
     if (this.names !== names) {
@@ -79,11 +79,12 @@ export class Joints {
 export class Tuning {
   constructor() {
     this.inputs = new Map();
-    by("reset").onclick = async () => { await this.tell(command("reset")); this.refresh(); };
+    by("reset").onclick = async () => { await this.report(command("reset")); this.refresh(); };
     setInterval(() => { if (!by("tune").hidden && !document.hidden) this.refresh(); }, REFRESH);
   }
 
-  async tell(answer) {
+  /** Show the answer to a command. */
+  async report(answer) {
     const outcome = await answer;
     write(by("refusal"), outcome.done ? "" : `refused: ${outcome.text}`);
     if (outcome.done && outcome.text) toast(outcome.text, 3);
@@ -91,11 +92,11 @@ export class Tuning {
   }
 
   async refresh() {
-    const said = await get("/head/parameters");
-    if (!said.parameters) return;
-    this.makePresets(said.presets);
+    const answer = await get("/head/parameters");
+    if (!answer.parameters) return;
+    this.makePresets(answer.presets);
     const keys = new Set();
-    for (const one of said.parameters) {
+    for (const one of answer.parameters) {
       const key = `${one.node}/${one.name}`;
       keys.add(key);
       const known = this.inputs.get(key) ?? this.add(key, one);
@@ -110,10 +111,10 @@ export class Tuning {
   makePresets(presets) {
     if (by("presets").children.length) return;
     for (const [name, values] of Object.entries(presets)) {
-      const card = button(by("presets"), "", async () => { await this.tell(command("preset", { name })); this.refresh(); }, { "data-preset": name });
+      const card = button(by("presets"), "", async () => { await this.report(command("preset", { name })); this.refresh(); }, { "data-preset": name });
       element(card, "b", {}, name[0].toUpperCase() + name.slice(1));
       const numbers = Object.entries(values).map(([what, value]) => `${what.replaceAll("_", " ")} ${value}${what.endsWith("acceleration") ? "°/s²" : "°/s"}`);
-      element(card, "span", {}, numbers.join(", ") || "as this page found it");
+      element(card, "span", {}, numbers.join(", ") || "the values that the page found first");
     }
   }
 
@@ -141,7 +142,7 @@ export class Tuning {
     const set = async (input, value) => {
       if (known.about.careful && !(await this.ask(`${one.label}: ${known.about.value} becomes ${value}. This value protects the servos.`))) return known.show(known.about.value, true);
       hold(input);
-      const outcome = await this.tell(command("set", { node: one.node, name: one.name, value }));
+      const outcome = await this.report(command("set", { node: one.node, name: one.name, value }));
       if (!outcome.done) known.show(known.about.value, true);
     };
     let input;
@@ -184,7 +185,7 @@ export class Tuning {
     known.follow = (current) => { if (!isHeld(slider)) slider.value = toShare(current); };
   }
 
-  /** Ask whether a person is sure; this concerns their browser only. */
+  /** Ask for confirmation; return whether the user confirms. */
   ask(text, yes = "Set it") {
     write(by("sure-text"), text);
     write(by("sure-yes"), yes);
@@ -199,12 +200,12 @@ export class Tuning {
 }
 
 export class Calibration {
-  /** @param {(text: string, yes: string) => Promise<boolean>} ask asks whether a person is sure. */
+  /** @param {(text: string, yes: string) => Promise<boolean>} ask asks for confirmation. */
   constructor(ask) {
     by("calibrate").querySelector("form").onsubmit = async (event) => {
       event.preventDefault();
       by("calibrator").blur();
-      if (await ask("The head will look around for a minute and a half at most. Is its way free?", "Look around"))
+      if (await ask("The head will look around for up to 90 seconds. Can it move freely?", "Look around"))
         command("calibrate", { size: Number(by("marker-size").value) / 1000, topic: ["", "none"].includes(by("source").value) ? "" : by("source").value });
     };
   }
@@ -222,8 +223,6 @@ export class Calibration {
   }
 }
 
-const MENDS = { recover: "Clear faults" };
-
 const CARDS = {
   camera: ["picture", "boxes"],
   robot: ["robot", "prediction"],
@@ -234,7 +233,7 @@ const CARDS = {
   health: ["servos", "health", "calibration"],
 };
 
-/** Say in its card why a part can't be shown. */
+/** Show in its card why a part can't be shown. */
 export function showFailing(failing) {
   for (const [card, parts] of Object.entries(CARDS)) {
     const text = parts.filter((part) => part in failing).map((part) => `${part} can't be shown: ${failing[part]}`).join("\n");
@@ -246,19 +245,19 @@ export function showFailing(failing) {
 }
 
 export function showHealth(state) {
-  by("alarm").hidden = !state.troubles.length;
-  by("troubles").replaceChildren();
-  if (!state.troubles.length) element(by("troubles"), "li", { class: "ok" }, "No faults.");
-  for (const { what, advice, mend } of state.troubles) {
-    const row = element(by("troubles"), "li", { class: "error" });
-    element(row, "strong", {}, what);
-    element(row, "span", {}, advice);
-    if (MENDS[mend] && state.can_recover) button(row, MENDS[mend], () => command(mend));
-  }
-  const open = new Set([...by("faults").querySelectorAll("details[open]")].map((one) => one.dataset.name));
+  by("alarm").hidden = !state.faults.length;
   by("faults").replaceChildren();
+  if (!state.faults.length) element(by("faults"), "li", { class: "ok" }, "No faults.");
+  for (const { text, advice, command: remedy } of state.faults) {
+    const row = element(by("faults"), "li", { class: "error" });
+    element(row, "strong", {}, text);
+    element(row, "span", {}, advice);
+    if (remedy === "recover" && state.can_recover) button(row, "Clear faults", () => command(remedy));
+  }
+  const open = new Set([...by("statuses").querySelectorAll("details[open]")].map((one) => one.dataset.name));
+  by("statuses").replaceChildren();
   for (const one of state.health) {
-    const row = element(by("faults"), "li", { class: one.level });
+    const row = element(by("statuses"), "li", { class: one.level });
     element(row, "b", {}, one.level);
     element(row, "strong", {}, one.name);
     element(row, "span", {}, one.message);
@@ -289,7 +288,7 @@ export class Recordings {
   }
 
   async open(path, body, name) {
-    toast("The recording is being read: half a minute for each hour.", 60);
+    toast("The recording is being read. This takes about half a minute per hour.", 60);
     const opened = await send(path, body);
     if (!opened.key) return;
     toast(opened.notice || `${name}: ${opened.duration.toFixed(1)} s`);

@@ -1,4 +1,4 @@
-"""What a node that sends targets offers: `target_point`, a service to disable it, its state."""
+"""The topic `target_point`: its messages, and what a node offers that publishes it."""
 
 from __future__ import annotations
 
@@ -7,17 +7,32 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from head_tracking.ros.kit.messages import target_message
 from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
+from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns, vector
 from head_tracking.tracking import Target
 
 
+def target_from_message(message: PointStamped) -> Target:
+    """Return the target of a message; a leading slash of its frame, as in tf1, is removed."""
+    frame_id = message.header.frame_id.removeprefix("/")
+    return Target(stamp_to_ns(message.header.stamp), frame_id, vector(message.point))
+
+
+def target_message(target: Target) -> PointStamped:
+    """Return the message of a target."""
+    message = PointStamped()
+    message.header.stamp = ns_to_stamp(target.stamp)
+    message.header.frame_id = target.frame_id
+    message.point.x, message.point.y, message.point.z = target.point
+    return message
+
+
 class TargetOutput:
-    """Publishes `target_point`; offers `~/enable` and tells `~/enabled`, so that nobody else must.
+    """Publishes `target_point` and `~/enabled`, and offers `~/enable`.
 
     Args:
-        node: sends targets.
-        subject, done: the answer says that this is done, or not done any more.
+        node: publishes targets.
+        subject, done: the response of `~/enable` says that this is done, or not done any more.
 
     Attributes:
         on: whether the node is enabled; it is at the start.

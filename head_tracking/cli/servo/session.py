@@ -1,4 +1,4 @@
-"""The terminal, the port, and the servos on it, for all commands of `servo`."""
+"""The terminal, the port and its servos, for the commands of `servo`."""
 
 from __future__ import annotations
 
@@ -28,10 +28,12 @@ from head_tracking.exceptions import HeadTrackingError, RefusedError
 T = TypeVar("T")
 
 _RATE = 10.0  # Hz
-_PLAIN_WIDTH = 120  # of the output where there is no terminal
+_PLAIN_WIDTH = 120  # columns of the output without a terminal
 _ATTEMPTS = 3
-_FEETECH_BYTE_ORDER = 2  # address; the id is three bytes further
-_TIMEOUT = 0.03  # s: a busy machine must not hide a servo whose id is about to be given away
+_FEETECH_BYTE_ORDER = 2  # address; the id is three bytes after it
+_TIMEOUT = (
+    0.03  # s; long, because the id of a servo that is not found could be given to another one
+)
 
 
 class ToolError(HeadTrackingError):
@@ -39,10 +41,10 @@ class ToolError(HeadTrackingError):
 
 
 class Terminal:
-    """Standard input, standard output for results, standard error for everything else.
+    """Standard input; standard output for results; standard error for messages.
 
     Args:
-        assume_yes: Answer every question with yes.
+        assume_yes: answer every question with yes.
     """
 
     def __init__(self, *, assume_yes: bool = False) -> None:
@@ -56,31 +58,33 @@ class Terminal:
         """Print a result."""
         self._output.print(content, markup=False)
 
-    def say(self, text: str) -> None:
+    def print(self, text: str) -> None:
         """Print a message."""
         self._messages.print(text, markup=False)
 
     def confirm(self, question: str) -> None:
-        """Ask whether to go on; raise RefusedError if not, or if there is no terminal."""
+        """Ask a question; raise RefusedError unless the answer is yes."""
         if self._assume_yes:
             return
         if not self._input.isatty():
-            raise RefusedError(f"{question} There is no terminal to ask on; run it with --yes")
+            raise RefusedError(
+                f"{question} Confirmation is needed, but stdin is not a terminal; add --yes"
+            )
         self._messages.print(f"{question} [y/N] ", end="", markup=False)
         if self._input.readline().strip().lower() not in ("y", "yes"):
             raise RefusedError("nothing was changed")
 
     def ask(self, question: str, default: str) -> str:
-        """Return an answer; the default where Enter, or nobody, answers."""
+        """Return the answer to a question; the default after Enter or without a terminal."""
         if self._assume_yes or not self._input.isatty():
-            self.say(f"{question}: {default}")
+            self.print(f"{question}: {default}")
             return default
         self._messages.print(f"{question} [{default}]: ", end="", markup=False)
         return self._input.readline().strip() or default
 
     def wait_for_enter(self, prompt: str, read: Callable[[], str]) -> None:
-        """Wait until Enter is pressed, and show what `read` returns in the meantime."""
-        self.say(prompt)
+        """Wait until Enter is pressed, and show the result of `read` meanwhile."""
+        self.print(prompt)
         with Live(console=self._messages, auto_refresh=False, transient=True) as live:
             while not select.select([self._input], [], [], 1.0 / _RATE)[0]:
                 live.update(read(), refresh=True)
@@ -93,7 +97,7 @@ class Terminal:
 
     @contextmanager
     def screen(self) -> Iterator[Callable[[RenderableType], None]]:
-        """Return a function that replaces what is shown; without a terminal it prints."""
+        """Return a function that replaces the shown content; without a terminal it prints."""
         if not self._output.is_terminal:
             yield self.show
             return
@@ -102,21 +106,21 @@ class Terminal:
 
 
 def patient_port(port_name: str, baud_rate: int) -> DynamixelPort:
-    """Return a closed port with a long timeout, so that no answer is missed."""
+    """Return a closed port with a long reply timeout."""
     return DynamixelPort(port_name, baud_rate, reply_timeout=_TIMEOUT)
 
 
 @dataclass(frozen=True, slots=True)
-class Workshop:
-    """The terminal and the port.
+class Session:
+    """The terminal and the port of one command.
 
     Attributes:
-        terminal: For input and output.
-        port_name: Device.
-        baud_rate: Bits per second, unless a command uses others.
-        make_port: Makes a closed port from device and baud rate.
-        pause: Waits so many seconds.
-        clock: Monotonic time, s.
+        terminal: for input and output.
+        port_name: serial device.
+        baud_rate: default baud rate [bit/s].
+        make_port: makes a closed port from device and baud rate.
+        pause: waits for a time [s].
+        clock: returns monotonic time [s].
     """
 
     terminal: Terminal
@@ -128,27 +132,24 @@ class Workshop:
 
     @contextmanager
     def port(self, baud_rate: int | None = None) -> Iterator[DynamixelPort]:
-        """Open the port, and close it at the end.
+        """Open the port; close it at the end of the block.
 
         Raises:
-            PortError: It cannot be opened, or cannot do the baud rate.
-            ConfigurationError: No port can do the baud rate.
+            PortError: the port cannot be opened, or does not support the baud rate.
+            ConfigurationError: no port supports the baud rate.
         """
         port = self.make_port(self.port_name, self.baud_rate if baud_rate is None else baud_rate)
         port.open()
         try:
             if port.adapter.advice:
-                self.terminal.say(f"note: {port.adapter.advice}")
+                self.terminal.print(f"note: {port.adapter.advice}")
             yield port
         finally:
             port.close()
 
 
 def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -> int | None:
-    """Return the protocol in which a servo answers pings; None if none does.
-
-    A damaged answer counts.
-    """
+    """Return the protocol in which a servo answers pings, also with a corrupt answer; or None."""
     for attempt in range(attempts):
         for protocol in (1, 2):
             if protocol == 2 and servo_id > 252:
@@ -168,44 +169,45 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
     """Return the servo with an id.
 
     Args:
-        port: The open port.
-        servo_id: Its id.
-        model: Its model, for a servo that answers no reads.
+        port: the open port.
+        servo_id: the id.
+        model: model of a servo that answers no reads.
 
     Raises:
-        ToolError: It does not answer, or its model is unknown.
+        ToolError: the servo does not answer, or its model is unknown.
     """
     protocol = protocol_of(port, servo_id)
     if protocol is None:
         raise ToolError(
             f"no servo with id {servo_id} answers on {port.name} at {port.baud_rate} baud; check "
-            "its power and cable, or look for it with `servo scan`"
+            "its power and cable, or find it with `servo scan`"
         )
     try:
-        link = Servo(port, servo_id, servo_model_by_number(model_number(port, servo_id, protocol)))
+        servo = Servo(port, servo_id, servo_model_by_number(model_number(port, servo_id, protocol)))
     except ConfigurationError as error:
         raise ToolError(f"servo {servo_id}: {error}") from error
     except CommunicationError as error:
         if model is None:
             raise ToolError(
                 f"servo {servo_id} answers pings but no reads: its Status Return Level is "
-                "probably 0. Set it to 2, and name its model: "
+                "probably 0. Set it to 2 and give the model: "
                 f"servo --model MODEL set {servo_id} 'Status Return Level' 2"
             ) from error
-        link = Servo(port, servo_id, model)
-        link.acknowledges_writes = False
-        return link
-    link.acknowledges_writes = link.model.acknowledges_writes(link.get("Status Return Level"))
-    return link
+        servo = Servo(port, servo_id, model)
+        servo.acknowledges_writes = False
+        return servo
+    servo.acknowledges_writes = servo.model.acknowledges_writes(servo.get("Status Return Level"))
+    return servo
 
 
 def model_number(port: DynamixelPort, servo_id: int, protocol: int) -> int:
-    """Read the Model Number, which is elsewhere in Feetech servos than in those of Dynamixel.
+    """Read the Model Number.
 
-    Feetech servos begin with two bytes of firmware and one of byte order; their id is at 5.
+    Its address differs between Dynamixel and Feetech. A Feetech servo has two bytes of firmware
+    version, then a byte order of 0 or 1; its id is at address 5.
 
     Raises:
-        CommunicationError: The servo answers no reads, or its answers are damaged.
+        CommunicationError: the servo answers no reads, or its answers are corrupt.
     """
     any_model = servo_model("AX-12" if protocol == 1 else "XM430-W350")
     if protocol == 1:

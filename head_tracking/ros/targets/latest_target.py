@@ -1,4 +1,4 @@
-"""The newest target, placed in a frame: for those who show it."""
+"""The latest target, transformed into a frame, for display."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import NamedTuple
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 
-from head_tracking.ros.kit.listening import TopicListener
-from head_tracking.ros.kit.messages import target_from_message
+from head_tracking.ros.kit.target_point import target_from_message
+from head_tracking.ros.kit.topics import TopicListener
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import TransformBuffer, Vector3
 
-_TIMEOUT = 1.0  # s; a target waits so long for its frame
+_TIMEOUT = 1.0  # s to wait for the transform of a target
 
 
-class PlacedTarget(NamedTuple):
-    """A target and where it is.
+class TransformedTarget(NamedTuple):
+    """A target and its position in the requested frame.
 
     Attributes:
-        placed: when that was found out [ns].
-        target: as it was sent.
-        point: where it is [m].
+        placed: time of the transformation [ns].
+        target: the published target.
+        point: position [m].
     """
 
     placed: int
@@ -32,46 +32,46 @@ class PlacedTarget(NamedTuple):
 
     @property
     def stamp(self) -> int:
-        """When it was there [ns]."""
+        """Time of the target [ns]."""
         return self.target.stamp or self.placed
 
 
-class NewestTarget:
-    """Listens to `target_point`. What is refused is left to the node that turns the head.
+class LatestTarget:
+    """Subscribes to `target_point`; ignores invalid targets, which the head's node reports.
 
     Args:
-        node: listens.
-        buffer: the robot's frames.
+        node: node of the subscription.
+        buffer: frames of the robot.
     """
 
     def __init__(self, node: Node, buffer: TransformBuffer) -> None:
         self._node = node
         self._buffer = buffer
-        self._lock = threading.Lock()  # targets come in another thread than they are asked for
+        self._lock = threading.Lock()  # callbacks and callers are in different threads
         self._placer: TargetPlacer | None = None
-        self._newest: PlacedTarget | None = None
+        self._latest: TransformedTarget | None = None
         self._listener = TopicListener(node, PointStamped, "target_point", self._on_target)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Unsubscribe."""
         self._listener.close()
 
     def place_in(self, frame: str) -> None:
-        """Places targets in this frame from now on."""
+        """Transform targets into this frame."""
         with self._lock:
             self._placer = TargetPlacer(self._buffer, frame, _TIMEOUT)
-            self._newest = None
+            self._latest = None
 
-    def newest(self, keep: float = math.inf) -> PlacedTarget | None:
-        """The newest target, unless it is older than `keep` [s]."""
+    def latest(self, keep: float = math.inf) -> TransformedTarget | None:
+        """Return the latest target, unless it is older than `keep` [s]."""
         now = self._now
         with self._lock:
             placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
         if placed is not None:
-            self._newest = PlacedTarget(now, *placed)
-        if self._newest is None or abs(now - self._newest.placed) * 1e-9 > keep:
+            self._latest = TransformedTarget(now, *placed)
+        if self._latest is None or abs(now - self._latest.placed) * 1e-9 > keep:
             return None
-        return self._newest
+        return self._latest
 
     @property
     def _now(self) -> int:

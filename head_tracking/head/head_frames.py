@@ -1,0 +1,208 @@
+"""Targets of one head: transformed into its frames, at their stamps."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.tracking import HeadBase, Refusal, Target, TargetPlacer
+from head_tracking.transforms import (
+    LATEST,
+    RobotModel,
+    RobotModelError,
+    TransformBuffer,
+    TransformException,
+    Vector3,
+)
+
+_MOST_KEPT = 1000  # transformed targets, until `take_recent`
+
+
+class HeadFrames:
+    """The model of a head, and the transforms of its targets.
+
+    Targets are transformed into the frame `fixed_frame`, which stands still, with the joints at
+    the stamp of each target. A target waits up to `transform_timeout` for its transforms.
+
+    Args:
+        buffer: the robot's frames.
+        parameters: of the head.
+        pointing_frame: the frame to point.
+
+    Attributes:
+        head: the head of the model; None: no model is known.
+        base: where the head's base is in `fixed_frame`; None: they are the same frame.
+        target: the latest target that was transformed.
+        patience: how long a target waits for its transforms [s].
+    """
+
+    def __init__(
+        self, buffer: TransformBuffer, parameters: HeadParameters, pointing_frame: str
+    ) -> None:
+        self.head: PanTiltHead | None = None
+        self.base: HeadBase | None = None
+        self.target: Target | None = None
+        self.patience = parameters.transform_timeout
+        self._buffer, self._parameters = buffer, parameters
+        self._pointing_frame = pointing_frame
+        self._model: RobotModel | None = None
+        self._placer: TargetPlacer | None = None
+        self._latency = round(parameters.target_latency * 1e9)
+        self._carried: dict[str, bool] = {}
+        self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_KEPT)
+
+    def use(self, model: RobotModel) -> PanTiltHead:
+        """Use the head of a model from now on.
+
+        Raises:
+            RobotModelError: the model has no such head.
+        """
+        p = self._parameters
+        head = p.head(model, self._pointing_frame)
+        fixed_frame = p.fixed_frame or head.base_frame
+        joints = {head.pan_joint, head.tilt_joint}
+        if fixed_frame in model.links and any(
+            joint.name in joints for joint in model.joints_above(fixed_frame)
+        ):
+            raise RobotModelError(
+                f"fixed_frame is {fixed_frame!r}, which moves with the head; choose a frame that "
+                f"stands still, such as {head.base_frame} or odom"
+            )
+        self.head, self._model = head, model
+        self._carried.clear()
+        self._placer = TargetPlacer(self._buffer, fixed_frame, self.patience)
+        moves = fixed_frame != head.base_frame
+        self.base = HeadBase(self._buffer, fixed_frame, head.base_frame) if moves else None
+        return head
+
+    def pointing(self, frame: str, axis: tuple[float, float, float]) -> PanTiltHead:
+        """Return the head, pointing another frame.
+
+        Args:
+            frame: any frame that the head carries; empty: the usual one.
+            axis: the direction in that frame; all 0: its usual one.
+
+        Raises:
+            RobotModelError: the head cannot point it.
+        """
+        assert self._model is not None
+        assert self.head is not None
+        frame = frame or self._pointing_frame
+        if not any(axis) and frame == self._pointing_frame:
+            return self.head
+        return self._parameters.head(self._model, frame, axis)
+
+    # A stream of targets
+
+    def offer(self, target: Target, now: float) -> None:
+        """Accept a target, which waits for its transforms."""
+        if self._placer is not None:
+            self._placer.offer(self._corrected(target) if self._latency else target, now)
+
+    def forget(self) -> None:
+        """Drop the targets that wait."""
+        if self._placer is not None:
+            self._placer.forget()
+
+    def take(self, now: float, positions: tuple[float, float]) -> list[tuple[Target, Vector3]]:
+        """Return the targets that can be transformed now, and their points in `fixed_frame` [m].
+
+        Args:
+            now: the time [s].
+            positions: pan and tilt [rad] for a target without a stamp that the head carries.
+        """
+        assert self._placer is not None
+        placed = self._placer.place(now, self._named(positions))
+        for target, point in placed:
+            self._record(target, point, now)
+        return placed
+
+    def take_latest(
+        self, now: float, positions: tuple[float, float]
+    ) -> tuple[Target, Vector3] | None:
+        """Return the latest of these targets only, and drop the targets before it; see `take`."""
+        assert self._placer is not None
+        placed = self._placer.place_newest(now, self._named(positions))
+        if placed is not None:
+            self._record(*placed, now)
+        return placed
+
+    def take_refusal(self) -> Refusal | None:
+        """Return the latest target that could not be used since the last call, and why."""
+        return None if self._placer is None else self._placer.take_refusal()
+
+    def take_recent(self) -> list[tuple[float, Vector3]]:
+        """Return the targets since the last call: stamps [s], points in the head's base [m]."""
+        recent = []
+        while self._recent:
+            stamp, point = self._recent.popleft()
+            base = self.base
+            recent.append((stamp, point if base is None else base.at(stamp).inverse() @ point))
+        return recent
+
+    def _record(self, target: Target, point: Vector3, now: float) -> None:
+        self.target = target
+        self._recent.append((target.stamp * 1e-9 if target.stamp else now, point))
+
+    # One target
+
+    def moves_with_head(self, frame_id: str) -> bool:
+        """Return whether a frame moves when pan and tilt do."""
+        if frame_id not in self._carried:
+            assert self.head is not None
+            frames = self.head.base_frame, frame_id
+            look_up = self._buffer.lookup_transform
+            here, there = self._named((0.0, 0.0)), self._named((0.1, 0.1))
+            try:
+                one = look_up(*frames, LATEST, joint_positions=here)
+                other = look_up(*frames, one.stamp, joint_positions=there)
+            except TransformException:
+                return False
+            self._carried[frame_id] = one.transform != other.transform
+        return self._carried[frame_id]
+
+    def in_fixed_frame(self, target: Target, positions: tuple[float, float]) -> Vector3:
+        """Return a target in `fixed_frame` [m], at its stamp; for `positions` see `take`.
+
+        Raises:
+            TransformException: its transform is not known, or not yet.
+        """
+        assert self._placer is not None
+        return self._placer.place_one(self._corrected(target), self._named(positions))
+
+    def in_base(self, point: Vector3, now: float) -> Vector3:
+        """Return a point of `fixed_frame` in the head's base frame as that is now [m].
+
+        Raises:
+            TransformException: the pose of the base is not known.
+        """
+        if self.base is None:
+            return point
+        unknown = self.base.update()
+        if unknown:
+            raise TransformException(unknown)
+        return self.base.pose(now).inverse() @ point
+
+    def latest_in_base(self, target: Target) -> tuple[Vector3, float | None]:
+        """Return a target in the head's base frame by the latest transforms, and their time [s].
+
+        The time is None if all of them are fixed.
+
+        Raises:
+            TransformException: a transform is not known.
+        """
+        assert self.head is not None
+        found = self._buffer.lookup_transform(self.head.base_frame, target.frame_id, LATEST)
+        return found.transform @ target.point, found.stamp * 1e-9 if found.stamp else None
+
+    def _named(self, positions: tuple[float, float]) -> dict[str, float]:
+        assert self.head is not None
+        return {self.head.pan_joint: positions[0], self.head.tilt_joint: positions[1]}
+
+    def _corrected(self, target: Target) -> Target:
+        """Return the target with `target_latency` taken off its stamp."""
+        if not (self._latency and target.stamp):
+            return target
+        return replace(target, stamp=max(1, target.stamp - self._latency))

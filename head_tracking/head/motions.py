@@ -1,0 +1,533 @@
+"""The controllers of a head: each returns the command of every control cycle.
+
+A `Motion` turns the head until it has a result: to a point, or along a trajectory. `Tracking` and
+`Pointing` have no end: they control the head by its targets while there is no other motion.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from head_tracking.compatibility import StrEnum
+from head_tracking.gaze import HeadCommand, PointingParameters, together
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    JointPoint,
+    JointReading,
+    JointTrajectory,
+    Learning,
+    PredictiveLaw,
+    Refusal,
+    SpeedLimits,
+    Target,
+    TargetState,
+    TargetStateParameters,
+    Tracker,
+    TrajectoryCode,
+    Turn,
+)
+from head_tracking.transforms import TransformException, Vector3
+
+if TYPE_CHECKING:
+    from head_tracking.head.head_control import HeadControl
+
+_PERIOD = 0.02  # s
+_PROGRESS_PERIOD = 0.035  # s
+_MOVING = 0.15  # rad/s; the measured velocity of a joint at rest can reach this
+_SAME_GOAL = 0.006  # rad; a little over one tick of an AX-12
+
+Locate: TypeAlias = "Callable[[float], tuple[Vector3, float | None]]"
+"""Where a point is at a time [s]: in the head's base frame [m], and its stamp [s]; None: it stands
+still. Raises TransformException."""
+
+
+class MotionEnd(StrEnum):
+    """How a motion ended."""
+
+    SUCCEEDED = "succeeded"
+    MISSED = "did not arrive"
+    UNREACHABLE = "unreachable"
+    NO_TRANSFORM = "no transform"
+    PREEMPTED = "preempted"
+    DISABLED = "disabled"
+    CANCELED = "canceled"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class MotionResult:
+    """The result of a motion.
+
+    Attributes:
+        end: how it ended.
+        reason: why, for logs and clients.
+        code: FollowJointTrajectory's `error_code`.
+    """
+
+    end: MotionEnd
+    reason: str
+    code: TrajectoryCode = TrajectoryCode.INVALID_GOAL
+
+    def __str__(self) -> str:
+        if self.end is MotionEnd.SUCCEEDED:
+            return self.reason
+        end = MotionEnd.CANCELED if self.end is MotionEnd.CANCELED else MotionEnd.ABORTED
+        return f"{end}: {self.reason}"
+
+
+class Motion(ABC):
+    """A controller of the head. Its methods are called with the lock of `HeadControl` held.
+
+    Args:
+        notify: called with the motion while it is in progress, 25 times a second, and once when it
+            has its result. None: it is one of a stream, and nobody waits for its result.
+
+    Attributes:
+        title: what it does.
+        result: how it ended; None while it is in progress.
+        miss: angle between the pointing axis and the target [rad]; None: there is no target.
+        joints: the measurement of the latest update; None: there was none yet.
+        is_streamed: whether nobody waits for its result.
+    """
+
+    title = ""
+
+    def __init__(self, notify: Callable[[Any], object] | None = None) -> None:
+        self.result: MotionResult | None = None
+        self.miss: float | None = None
+        self.joints: JointReading | None = None
+        self.is_streamed = notify is None
+        self._notify = notify or (lambda _: None)
+        self._notified = -math.inf
+
+    @abstractmethod
+    def update(self, joints: JointReading, now: float) -> HeadCommand | None:
+        """Return the command for the joints, which have just been measured; None: no command."""
+
+    @abstractmethod
+    def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
+        """Return the desired states of pan and tilt at a time [s]; None: there are none."""
+
+    def report(self, now: float) -> None:
+        """Notify of the progress, unless that was done a moment ago."""
+        if self.result is None and abs(now - self._notified) > _PROGRESS_PERIOD:
+            self._notified = now
+            self._notify(self)
+
+    def end(
+        self, end: MotionEnd, reason: str, code: TrajectoryCode = TrajectoryCode.INVALID_GOAL
+    ) -> None:
+        """Set the result, unless there is one."""
+        if self.result is None:
+            self.result = MotionResult(end, reason, code)
+            self._notify(self)
+
+
+class PointMotion(Motion):
+    """A turn to a point, until the measured joints have arrived.
+
+    Args:
+        target: the point, as it was sent.
+        locate: where it is.
+        turn: the motion of the joints.
+        law: the control law for the joints.
+        clamp: turn as far as the joints go to a point out of reach; else that ends the motion.
+        patience: how long the point may have no transform [s].
+        notify: see `Motion`.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        locate: Locate,
+        turn: Turn,
+        law: PredictiveLaw,
+        *,
+        clamp: bool,
+        patience: float,
+        notify: Callable[[PointMotion], object] | None = None,
+    ) -> None:
+        super().__init__(notify)
+        self.title = f"turning {turn.head.pointing_frame} to {target}"
+        self.target, self.locate = target, locate
+        self._turn, self._law = turn, law
+        self._clamp, self._patience = clamp, patience
+        self._located: float | None = None
+
+    def update(self, joints: JointReading, now: float) -> HeadCommand | None:
+        """See `Motion`. After its result a motion computes its miss only."""
+        turn = self._turn
+        moves = turn.miss is not None
+        located = self._located = now if self._located is None else self._located
+        try:
+            point, stamp = self.locate(now)
+        except TransformException as error:
+            if self.result is not None or now - located < self._patience:
+                return None
+            self.end(MotionEnd.NO_TRANSFORM, f"the target {self.target} has no transform: {error}")
+            return self._law.stop(joints) if moves else None
+        gaze = turn.aim(point, stamp, joints.positions, now)
+        self.miss, self._located = turn.miss, now
+        if self.result is not None:
+            return None
+        if not gaze.is_usable(clamp=self._clamp):
+            self.end(MotionEnd.UNREACHABLE, gaze.reason)
+            return self._law.stop(joints) if moves else None
+        result = turn.judge(now)
+        if result is None:
+            return self._law.along(turn.positions, turn.max_velocity, joints, now)
+        if result.arrived:
+            self.end(MotionEnd.SUCCEEDED, str(result), TrajectoryCode.SUCCESSFUL)
+        else:
+            reason = f" ({gaze.reason})" if gaze.reason else ""
+            self.end(MotionEnd.MISSED, f"{result}{reason}")
+        return self.goal(now)
+
+    def goal(self, now: float) -> HeadCommand:
+        """Return the command that goes where the joints should be now."""
+        turn = self._turn
+        return HeadCommand(*turn.positions(now), turn.max_velocity, turn.max_velocity)
+
+    def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
+        """See `Motion`."""
+        if self._turn.miss is None:
+            return None
+        here, soon = self._turn.positions(time), self._turn.positions(time + _PERIOD)
+        pan, tilt = (JointPoint(a, (b - a) / _PERIOD, 0.0) for a, b in zip(here, soon, strict=True))
+        return pan, tilt
+
+
+class TrajectoryMotion(Motion):
+    """A trajectory of both joints, until the measured joints are at its end.
+
+    Args:
+        trajectory: of both joints.
+        law: the control law for the joints.
+        notify: see `Motion`.
+    """
+
+    title = "following a trajectory"
+
+    def __init__(
+        self,
+        trajectory: JointTrajectory,
+        law: PredictiveLaw,
+        notify: Callable[[TrajectoryMotion], object] | None = None,
+    ) -> None:
+        super().__init__(notify)
+        self.trajectory, self._law = trajectory, law
+
+    def update(self, joints: JointReading, now: float) -> HeadCommand | None:
+        """See `Motion`."""
+        law = self._law
+        result = self.trajectory.judge(joints.stamp, joints.positions, now)
+        if result is None:
+            return law.along(self._positions, law.fastest, joints, now)
+        if result.code is TrajectoryCode.SUCCESSFUL:
+            self.end(MotionEnd.SUCCEEDED, result.text, result.code)
+            return HeadCommand(*self._positions(now), law.fastest, law.fastest)
+        self.end(MotionEnd.ABORTED, result.text, result.code)
+        return law.stop(joints)
+
+    def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
+        """See `Motion`."""
+        pan, tilt = self.trajectory.at(time)
+        return pan, tilt
+
+    def _positions(self, time: float) -> tuple[float, float]:
+        pan, tilt = self.trajectory.at(time)
+        return pan.position, tilt.position
+
+
+class TargetMotion(Motion):
+    """What a head does with its targets. It has no result, and controls the head of `control`.
+
+    Attributes:
+        fault: what is wrong with the head; empty: nothing is known to be.
+    """
+
+    fault = ""
+    control: HeadControl
+
+    def use(self, control: HeadControl) -> None:
+        """Use the head of `control`, whose model is known now or has changed."""
+        self.control = control
+
+    @abstractmethod
+    def restart(self, disabled: str, now: float) -> HeadCommand | None:
+        """Forget the target; return the command that stops the head, if this moves it.
+
+        Args:
+            disabled: why targets are ignored from now on; empty: they are used.
+            now: the time [s].
+        """
+
+    @abstractmethod
+    def reset(self, reason: str, now: float) -> HeadCommand | None:
+        """Forget everything measured, because the clock has jumped; return a command to stop."""
+
+    @abstractmethod
+    def recenter(self, joints: JointReading) -> HeadCommand | None:
+        """Turn the head to its centre from now on."""
+
+    @abstractmethod
+    def state(self) -> tuple[str, str]:
+        """Return the state, as a code and as text, of a head that is enabled and measured."""
+
+    def save(self) -> None:
+        """Save what was learned of the servos for the next run."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingSettings:
+    """How a head tracks its target.
+
+    Attributes:
+        law: a name in `LAWS`.
+        limits: of all laws.
+        law_parameters: of this law, of its class `Parameters`.
+        estimator: of the target's motion.
+        state: what to do without a target.
+        servo_learning: of the servo models, a name in `Learning`.
+        camera_learning: of the timing of a camera on the head, a name in `Learning`.
+    """
+
+    law: str = "predictive"
+    limits: SpeedLimits = field(default_factory=SpeedLimits)
+    law_parameters: Any = None
+    estimator: EstimatorParameters = field(default_factory=EstimatorParameters)
+    state: TargetStateParameters = field(default_factory=TargetStateParameters)
+    servo_learning: str = Learning.LEARN
+    camera_learning: str = Learning.LEARN
+
+
+class Tracking(TargetMotion):
+    """Keeps the head on a moving target.
+
+    Args:
+        settings: returns the present settings.
+
+    Attributes:
+        tracker: of the head; None: no model is known.
+    """
+
+    title = "tracking"
+
+    def __init__(self, settings: Callable[[], TrackingSettings] = TrackingSettings) -> None:
+        super().__init__()
+        self.tracker: Tracker | None = None
+        self._settings = settings
+        self._law = ""
+
+    def use(self, control: HeadControl) -> None:
+        """See `TargetMotion`."""
+        super().use(control)
+        head, before = control.frames.head, self.tracker
+        assert head is not None
+        self._law = self._settings().law
+        law = LAWS[self._law](head, control.period)
+        self.tracker = Tracker(head, law, base=control.frames.base, readings=control.readings)
+        law.expect(control.memory.load())
+        self.tune()
+        if before is not None:
+            control.send(before.reset("another robot_description has come", control.now))
+
+    def tune(self) -> None:
+        """Use the present settings."""
+        settings, tracker = self._settings(), self.tracker
+        if tracker is None:
+            return
+        if settings.law != self._law:
+            self._law = settings.law
+            tracker.law = LAWS[settings.law](tracker.head, self.control.period)
+            tracker.law.expect(self.control.memory.load())
+        tracker.law.limits = settings.limits
+        tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
+        tracker.estimator.parameters = settings.estimator
+        tracker.machine.parameters = settings.state
+        tracker.learn(Learning(settings.servo_learning), Learning(settings.camera_learning))
+        if settings.servo_learning == Learning.FORGET:
+            self.control.memory.forget()
+
+    def update(self, joints: JointReading, now: float) -> HeadCommand | None:
+        """See `Motion`."""
+        tracker, control, frames = self.tracker, self.control, self.control.frames
+        assert tracker is not None
+        for target, point in frames.take(now, joints.positions):
+            seen = target.stamp * 1e-9 if target.stamp else now
+            moving = bool(target.stamp) and frames.moves_with_head(target.frame_id)
+            verdict = tracker.target_seen(seen, point, now, moving=moving)
+            if not verdict.used and tracker.machine.refusal == verdict:
+                control.refuse(Refusal(target, verdict))
+        refusal = frames.take_refusal()
+        if refusal is not None:
+            control.refuse(refusal)
+            tracker.machine.refused(refusal.reason, now)
+        tracker.at_most = control.fastest
+        step = tracker.step(now)
+        self.miss, self.fault, control.held = step.error, tracker.fault, None
+        for joint in tracker.law.take_contradicted():
+            control.warn(joint, f"{joint}: the saved values of its servo do not fit any more")
+        return step.command
+
+    def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
+        """See `Motion`: the measured states of a head that moves."""
+        joints = self.control.readings.latest
+        if joints is None or max(map(abs, joints.velocities)) < _MOVING:
+            return None
+        (pan, tilt), (pan_velocity, tilt_velocity) = joints.positions, joints.velocities
+        return JointPoint(pan, pan_velocity), JointPoint(tilt, tilt_velocity)
+
+    def restart(self, disabled: str, now: float) -> HeadCommand | None:
+        """See `TargetMotion`."""
+        self.miss = None
+        tracker = self.tracker
+        if tracker is None:
+            return None
+        moving = tracker.state not in (TargetState.IDLE, TargetState.DISABLED)
+        tracker.machine.off = disabled
+        command = tracker.enable(not disabled, now)
+        return command if moving else None
+
+    def reset(self, reason: str, now: float) -> HeadCommand | None:
+        """See `TargetMotion`."""
+        return None if self.tracker is None else self.tracker.reset(reason, now)
+
+    def recenter(self, joints: JointReading) -> HeadCommand | None:
+        """See `TargetMotion`."""
+        assert self.tracker is not None
+        self.tracker.recenter()
+        return None
+
+    def save(self) -> None:
+        """See `TargetMotion`."""
+        if self.tracker is not None:
+            self.control.memory.save(self.tracker.law.to_save)
+
+    def state(self) -> tuple[str, str]:
+        """See `TargetMotion`."""
+        if self.tracker is None:
+            return TargetState.IDLE, TargetState.IDLE
+        machine = self.tracker.machine
+        return machine.state, f"{machine.state}: {machine.reason}"
+
+
+class Pointing(TargetMotion):
+    """Turns the head to each new target once, and holds.
+
+    Args:
+        parameters: returns the present parameters.
+    """
+
+    title = "pointing"
+
+    def __init__(self, parameters: Callable[[], PointingParameters]) -> None:
+        super().__init__()
+        self._parameters = parameters
+        self._motion: PointMotion | None = None
+        self._goal: tuple[float, float] | None = None  # of the latest target
+
+    def update(self, joints: JointReading, now: float) -> HeadCommand | None:
+        """See `Motion`."""
+        control = self.control
+        if control.off is not None:
+            control.frames.forget()
+            self.miss = None
+            return None
+        is_new = self._accept(joints, now)
+        motion = self._motion
+        if motion is None:
+            return None
+        was_turning = motion.result is None
+        command = motion.update(joints, now)
+        self.miss = motion.miss
+        if was_turning and motion.result is not None:
+            control.conclude(motion)
+        if is_new and not was_turning:
+            command = motion.goal(now)
+            control.held = command.pan, command.tilt
+        return command
+
+    def _accept(self, joints: JointReading, now: float) -> bool:
+        """Use the latest target; return whether there is a new one."""
+        control, frames, p = self.control, self.control.frames, self._parameters()
+        placed, refusal = frames.take_latest(now, control.held_positions(joints)), None
+        if placed is None or frames.head is None:
+            refusal = frames.take_refusal()
+        else:
+            target, point = placed
+            try:
+                gaze = frames.head.gaze(frames.in_base(point, now), *joints.positions)
+            except TransformException as error:
+                refusal = Refusal(target, str(error))
+            else:
+                if not gaze.is_usable(clamp=p.clamp_to_limits):
+                    control.outcome = f"refused: {gaze.reason}"
+                    refusal = Refusal(target, f"nothing moves: {gaze.reason}")
+        if refusal is not None:
+            control.refuse(refusal)
+        if placed is None or refusal is not None:
+            return False
+        if not gaze.reached:
+            control.warn("limit", f"target {target}: {gaze.reason}")
+
+        def locate(now: float) -> tuple[Vector3, float | None]:
+            return frames.in_base(point, now), None
+
+        before, goal = self._goal, (gaze.pan, gaze.tilt)
+        self._goal, motion = goal, self._motion
+        is_same = before is not None and math.dist(before, goal) < _SAME_GOAL
+        if motion is not None and (motion.result is None or is_same):
+            motion.target, motion.locate = target, locate
+        else:
+            motion = self._motion = control.point_motion(target, locate, p, joints)
+        if motion.result is None:
+            control.outcome = f"turning to {target}"
+        return True
+
+    def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
+        """See `Motion`."""
+        motion = self._motion
+        return None if motion is None or motion.result is not None else motion.desired(time)
+
+    def use(self, control: HeadControl) -> None:
+        """See `TargetMotion`."""
+        super().use(control)
+        self._forget()
+
+    def restart(self, disabled: str, now: float) -> HeadCommand | None:
+        """See `TargetMotion`."""
+        was_turning = self._is_turning
+        self._forget()
+        joints = self.control.readings.latest if was_turning else None
+        return None if joints is None else self.control.law.stop(joints)
+
+    def reset(self, reason: str, now: float) -> HeadCommand | None:
+        """See `TargetMotion`; the servos complete a turn that is in progress."""
+        self._forget()
+        return None
+
+    def recenter(self, joints: JointReading) -> HeadCommand | None:
+        """See `TargetMotion`."""
+        self._forget()
+        control, head = self.control, self.control.frames.head
+        assert head is not None
+        centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
+        velocity = min(self._parameters().max_velocity, control.fastest)
+        return together(joints.positions, centre, velocity)
+
+    def state(self) -> tuple[str, str]:
+        """See `TargetMotion`."""
+        return "turning" if self._is_turning else "holding", self.control.outcome
+
+    @property
+    def _is_turning(self) -> bool:
+        return self._motion is not None and self._motion.result is None
+
+    def _forget(self) -> None:
+        self.miss = self._motion = self._goal = None

@@ -1,0 +1,184 @@
+"""The status of a head in one word, and its faults with advice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from head_tracking.compatibility import StrEnum
+from head_tracking.page.head_modes import REFUSED
+from head_tracking.page.joint_control import Servo
+from head_tracking.page.other_topics import node_of
+from head_tracking.recording.recording import Observation
+from head_tracking.ros.kit.diagnostics import Health, Level
+from head_tracking.tracking import TargetState
+
+_ON_TARGET = math.radians(2.0)
+_SEEN = 0.5  # s: a head is not on a target that was last seen longer ago
+
+
+class Word(StrEnum):
+    """What a head does."""
+
+    DISCONNECTED = "disconnected"
+    FAULT = "fault"
+    STOPPED = "stopped"
+    RELAXED = "relaxed"
+    REFUSED = "refused"
+    MOVING = "moving"
+    ON_TARGET = "on target"
+    HOLDING = "holding"
+
+
+class Status(NamedTuple):
+    """What a head does, and the reason."""
+
+    word: Word
+    reason: str
+
+
+_WORDS = {
+    TargetState.IDLE: Word.HOLDING,
+    TargetState.ACQUIRING: Word.MOVING,
+    TargetState.TRACKING: Word.ON_TARGET,
+    TargetState.AT_LIMIT: Word.REFUSED,
+    TargetState.COASTING: Word.MOVING,
+    TargetState.HOLDING: Word.HOLDING,
+    TargetState.RECENTERING: Word.MOVING,
+    TargetState.SEARCHING: Word.MOVING,
+    TargetState.STALLED: Word.FAULT,
+    TargetState.DISABLED: Word.HOLDING,
+}
+_FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)
+
+
+def head_status(
+    live: Observation,
+    health: Sequence[Health],
+    servos: Sequence[Servo],
+    *,
+    stopped: bool,
+    enabled: bool,
+    complaint: str = "",
+) -> Status:
+    """Return what a head does: the worst condition that holds.
+
+    Args:
+        live: the robot now.
+        health: the latest diagnostics.
+        servos: with their torque.
+        stopped: a STOP is in force.
+        enabled: a controller of the head is enabled.
+        complaint: a recent warning of that controller.
+    """
+    if not live.joints or live.silent_joints:
+        silent = ", ".join(live.silent_joints) or "the robot"
+        return Status(Word.DISCONNECTED, f"no measurement of {silent} is received")
+    if stopped:
+        return Status(Word.STOPPED, "nothing moves before Resume")
+    for one in health:
+        if one.level is Level.ERROR:
+            return Status(Word.FAULT, f"{_part(one)}: {one.message}")
+    text = live.state.partition(": ")[2]
+    state, _, reason = text.partition(": ")
+    refusal = complaint if "refused" in complaint else reason.partition(REFUSED)[2]
+    if refusal and state not in _FOLLOWING:  # else it concerns one point of many
+        return Status(Word.REFUSED, refusal)
+    relaxed = [servo for servo in servos if servo.torque is False]
+    if relaxed and len(relaxed) == len(servos):
+        if any(servo.refuses for servo in servos):
+            return Status(Word.RELAXED, "until torque is enabled on the tab Joints")
+        return Status(Word.RELAXED, "until the next command")
+    if not enabled:
+        return Status(Word.HOLDING, "no controller is enabled")
+    if complaint:
+        return Status(Word.HOLDING, complaint)
+    if state not in _WORDS:  # a controller that publishes no state
+        if live.error is None:
+            return Status(Word.HOLDING, text or "no target has been received")
+        return Status(Word.ON_TARGET if live.error < _ON_TARGET else Word.MOVING, text)
+    word = _WORDS[TargetState(state)]
+    if word is not Word.ON_TARGET:
+        return Status(word, reason)
+    if live.target_stamp is None or live.stamp - live.target_stamp > _SEEN * 1e9:
+        return Status(Word.MOVING, "the target is not seen; the head follows its prediction")
+    if live.error is None or live.error > _ON_TARGET:
+        return Status(Word.MOVING, "the head turns to the target")
+    return Status(Word.ON_TARGET, "")
+
+
+_CLEAR = "press Clear faults and enable torque again (tab Joints)."
+_ADVICE = (
+    ("nothing heard", "Is {node} still running? Look at its terminal.", ""),
+    ("port has gone", "Check the adapter's plug and its USB cable. The bus reconnects itself.", ""),
+    ("overheating", f"Press STOP, let the servo cool down, then {_CLEAR}", "recover"),
+    ("degrees celsius", "Press STOP and let the servo cool down. Is it blocked?", ""),
+    ("overload", f"Press STOP, free the head, then {_CLEAR}", "recover"),
+    ("voltage", f"Check the supply's voltage under load, and the plug. Then {_CLEAR}", "recover"),
+    ("shock", f"Check the supply and the wiring of the servo, then {_CLEAR}", "recover"),
+    ("encoder", "Switch the servo's power off and on. If the fault returns, replace it.", ""),
+    ("not found yet", "Check the servo's plug, power, id and baud rate (see `servo scan`).", ""),
+    ("does not answer", "Check the servo's plug, power and id. The bus reconnects itself.", ""),
+)
+"""By words of the servo bus, the first that fits: the advice, and the command that may help."""
+
+_NO_ADVICE = "Press STOP if the head moves unexpectedly. The tab Health has the details."
+
+
+class Fault(NamedTuple):
+    """A fault of the robot.
+
+    Attributes:
+        text: what is wrong.
+        advice: what to do.
+        command: the page's command that may end it; empty: there is none.
+    """
+
+    text: str
+    advice: str
+    command: str = ""
+
+
+def faults(health: Sequence[Health], live: Observation) -> list[Fault]:
+    """Return the faults of a robot.
+
+    Args:
+        health: the latest diagnostics.
+        live: the robot now.
+    """
+    found = [
+        Fault(
+            f"{node} has gone, although it was enabled",
+            f"Start {node} again, or choose another mode (tab Live).",
+        )
+        for node in live.missing_nodes
+    ]
+    if live.silent_joints:
+        found.append(
+            Fault(
+                f"no joint states of {', '.join(live.silent_joints)}; the last ones are shown",
+                "Does their publisher run (servo_bus, joint_state_publisher)? Have the servos "
+                "power?",
+            )
+        )
+    for one in health:
+        # the bus calls a servo that misses more than one cycle lost
+        is_one_cycle = one.level is Level.STALE and "no answer since" in one.message
+        node = node_of(one.name)
+        if one.level >= Level.ERROR and node not in live.missing_nodes and not is_one_cycle:
+            found.append(Fault(f"{_part(one)}: {one.message}", *advice(one.message, node)))
+    return found
+
+
+def advice(message: str, node: str) -> tuple[str, str]:
+    """Return what to do about a diagnostic message of a node, and the command that may help."""
+    lower = message.lower()
+    for words, text, command in _ADVICE:
+        if words in lower:
+            return text.format(node=node), command
+    return _NO_ADVICE, ""
+
+
+def _part(health: Health) -> str:
+    return health.name.removeprefix("servo_bus: ")

@@ -1,0 +1,96 @@
+"""Publishers that know whether anybody listens, and subscriptions of any reliability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+from head_tracking.ros.kit.qos import MEASUREMENT, OVERRIDABLE
+
+try:
+    from rclpy.event_handler import SubscriptionEventCallbacks
+except ImportError:  # ROS 2 Humble
+    from rclpy.qos_event import SubscriptionEventCallbacks
+
+
+class Output:
+    """A publisher for other processes.
+
+    Args:
+        node: publishes.
+        kind: of the messages.
+        topic: its name.
+        qos: its depth; see `OVERRIDABLE`.
+        own: number of subscriptions of this process.
+    """
+
+    def __init__(self, node: Node, kind: type, topic: str, qos: int = 10, own: int = 0) -> None:
+        publisher = node.create_publisher(kind, topic, qos, qos_overriding_options=OVERRIDABLE)
+        self.publish: Callable[[Any], object] = publisher.publish
+        self._subscriptions: Callable[[], int] = publisher.get_subscription_count
+        self._own = own
+
+    @property
+    def wanted(self) -> bool:
+        """Whether another process has subscribed."""
+        return self._subscriptions() > self._own
+
+
+class TopicListener:
+    """A subscription that receives from publishers of any reliability.
+
+    A BEST_EFFORT subscription receives from all, but loses the only message of a new publisher
+    (one in five of `ros2 topic pub --once`). So this one is RELIABLE until a publisher offers less.
+
+    Args:
+        node: subscribes.
+        kind: of messages.
+        topic: its name.
+        callback: receives each message.
+    """
+
+    def __init__(
+        self, node: Node, kind: type[Any], topic: str, callback: Callable[[Any], object]
+    ) -> None:
+        self._node = node
+        self._arguments = kind, topic, callback
+        events = SubscriptionEventCallbacks(incompatible_qos=lambda _: self._subscribe_again())
+        self._subscription = node.create_subscription(
+            *self._arguments, 10, event_callbacks=events, qos_overriding_options=OVERRIDABLE
+        )
+
+    def _subscribe_again(self) -> None:
+        self.close()
+        self._subscription = self._node.create_subscription(*self._arguments, MEASUREMENT)
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._node.destroy_subscription(self._subscription)
+
+
+def unheard(node: Node, kind: type[Any], topic: str) -> str:
+    """Return the publishers that a `TopicListener` cannot receive from, and why; empty: none.
+
+    Args:
+        node: has the listener.
+        kind: of messages that it accepts.
+        topic: its name.
+    """
+    topic = node.resolve_topic_name(topic)
+    accepted = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+    found = []
+    for publisher in node.get_publishers_info_by_topic(topic):
+        reason = ""
+        if publisher.topic_type != accepted:
+            reason = f"it publishes {publisher.topic_type}; {accepted} is accepted"
+        else:
+            verdict, text = qos_check_compatible(publisher.qos_profile, MEASUREMENT)
+            if verdict is QoSCompatibility.ERROR:
+                reason = text
+        if reason:
+            name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+            found.append(f"messages of {name} on {topic} are not received: {reason}")
+    return "; ".join(found)

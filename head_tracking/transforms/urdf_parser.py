@@ -1,0 +1,238 @@
+"""Parser of URDF and xacro. The only file of the core that imports yourdfpy and xacro.
+
+`python -m head_tracking.transforms.urdf_parser` reads a pickled call from standard input and
+writes the pickled model, or the error, to standard output; see `urdf.parse_in_child_process`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import math
+import os
+import pickle
+import sys
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import numpy as np
+import xacro
+
+from head_tracking.transforms.exceptions import RobotModelError
+from head_tracking.transforms.robot_model import Joint, JointLimits, JointType, Mimic, RobotModel
+from head_tracking.transforms.transform import Transform, Vector3
+
+
+def _import_yourdfpy() -> ModuleType:
+    """Import yourdfpy with a stand-in for trimesh, which loads trimesh when it is first used.
+
+    No frame needs meshes, and trimesh takes a quarter of a second and 20 MB.
+    """
+    spec = find_spec("trimesh")
+    if spec is None or "trimesh" in sys.modules:
+        return importlib.import_module("yourdfpy")
+    stand_in = ModuleType("trimesh")
+    stand_in.__path__ = list(spec.submodule_search_locations or ())
+    named = {"Trimesh": object, "Scene": object}  # in annotations
+    vars(stand_in).update(
+        named, __getattr__=lambda name: getattr(importlib.import_module("trimesh"), name)
+    )
+    sys.modules["trimesh"] = stand_in
+    try:
+        return importlib.import_module("yourdfpy")
+    finally:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "trimesh"]:
+            del sys.modules[name]
+        for name in named:
+            delattr(stand_in, name)
+
+
+if TYPE_CHECKING:
+    import yourdfpy
+else:
+    yourdfpy = _import_yourdfpy()
+
+# element, attribute: how many numbers it holds
+_NUMBERS = {
+    ("origin", "xyz"): 3,
+    ("origin", "rpy"): 3,
+    ("axis", "xyz"): 3,
+    ("limit", "lower"): 1,
+    ("limit", "upper"): 1,
+    ("limit", "velocity"): 1,
+    ("limit", "effort"): 1,
+    ("mimic", "multiplier"): 1,
+    ("mimic", "offset"): 1,
+}
+
+
+def load_robot_model(path: Path, mappings: Mapping[str, str]) -> RobotModel:
+    """See `urdf.load_robot_model`."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotModelError(f"cannot read the robot model {path}: {error}") from error
+    try:
+        if path.suffix == ".xacro":
+            text = _expand(path, mappings)
+        return parse_robot_model(text)
+    except RobotModelError as error:
+        raise RobotModelError(f"{path}: {error}") from error
+
+
+def parse_robot_model(urdf: str) -> RobotModel:
+    """See `urdf.parse_robot_model`."""
+    _check_document(urdf)
+    try:
+        robot = yourdfpy.URDF.load(
+            io.BytesIO(urdf.encode()), build_scene_graph=False, load_meshes=False
+        ).robot
+    except Exception as error:  # yourdfpy lets all errors of invalid shapes and materials pass
+        raise RobotModelError(f"yourdfpy cannot read the model: {error!r}") from error
+    return RobotModel(
+        robot.name,
+        [link.name for link in robot.links],
+        [_joint(joint) for joint in robot.joints],
+        urdf,
+    )
+
+
+def with_fixed_root(urdf: str, root: str, frame: str, T_frame_root: Transform) -> RobotModel:
+    """See `urdf.with_fixed_root`."""
+    document = ElementTree.fromstring(urdf)
+    joint = ElementTree.SubElement(document, "joint", name=f"{frame}_{root}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=frame)
+    ElementTree.SubElement(joint, "child", link=root)
+    ElementTree.SubElement(
+        joint,
+        "origin",
+        xyz=" ".join(map(repr, T_frame_root.translation)),
+        rpy=" ".join(map(repr, T_frame_root.rotation.as_rpy())),
+    )
+    ElementTree.SubElement(document, "link", name=frame)
+    return parse_robot_model(ElementTree.tostring(document, encoding="unicode"))
+
+
+def _expand(path: Path, mappings: Mapping[str, str]) -> str:
+    try:
+        return str(xacro.process_file(str(path), mappings=dict(mappings)).toxml())
+    except Exception as error:  # xacro's own, expat's, and those of evaluated expressions
+        raise RobotModelError(f"xacro cannot expand the model: {error}") from error
+
+
+def _check_document(urdf: str) -> None:
+    """Raise for what yourdfpy accepts silently, or refuses with an error of Python."""
+    try:
+        document = ElementTree.fromstring(urdf)
+    except ElementTree.ParseError as error:
+        raise RobotModelError(f"the model is not well-formed XML: {error}") from error
+    if document.tag != "robot":
+        raise RobotModelError(f"the document is a <{document.tag}>; a URDF model is a <robot>")
+    _require(document, "the <robot>", "name")
+    for number, link in enumerate(document.findall("link"), start=1):
+        _require(link, f"<link> number {number}", "name")
+    for number, joint in enumerate(document.findall("joint"), start=1):
+        name = f"joint {_require(joint, f'<joint> number {number}', 'name')!r}"
+        kind = _require(joint, name, "type")
+        if kind not in list(JointType):
+            raise RobotModelError(
+                f"{name} has the type {kind!r}; allowed are {', '.join(JointType)}"
+            )
+        for role in ("parent", "child"):
+            element = joint.find(role)
+            if element is None:
+                raise RobotModelError(f"{name} has no <{role}>; name the link it connects")
+            _require(element, f"the <{role}> of {name}", "link")
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            _require(mimic, f"the <mimic> of {name}", "joint")
+        for (tag, attribute), count in _NUMBERS.items():
+            element = joint.find(tag)
+            if element is not None and attribute in element.attrib:
+                _check_numbers(f"{name}: <{tag} {attribute}>", element.attrib[attribute], count)
+
+
+def _require(element: ElementTree.Element, what: str, attribute: str) -> str:
+    value = element.get(attribute)
+    if not value:
+        raise RobotModelError(f"{what} has no attribute {attribute!r}; add it")
+    return value
+
+
+def _check_numbers(what: str, text: str, count: int) -> None:
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise RobotModelError(f"{what} is {text!r}; it needs {wanted}")
+
+
+def _joint(joint: yourdfpy.Joint) -> Joint:
+    kind = JointType(joint.type)
+    mimic = joint.mimic and Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+    return Joint(
+        name=joint.name,
+        type=kind,
+        parent=joint.parent,
+        child=joint.child,
+        origin=Transform.identity()
+        if joint.origin is None
+        else Transform.from_matrix(joint.origin),
+        axis=(1.0, 0.0, 0.0) if kind is JointType.FIXED else _axis(joint),
+        limits=_limits(joint, kind),
+        mimic=None if kind is JointType.FIXED else mimic,
+    )
+
+
+def _axis(joint: yourdfpy.Joint) -> Vector3:
+    axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else joint.axis
+    norm = float(np.linalg.norm(axis))
+    if norm < 1e-9:
+        raise RobotModelError(f"joint {joint.name!r} has a zero <axis>; give it a direction")
+    x, y, z = (axis / norm).tolist()
+    return x, y, z
+
+
+def _limits(joint: yourdfpy.Joint, kind: JointType) -> JointLimits:
+    limit = joint.limit
+    bounded = kind in (JointType.REVOLUTE, JointType.PRISMATIC)
+    if limit is None:
+        if bounded:
+            raise RobotModelError(
+                f"joint {joint.name!r} is {kind} and has no <limit>; give it lower and upper"
+            )
+        return JointLimits()
+    # URDF: lower and upper are 0 where they are left out
+    lower = (limit.lower or 0.0) if bounded else -math.inf
+    upper = (limit.upper or 0.0) if bounded else math.inf
+    if bounded and not lower < upper and joint.mimic is None:
+        raise RobotModelError(
+            f"joint {joint.name!r} has the limits {lower} to {upper}; lower must be below upper"
+        )
+    return JointLimits(
+        lower,
+        upper,
+        math.inf if limit.velocity is None else limit.velocity,
+        math.inf if limit.effort is None else limit.effort,
+    )
+
+
+def _serve() -> None:
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print
+        function, arguments = pickle.load(sys.stdin.buffer)
+        try:
+            result = globals()[function](*arguments)
+        except RobotModelError as error:
+            result = error
+        pickle.dump(result, output)
+
+
+if __name__ == "__main__":
+    _serve()
