@@ -111,7 +111,11 @@ def head_status(
 _CLEAR = "press Clear faults and enable torque again (tab Joints)."
 _ADVICE = (
     ("nothing heard", "Is {node} still running? Look at its terminal.", ""),
-    ("port has gone", "Check the adapter's plug and its USB cable. The bus reconnects itself.", ""),
+    (
+        "port is missing",
+        "Check the adapter's plug and USB cable. The bus reconnects itself.",
+        "",
+    ),
     ("overheating", f"Press STOP, let the servo cool down, then {_CLEAR}", "recover"),
     ("degrees celsius", "Press STOP and let the servo cool down. Is it blocked?", ""),
     ("overload", f"Press STOP, free the head, then {_CLEAR}", "recover"),

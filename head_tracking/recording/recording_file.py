@@ -244,9 +244,7 @@ class _Reading:
         self._joints: Mapping[str, float] = {}
         self._pictures: list[RecordedPicture] = []
         self._picture_bytes, self._picture_period = 0, 0
-        self._handlers = {
-            number: self._handler(channel) for number, channel in contents.channels.items()
-        }
+        self._handlers: dict[int, Callable[[bytes], None] | None] = {}  # by number of the channel
 
     def _handler(self, channel: Channel) -> Callable[[bytes], None] | None:
         """Return what handles the messages of a channel; None: they are ignored."""
@@ -282,7 +280,10 @@ class _Reading:
             self._observe()  # all that was recorded before
             self._due = self._now + self._period
         self._now = max(self._now, message.log_time)
-        handle = self._handlers[message.channel_id]
+        number = message.channel_id
+        if number not in self._handlers:  # a damaged schema ends the reading here
+            self._handlers[number] = self._handler(self._contents.channels[number])
+        handle = self._handlers[number]
         if handle is not None:
             handle(message.data)
 

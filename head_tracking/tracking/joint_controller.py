@@ -239,14 +239,15 @@ RESERVE = 0.15  # s: time for which a servo moves on without another command
 _MARGIN = 0.02  # rad
 _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
-_ARRIVAL_SPEED = 0.3  # rad/s; least speed towards a reference at rest
+_ARRIVAL = 16.0  # 1/s: speed over the remaining distance to a reference at rest
+_ARRIVAL_SPEED = 0.3  # rad/s; least speed towards it
 _RELEASED_SPEED = 1.0  # rad/s
 _AWAY = 0.1  # rad; a joint nearer to its reference may be at rest
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
 _UNSURE = 0.03  # s; with a larger deviation of the delay, the joint moves cautiously:
 _CAUTIOUS = 12.0  # rad/s^2
 _BRAKED = 0.25  # s to stop
-_USED = 0.9  # of the estimated acceleration of the servo
+_USED = 0.75  # of the estimated acceleration of the servo
 _LATE = 0.04  # s; after a longer time between two commands, a goal may have been reached
 _PATIENCE = 0.35  # s plus the delay, in which a joint that follows has moved
 
@@ -350,18 +351,46 @@ class JointController:
         motion.steer(reference.position, reference.velocity, period, elapsed, able, self._joint)
         if abs(motion.velocity) > _TURN or self._side == 0.0:
             self._side = math.copysign(1.0, motion.velocity) if motion.velocity else 0.0
-        end = motion.position + motion.velocity * period + self._side * servo.dead_band
-        speed = (end - setpoint) / period
-        speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
-        way = self._joint.clamp(reference.position) - setpoint
-        closing = math.copysign(speed, speed * way)
-        if rest.near and astray is None and closing > -_ARRIVAL_SPEED and abs(way) <= limits.lead:
-            goal = setpoint + way  # the servo itself stops there
-            speed = math.copysign(max(closing, min(_ARRIVAL_SPEED, limits.speed)), way)
+        arrival = (
+            self._arrival(reference, setpoint, period, elapsed, limits, able)
+            if rest.near and astray is None
+            else None
+        )
+        if arrival is not None:
+            goal, speed = arrival
         else:
+            end = motion.position + motion.velocity * period + self._side * servo.dead_band
+            speed = (end - setpoint) / period
+            speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
             goal = self._goal_ahead(reference, setpoint, speed, period, limits.lead)
         servo.command(now, speed, goal)
         return goal, speed
+
+    def _arrival(
+        self,
+        reference: Reference,
+        setpoint: float,
+        period: float,
+        elapsed: float,
+        limits: MotionLimits,
+        able: MotionLimits,
+    ) -> tuple[float, float] | None:
+        """Return goal [rad] and speed [rad/s] for a reference at rest; the servo stops there.
+
+        The set-point accelerates within `limits`, to a speed from which a shaft that is only as
+        fast as `able` can brake. None while the joint moves away from the reference.
+        """
+        goal = self._joint.clamp(reference.position)
+        way, last = goal - setpoint, self.servo.speed
+        change = limits.acceleration * elapsed
+        away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
+        if away or abs(way) > limits.lead:
+            return None
+        left = abs(goal - self.servo.reading[1])
+        lost = able.acceleration * self.servo.delay
+        braking = math.sqrt(lost * lost + 2.0 * able.acceleration * left) - lost
+        fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
+        return goal, math.copysign(min(fast, abs(last) + change, able.speed), way)
 
     def _goal_ahead(
         self, reference: Reference, setpoint: float, speed: float, period: float, lead: float

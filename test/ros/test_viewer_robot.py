@@ -157,7 +157,7 @@ def test_what_can_t_be_is_refused_with_a_reason(seen):
         (seen.modes.look_at("base_link", (math.nan, 0.0, 0.0)), "numbers"),
         (seen.modes.set_mode(Mode.FOLLOW, "nowhere"), "no frame 'nowhere'"),
         (seen.parameters.set("/head_tracker", "k_pan", 1000.0), "Max: 20.0"),
-        (seen.parameters.set("/nobody", "k_pan", 1.0), "not there"),
+        (seen.parameters.set("/nobody", "k_pan", 1.0), "/nobody"),
     ):
         assert not outcome.done
         assert words in outcome.text
