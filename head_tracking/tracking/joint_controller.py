@@ -247,6 +247,7 @@ _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dea
 _UNSURE = 0.03  # s; with a larger deviation of the delay, the joint moves cautiously:
 _CAUTIOUS = 12.0  # rad/s^2
 _BRAKED = 0.25  # s to stop
+_RAMP = 1.5  # of the shaft's acceleration: largest acceleration of the set-point on that way
 _USED = 0.75  # of the estimated acceleration of the servo
 _LATE = 0.04  # s; after a longer time between two commands, a goal may have been reached
 _PATIENCE = 0.35  # s plus the delay, in which a joint that follows has moved
@@ -382,7 +383,7 @@ class JointController:
         """
         goal = self._joint.clamp(reference.position)
         way, last = goal - setpoint, self.servo.speed
-        change = limits.acceleration * elapsed
+        change = min(limits.acceleration, _RAMP * able.acceleration) * elapsed
         away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
         if away or abs(way) > limits.lead:
             return None
