@@ -18,6 +18,7 @@ install() { "$venv/bin/python" -m pip --disable-pip-version-check install -qq "$
 # Everything on which the environment depends, as one key.
 surroundings() {
   local path
+  [[ ${VIRTUAL_ENV:-} != "$venv" ]] || PATH=${PATH#"$venv/bin:"} # not the Python of .venv, if it is active
   path=$(type -P "$python") || die "$python is not installed. Install Python 3.10 to 3.13, or choose" \
     "another with HEAD_TRACKING_PYTHON, for example HEAD_TRACKING_PYTHON=python3.12."
   printf '%s|' "$(checksum setup.py pyproject.toml requirements/{libraries,yourdfpy,ros}.txt)" "$root" \

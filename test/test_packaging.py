@@ -348,3 +348,20 @@ def test_a_complete_environment_gets_the_libraries_of_the_options(start, words, 
     assert done.count(f"head_tracking {words}\n") == 2
     for name in ("viewer", "vision"):
         assert done.count(f"requirements/{name}.txt") == (name in lists)  # once, if at all
+
+
+def test_an_environment_that_is_active_is_not_made_anew(start):
+    line = 'source "$0/scripts/environment.bash"; surroundings'
+    key, active_key = (
+        run("bash", "-c", line, str(start.checkout), cwd=start.checkout, env=os.environ | active)
+        for active in ({}, _activated(start.checkout / ".venv"))
+    )
+    assert key == active_key
+
+
+def _activated(environment):
+    """Return the variables that `activate` of an environment sets."""
+    programs = environment / "bin"
+    programs.mkdir(parents=True)
+    (programs / "python3").symlink_to(shutil.which("sh"))  # any other program
+    return {"VIRTUAL_ENV": str(environment), "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
