@@ -22,7 +22,7 @@ from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 from std_msgs.msg import Bool, Float64, String
 
 from head_tracking.recording.recording import ERRORS
-from head_tracking.ros.kit.diagnostics import Health, Level, health_from_message
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.images import camera_of, raw_image
 from head_tracking.ros.kit.joint_owners import control_from_message
@@ -200,7 +200,8 @@ class OtherTopics:
                     found.append(status)
                 elif is_silent:
                     text = f"nothing heard for {now - at:.0f} s; last: {status.message}"
-                    found.append(replace(status, level=Level.STALE, message=text))
+                    values = {**status.values, FAULT: FaultName.SILENT}
+                    found.append(Health(status.name, Level.STALE, text, values))
                 else:
                     statuses.pop(name, None)
         return tuple(found)

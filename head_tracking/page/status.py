@@ -11,7 +11,7 @@ from head_tracking.page.head_modes import REFUSED
 from head_tracking.page.joint_control import Servo
 from head_tracking.page.other_topics import node_of
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.kit.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level
 from head_tracking.tracking import TargetState
 
 _ON_TARGET = math.radians(2.0)
@@ -109,28 +109,27 @@ def head_status(
 
 
 _CLEAR = "press Clear faults and enable torque again (tab Joints)."
-_ADVICE = (
-    ("nothing heard", "Is {node} still running? Look at its terminal.", ""),
-    (
-        "port is missing",
-        "Check the adapter's plug and USB cable. The bus reconnects itself.",
+_ADVICE: dict[str, tuple[str, str]] = {
+    FaultName.SILENT: ("Is {node} still running? Look at its terminal.", ""),
+    FaultName.NO_PORT: ("Check the adapter's plug and USB cable. The bus reconnects itself.", ""),
+    FaultName.NOT_FOUND: (
+        "Check plug, power, id and baud rate of the servo (`servo scan`).",
         "",
     ),
-    ("overheating", f"Press STOP, let the servo cool down, then {_CLEAR}", "recover"),
-    ("degrees celsius", "Press STOP and let the servo cool down. Is it blocked?", ""),
-    ("overload", f"Press STOP, free the head, then {_CLEAR}", "recover"),
-    ("voltage", f"Check the supply's voltage under load, and the plug. Then {_CLEAR}", "recover"),
-    ("shock", f"Check the supply and the wiring of the servo, then {_CLEAR}", "recover"),
-    ("encoder", "Switch the servo's power off and on. If the fault returns, replace it.", ""),
-    ("not found yet", "Check the servo's plug, power, id and baud rate (see `servo scan`).", ""),
-    ("does not answer", "Check the servo's plug, power and id. The bus reconnects itself.", ""),
-)
-"""By words of the servo bus, the first that fits: the advice, and the command that may help."""
+    FaultName.NO_ANSWER: ("Check the servo's plug, power and id. The bus reconnects itself.", ""),
+    FaultName.HOT: ("Press STOP and let the servo cool down. Is it blocked?", ""),
+    "overheating": (f"Press STOP, let the servo cool down, then {_CLEAR}", "recover"),
+    "overload": (f"Press STOP, free the head, then {_CLEAR}", "recover"),
+    "input voltage": (f"Check the supply under load, and the plug. Then {_CLEAR}", "recover"),
+    "electrical shock": (f"Check the supply and the wiring of the servo, then {_CLEAR}", "recover"),
+    "encoder": ("Switch the servo's power off and on. If the fault returns, replace it.", ""),
+}
+"""By name of the fault: the advice, and the command that may help."""
 
 _NO_ADVICE = "Press STOP if the head moves unexpectedly. The tab Health has the details."
 
 
-class Fault(NamedTuple):
+class ShownFault(NamedTuple):
     """A fault of the robot.
 
     Attributes:
@@ -144,7 +143,7 @@ class Fault(NamedTuple):
     command: str = ""
 
 
-def faults(health: Sequence[Health], live: Observation) -> list[Fault]:
+def faults(health: Sequence[Health], live: Observation) -> list[ShownFault]:
     """Return the faults of a robot.
 
     Args:
@@ -152,7 +151,7 @@ def faults(health: Sequence[Health], live: Observation) -> list[Fault]:
         live: the robot now.
     """
     found = [
-        Fault(
+        ShownFault(
             f"{node} has gone, although it was enabled",
             f"Start {node} again, or choose another mode (tab Live).",
         )
@@ -160,28 +159,25 @@ def faults(health: Sequence[Health], live: Observation) -> list[Fault]:
     ]
     if live.silent_joints:
         found.append(
-            Fault(
+            ShownFault(
                 f"no joint states of {', '.join(live.silent_joints)}; the last ones are shown",
                 "Does their publisher run (servo_bus, joint_state_publisher)? Have the servos "
                 "power?",
             )
         )
     for one in health:
+        name, node = one.values.get(FAULT, ""), node_of(one.name)
         # the bus calls a servo that misses more than one cycle lost
-        is_one_cycle = one.level is Level.STALE and "no answer since" in one.message
-        node = node_of(one.name)
-        if one.level >= Level.ERROR and node not in live.missing_nodes and not is_one_cycle:
-            found.append(Fault(f"{_part(one)}: {one.message}", *advice(one.message, node)))
+        if one.level >= Level.ERROR and node not in live.missing_nodes and name != FaultName.LATE:
+            found.append(ShownFault(f"{_part(one)}: {one.message}", *advice(name, node)))
     return found
 
 
-def advice(message: str, node: str) -> tuple[str, str]:
-    """Return what to do about a diagnostic message of a node, and the command that may help."""
-    lower = message.lower()
-    for words, text, command in _ADVICE:
-        if words in lower:
-            return text.format(node=node), command
-    return _NO_ADVICE, ""
+def advice(names: str, node: str) -> tuple[str, str]:
+    """Return what to do about the faults of a node, and the command that may help."""
+    known = (_ADVICE[name] for name in names.split(", ") if name in _ADVICE)
+    text, command = next(known, (_NO_ADVICE, ""))
+    return text.format(node=node), command
 
 
 def _part(health: Health) -> str:

@@ -16,12 +16,12 @@ from head_tracking.dynamixel import (
     ServoStatistics,
     describe_errors,
 )
-from head_tracking.ros.kit.diagnostics import Level, status_message
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, status_message
 
 _FRESH_CYCLES = 5.0
 _FRESH_SECONDS = 0.2
 
-_BAD = {Health.UNKNOWN, Health.LOST, Health.FAULTED}
+_BAD = {Health.UNKNOWN: FaultName.NOT_FOUND, Health.LOST: FaultName.NO_ANSWER}
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,8 @@ def _bus(status: BusStatus) -> DiagnosticStatus:
     timing, counted = status.timing, status.statistics
     level = Level.OK
     message = f"{timing.reached_rate:.1f} of {timing.update_rate:.1f} cycles per second"
-    if not counted.connected:
+    fault = "" if counted.connected else FaultName.NO_PORT
+    if fault:
         level, message = Level.ERROR, "the port is missing; waiting for it"
     elif counted.adapter.advice:
         level, message = Level.WARN, counted.adapter.advice
@@ -110,6 +111,7 @@ def _bus(status: BusStatus) -> DiagnosticStatus:
             "commands clamped": str(counted.clamped_commands),
             "adapter": str(counted.adapter),
             "times the port has gone": str(counted.port_losses),
+            FAULT: fault or "none",
         },
         status.port_name,
     )
@@ -117,7 +119,7 @@ def _bus(status: BusStatus) -> DiagnosticStatus:
 
 def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
     age = None if servo.last_stamp is None else (status.now - servo.last_stamp) * 1e-9
-    level, message = _verdict(servo, age, status)
+    level, message, fault = _verdict(servo, age, status)
     values = {
         "id": str(servo.id),
         "model": servo.model,
@@ -131,6 +133,7 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
         "retries": str(servo.retries),
         "timeouts": str(servo.timeouts),
         "corrupt replies": str(servo.corrupt),
+        FAULT: fault or "none",
     }
     state = status.states.get(servo.joint_name)
     if state is not None and state.id == servo.id:
@@ -149,28 +152,31 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
     return status_message(name, level, message, values, str(servo.id))
 
 
-def _verdict(servo: ServoStatistics, age: float | None, status: BusStatus) -> tuple[Level, str]:
-    """Return level and message of the most severe problem."""
+def _verdict(
+    servo: ServoStatistics, age: float | None, status: BusStatus
+) -> tuple[Level, str, str]:
+    """Return level, message and fault of the most severe problem."""
     fresh = max(_FRESH_SECONDS, _FRESH_CYCLES / status.timing.update_rate)
-    errors = describe_errors(servo.errors)
-    if servo.health is Health.FAULTED:
-        return Level.ERROR, f"{servo.health.value}: {errors}; call recover"
-    if servo.health in _BAD:
-        return Level.ERROR, servo.health.value
-    if servo.health is Health.STOPPED:
-        return Level.WARN, servo.health.value
-    if servo.health is Health.STALE or age is None or age > fresh:
-        return Level.STALE, Health.STALE.value
+    errors, health = describe_errors(servo.errors), servo.health
+    if health is Health.FAULTED:
+        return Level.ERROR, f"{health.value}: {errors}; call recover", errors
+    if health in _BAD:
+        return Level.ERROR, health.value, _BAD[health]
+    if health is Health.STOPPED:
+        return Level.WARN, health.value, ""
+    if health is Health.STALE or age is None or age > fresh:
+        return Level.STALE, Health.STALE.value, FaultName.LATE
     if servo.errors:
-        return Level.ERROR, errors
+        return Level.ERROR, errors, errors
     if servo.symptoms:
         serious = any(symptom.serious for symptom in servo.symptoms)
         level = Level.ERROR if serious else Level.WARN
         texts = [f"{symptom.value}: {text}" for symptom, text in servo.symptoms.items()]
-        return level, "; ".join(texts)
+        return level, "; ".join(texts), ", ".join(symptom.value for symptom in servo.symptoms)
     temperature = servo.temperature or 0.0
+    warm = f"{temperature:.0f} degrees Celsius; {servo.torque}"
     if temperature >= status.settings.hot:
-        return Level.ERROR, f"{temperature:.0f} degrees Celsius; {servo.torque}"
+        return Level.ERROR, warm, FaultName.HOT
     if temperature >= status.settings.warm:
-        return Level.WARN, f"{temperature:.0f} degrees Celsius; {servo.torque}"
-    return Level.OK, servo.torque
+        return Level.WARN, warm, FaultName.HOT
+    return Level.OK, servo.torque, ""

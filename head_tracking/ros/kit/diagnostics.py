@@ -9,6 +9,8 @@ from enum import IntEnum
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from head_tracking.compatibility import StrEnum
+
 
 class Level(IntEnum):
     """Levels of diagnostic_msgs."""
@@ -17,6 +19,21 @@ class Level(IntEnum):
     WARN = 1
     ERROR = 2
     STALE = 3
+
+
+FAULT = "fault"
+"""Key of the value with the names of the faults: `FaultName`, error bits, symptoms of the bus."""
+
+
+class FaultName(StrEnum):
+    """Faults in diagnostics, besides the servos' own error bits and what the diagnosis finds."""
+
+    NO_PORT = "no port"
+    NOT_FOUND = "not found"
+    NO_ANSWER = "no answer"
+    LATE = "late"
+    HOT = "hot"
+    SILENT = "silent"
 
 
 @dataclass(frozen=True, slots=True)
