@@ -26,61 +26,56 @@ surroundings() {
 }
 
 make_environment() {
-  local answer version interpreter ros="" numpy="numpy" site=()
-  answer=$("$python" -c 'import os, sys
-print("%d.%d" % sys.version_info[:2])
-print(os.path.realpath(getattr(sys, "_base_executable", sys.executable)))') ||
+  local probe version interpreter ros="ROS 2 Jazzy as wheels" numpy=numpy site=()
+  probe=$("$python" -c 'import os, sys; print("%d.%d" % sys.version_info[:2],
+  os.path.realpath(getattr(sys, "_base_executable", sys.executable)))') ||
     die "$python does not start (see above). Choose another with HEAD_TRACKING_PYTHON."
-  version=${answer%%$'\n'*} interpreter=${answer##*$'\n'}
+  read -r version interpreter <<<"$probe"
   # 3.14 is the Python of ROS 2 Lyrical; without a sourced ROS it is not supported.
   [[ $version == 3.1[0123] || ($version == 3.14 && -n ${ROS_DISTRO:-}) ]] ||
     die "$python is Python $version; head_tracking needs 3.10 to 3.13. Choose another with" \
       "HEAD_TRACKING_PYTHON, for example HEAD_TRACKING_PYTHON=python3.12."
   # This variable disables the bootstrap of the ROS wheels, so that only a system ROS is found.
-  if answer=$(_ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$interpreter" -c 'import rclpy, sensor_msgs.msg, numpy
+  if probe=$(_ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$interpreter" -c 'import rclpy, sensor_msgs.msg, numpy
 print("numpy<%d" % (int(numpy.__version__.split(".")[0]) + 1))' 2>&1); then
-    ros="the system's ROS 2" numpy=${answer##*$'\n'} site=(--system-site-packages)
+    ros="the system's ROS 2" numpy=${probe##*$'\n'} site=(--system-site-packages)
   elif [[ -n ${ROS_DISTRO:-} ]]; then
     die "ROS 2 ${ROS_DISTRO^} is sourced, but $interpreter (Python $version) cannot load its rclpy" \
-      "(${answer##*$'\n'}). Choose ROS's own Python (HEAD_TRACKING_PYTHON=/usr/bin/python3 on" \
+      "(${probe##*$'\n'}). Choose ROS's own Python (HEAD_TRACKING_PYTHON=/usr/bin/python3 on" \
       "Ubuntu), or start from a terminal where ROS is not sourced."
   elif [[ $(uname -sm) != "Linux x86_64" ]]; then
-    die "No ROS 2 Jazzy is sourced, and its wheels exist only for Linux on x86-64 (this is" \
-      "$(uname -sm)). Install ROS 2 Jazzy from its own packages, which are for Ubuntu 24.04 on" \
-      "64-bit Arm and x86-64, source it and start again."
+    die "No ROS 2 is sourced, and its wheels exist only for Linux on x86-64 (this is $(uname -sm))." \
+      "Install ROS 2 Jazzy from its packages for Ubuntu 24.04, source it and start again."
   fi
   "$interpreter" -c 'import ensurepip, venv' 2>/dev/null ||
-    die "$interpreter cannot make virtual environments. Install its venv module (on Debian and" \
-      "Ubuntu: apt install python3-venv, or python$version-venv) and start again."
-  if [[ -e $venv && ! -e $venv/head_tracking.base ]]; then
+    die "$interpreter cannot make virtual environments: apt install python3-venv (or" \
+      "python$version-venv), and start again."
+  [[ ! -e $venv || -e $venv/head_tracking.base ]] ||
     die "$venv was not made by this script. Delete it or move it away, and start again."
-  elif [[ -e $venv/head_tracking.in-use ]] && ! flock -n "$venv/head_tracking.in-use" true; then
+  [[ ! -e $venv/head_tracking.in-use ]] || flock -n "$venv/head_tracking.in-use" true ||
     die "$venv must be rebuilt (Python, ROS or the requirements changed), but a program from this" \
       "checkout still uses it. End that program and start again."
-  fi
-  say "setting up .venv, once: Python $version, ${ros:-ROS 2 Jazzy as wheels} (up to 70 MB to download," \
-    "280 MB on disk, about a minute)"
+  say "setting up .venv, once: Python $version, $ros (up to 70 MB to download, 280 MB on disk)"
   rm -rf -- "$venv"
   mkdir -- "$venv"
   : >"$venv/head_tracking.base"
   trap 'say "the set-up failed (it needs the network); the next start repeats it"' EXIT
   "$interpreter" -m venv ${site[@]+"${site[@]}"} "$venv"
   # The numpy with which the C extensions of ROS were built is installed first.
-  [[ -n $ros ]] || install -r "$root/requirements/ros.txt"
+  ((${#site[@]})) || install -r "$root/requirements/ros.txt"
   install "$numpy" -r "$root/requirements/libraries.txt"
-  install --no-deps -r "$root/requirements/yourdfpy.txt"
-  install --no-deps -e "$root"
+  install --no-deps -r "$root/requirements/yourdfpy.txt" -e "$root"
   "$venv/bin/python" -c 'import numpy, rclpy, sensor_msgs.msg, serial, xacro, yaml, yourdfpy'
   : >"$venv/head_tracking.in-use"
   trap - EXIT
 }
 
-# add NAME TEXT LIST...: installs lists of requirements, unless the stamp NAME shows that they are.
+# add NAME SIZE LIST...: installs lists of requirements, unless the stamp NAME shows that they are.
 add() {
-  local stamp=$venv/head_tracking.$1 text=$2 lists=("${@:3}") now
+  local stamp=$venv/head_tracking.$1 lists=("${@:3}") now
   now=$(checksum "${lists[@]/#/requirements/}")
   if [[ -e $stamp && $(<"$stamp") == "$now" ]]; then return; fi
-  say "adding $text to .venv, once ..."
+  say "adding ${lists[*]%.txt} to .venv, once ($2 to download)"
   # Keep the numpy with which the C extensions of ROS were built.
   install "${lists[@]/#/-r$root/requirements/}" \
     -c <("$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)') || return
@@ -90,17 +85,16 @@ add() {
   printf '%s\n' "$now" >"$stamp"
 }
 
-add_opencv() { add vision "OpenCV and a neural network for faces (70 MB to download)" vision.txt; }
-add_viewer() { add viewer "NiceGUI and mcap (25 MB to download)" viewer.txt; }
-add_contenders() { add benchmark "libraries for comparisons and pictures" benchmark.txt; }
+add_opencv() { add vision "70 MB" vision.txt; }
+add_viewer() { add viewer "25 MB" viewer.txt; }
+add_contenders() { add benchmark "60 MB" benchmark.txt; }
 
 # select_environment run|test
 select_environment() {
   local now
   local -x PYTHONSAFEPATH=1 # do not import from the working directory
-  if [[ ${ROS_DISTRO:-jazzy} != jazzy ]]; then
+  [[ ${ROS_DISTRO:-jazzy} == jazzy ]] ||
     say "ROS 2 ${ROS_DISTRO^} is sourced; head_tracking is tested with Jazzy only."
-  fi
   if [[ -n ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
     # Set by another environment with ROS wheels; .venv must find its own libraries.
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
@@ -116,9 +110,7 @@ select_environment() {
     fi
     exec 8>&-
   fi
-  if [[ $1 == test ]]; then
-    add test "the test tools (160 MB to download)" test.txt vision.txt viewer.txt
-  fi
+  if [[ $1 == test ]]; then add test "160 MB" test.txt vision.txt viewer.txt; fi
   exec 9<"$venv/head_tracking.in-use"
   flock -s 9
 

@@ -229,7 +229,7 @@ def test_package_xml_names_the_ros_packages_and_the_version_of_the_wheel():
 PYTHON = """\
 #!/bin/sh
 case "$2" in
-  *version_info*) printf '{version}\\n%s\\n' "$0" ;;
+  *version_info*) echo {version} "$0" ;;
   *rclpy*) {rclpy} ;;
   *ensurepip*) exit {has_venv} ;;
   *) echo "installs something" >&2; exit 9 ;;
@@ -284,8 +284,8 @@ def start(tmp_path):
         ({"HEAD_TRACKING_PYTHON": "python-of-nowhere"}, "python-of-nowhere"),
         ({"ROS_DISTRO": "humble"}, "ROS 2 Humble is sourced, but"),
         ({"ROS_DISTRO": "jazzy"}, "(ImportError: no rclpy here)"),
-        ({"machine": "Linux aarch64"}, "Install ROS 2 Jazzy from its own packages"),
-        ({"machine": "Linux armv7l"}, "for Ubuntu 24.04 on 64-bit Arm and x86-64"),
+        ({"machine": "Linux aarch64"}, "this is Linux aarch64"),
+        ({"machine": "Linux armv7l"}, "this is Linux armv7l"),
         ({"has_venv": False}, "apt install python3-venv"),
     ],
 )

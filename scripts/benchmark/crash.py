@@ -1,4 +1,4 @@
-"""Killed processes of a run, and a simulated run beside a real head."""
+"""Killed processes of a run."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-from frame import report, row, table
+from frame import row, table
 from processes import child
-from rig import Bench, Program
+from rig import Bench
 
 KILLS = 50  # of each process
-TRIES = 200
 _SLICE = 0.001  # s
 
 
@@ -63,42 +62,6 @@ def _again_after(name: str, seed: int) -> float:
         _wait(lambda: child(run, name) not in (0, pid))
         assert (child(run, "control"), bench.servos.torque) == (control, before), run.output
         return time.monotonic() - start
-
-
-def beside(tries: float = TRIES) -> str:
-    """Return the table of simulated runs started before, after and with a real head."""
-    orders = ("the real head first", "the simulated run first", "at once")
-    moved = dict.fromkeys(orders, 0)
-    count = dict.fromkeys(orders, 0)
-    for seed in range(round(tries)):
-        order = orders[seed % 3]
-        count[order] += 1
-        if _moves_a_real_head(order, random.Random(seed)):
-            moved[order] += 1
-            report(f"moved: {order} {seed}")
-    rows = [row(order, count[order], moved[order], 0) for order in orders]
-    return table("order | tries | torque or motion of a real servo | limit", rows)
-
-
-def _moves_a_real_head(order: str, rnd: random.Random) -> bool:
-    """Return whether a simulated run has switched torque on or moved real servos."""
-    with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
-        start: tuple[Callable[[], Program], ...] = (
-            lambda: bench.run("--target", "none"),
-            lambda: bench.start("head_tracking", "--sim"),
-        )
-        gap = {"at once": rnd.uniform(0.0, 0.4)}.get(order, rnd.uniform(1.0, 2.5))
-        first = order == "the simulated run first" or (order == "at once" and rnd.random() < 0.5)
-        bench.servos.true  # noqa: B018  makes the port before the programs start
-        for begin in start[::-1] if first else start:
-            begin()
-            time.sleep(gap)
-        end = time.monotonic() + 3.0
-        while time.monotonic() < end:
-            if bench.servos.torque != [0, 0] or max(map(abs, bench.servos.true)) > 1e-3:
-                return True
-            time.sleep(0.01)
-        return False
 
 
 def _wait(condition: Callable[[], int]) -> int:

@@ -14,11 +14,10 @@ BENCHMARKS = {
     **{
         name: f"{name}:{name}"
         for name in (
-            "bus", "calibration", "chaos", "faces", "identity", "interfaces", "pointing",
+            "bus", "calibration", "chaos", "faces", "identity", "pointing",
             "robots", "run", "target_path", "tracking", "transforms", "vision",
         )
     },
-    "beside": "crash:beside",
     "crash": "crash:killed",
     "page": "page:fluidity",
     "page-open": "page:left_open",
@@ -43,7 +42,7 @@ def main() -> None:
         help="of chaos and page-open (default: 10)",
     )
     parser.add_argument("--seed", type=int, default=1, help="of chaos (default: 1)")
-    parser.add_argument("--times", type=int, help="of crash (default: 50) and beside (200)")
+    parser.add_argument("--times", type=int, help="of crash (default: 50)")
     options, others = parser.parse_known_args()
     if options.name == "tracking" and others:
         print(resolve_name("tracking:main")(others))
@@ -56,7 +55,7 @@ def main() -> None:
         "page-open": (minutes or 10.0,),
     }
     if options.times:
-        arguments |= {"beside": (options.times,), "crash": (options.times,)}
+        arguments["crash"] = (options.times,)
     table = resolve_name(BENCHMARKS[name])(*arguments.get(name, ()))
     print(table)
     write(name, table)

@@ -10,7 +10,7 @@ from frame import row, table
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
-from head_tracking.transforms import RobotModel, load_robot_model, parse_robot_model
+from head_tracking.transforms import RobotModel, load_robot_model
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 
@@ -47,62 +47,7 @@ def pointing() -> str:
                 )
             )
     head = "robot | distance | tutorials, worst | tutorials, mean | exact, worst | us a gaze"
-    return f"{table(head, rows)}\n\n{_askew()}"
-
-
-NEARLY_SQUARE = {
-    "square": ("1.5707963267948966 0 0", "-1.5707963267948966 0 0"),
-    "1.5708 for a right angle": ("1.5708 0 0", "-1.5708 0 0"),
-    "1.57 for a right angle": ("1.57 0 0", "-1.57 0 0"),
-    "camera and tilt axis 0.1 degrees askew": (
-        "1.5707963267948966 0.00174 0.00174",
-        "-1.5707963267948966 0.00174 0.00174",
-    ),
-    "camera and tilt axis 11 degrees askew": ("1.37 0.2 0.1", "-1.4 0.2 0.2"),
-}
-
-
-def _askew() -> str:
-    """What a gaze costs on heads that are not quite square, in rounds side by side."""
-    heads, targets, costs = {}, {}, {}
-    for name, (tilt_rpy, camera_rpy) in NEARLY_SQUARE.items():
-        model = parse_robot_model(
-            '<robot name="head"><link name="base"/><link name="pan"/><link name="tilt"/>'
-            f'<link name="camera"/><joint name="{PAN}" type="revolute"><parent link="base"/>'
-            '<child link="pan"/><axis xyz="0 0 1"/><limit lower="-2.6" upper="2.6"/></joint>'
-            f'<joint name="{TILT}" type="revolute"><parent link="pan"/><child link="tilt"/>'
-            f'<origin xyz="0.03 -0.02 0.05" rpy="{tilt_rpy}"/><axis xyz="0 0 -1"/>'
-            '<limit lower="-2" upper="2"/></joint>'
-            '<joint name="mount" type="fixed"><parent link="tilt"/><child link="camera"/>'
-            f'<origin xyz="0.05 0.03 0.06" rpy="{camera_rpy}"/></joint></robot>'
-        )
-        heads[name] = PanTiltHead(model, PAN, TILT, "camera")
-        rnd = random.Random(1)
-        targets[name] = [
-            model.transform(
-                "base", "camera", {PAN: rnd.uniform(-1.2, 1.2), TILT: rnd.uniform(-0.9, 0.9)}
-            )
-            @ (rnd.uniform(0.4, 4.0), 0.0, 0.0)
-            for _ in range(300)
-        ]
-        costs[name] = math.inf
-    worst = {}
-    for _ in range(20):
-        for name, head in heads.items():
-            start = time.perf_counter()
-            gazes = [head.gaze(target, 0.0, 0.0) for target in targets[name]]
-            costs[name] = min(costs[name], (time.perf_counter() - start) / len(gazes))
-            worst[name] = max(gaze.miss for gaze in gazes)
-    rows = [
-        row(
-            name,
-            f"{costs[name] * 1e6:.1f}",
-            f"{costs[name] / costs['square']:.2f}",
-            f"{math.degrees(worst[name]):.0e}",
-        )
-        for name in heads
-    ]
-    return table("head | us a gaze | of a square head's | worst miss, degrees", rows)
+    return table(head, rows)
 
 
 def _around(model: RobotModel, distance: float, azimuth: float, elevation: float) -> list[float]:

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from frame import in_turns, medians, report, row, table
-from reacting_servos import LEAD
 from simulated_run import descendants, memory, processor_time
 
 HERE = Path(__file__).parent
@@ -31,12 +30,6 @@ TUTORIAL = """\
 /**/head_tracker:
   ros__parameters: {law: speed, rate: 10, k_pan: 1.5, k_tilt: 1.5, max_joint_speed: %s}
 """
-SLOW = """\
-/**/head_tracker:
-  ros__parameters: {law: speed, lead_target_angle: %s, max_joint_speed: 0.03}
-"""
-"""With these parameters the head moves all the time, and its goals show the reading they use."""
-FAR = "1,2.5,2.2@base_link"
 LOCAL = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # for several processes
 
 
@@ -122,7 +115,6 @@ def _follow(robot: str, target: str, parameters: str) -> Summary:
 def _costs() -> str:
     """Return the table of costs, reaction times and start times."""
     next_packets: list[list[float]] = []
-    answers: list[list[float]] = []
     starts: list[float] = []
 
     def with_servos_elsewhere() -> Cost:
@@ -133,12 +125,6 @@ def _costs() -> str:
         starts.append((times["first"] - start) * 1e-9)
         return cost
 
-    def with_shaking_servos() -> Cost:
-        with _servos("shaking") as (port, times), _parameter_file(SLOW % LEAD) as file:
-            cost = _measure("-m", "head_tracking", "--port", port, "--target", FAR, *file)
-        answers.append(times["answers"])
-        return cost
-
     simulated = ("-m", "head_tracking", "--sim")
     found = in_turns(
         {
@@ -146,12 +132,11 @@ def _costs() -> str:
             "a simulated run": lambda: _measure(*simulated),
             "the same with simulated servos in another process": with_servos_elsewhere,
             "a simulated run with a face": lambda: _measure(*simulated, "--target", "face"),
-            "shaking": with_shaking_servos,
         },
         ROUNDS,
     )
     bare, run = found.pop("bare node"), found["a simulated run"]
-    del found["shaking"], starts[0]  # the first start also reads files from the disk
+    del starts[0]  # the first start also reads files from the disk
     base = 100.0 * statistics.median(one.processor for one in bare)
     rows = []
     for (name, costs), limit in zip(found.items(), (5, 3, 8), strict=True):
@@ -168,16 +153,9 @@ def _costs() -> str:
     bare_memory = statistics.median(one.memory for one in bare)
     rows += [
         row(
-            "from the last byte of a reading to the packet made from it, law speed: p50, p99, "
-            "largest",
-            _milliseconds(answers),
-            "0.7 ms, 1.8 ms",
-        ),
-        row(
-            "from the last byte of a reading to the next packet of goals, law predictive: p50, "
-            "p99, largest",
+            "from the last byte of a reading to the next packet of goals: p50, p99, largest",
             _milliseconds(next_packets),
-            "",
+            "0.7 ms, 1.8 ms",
         ),
         row(
             f"memory of the control process; a bare node's is {bare_memory:.0f} MB",
@@ -221,9 +199,9 @@ def _measure(*arguments: str) -> Cost:
 
 
 @contextmanager
-def _servos(*arguments: str) -> Iterator[tuple[str, dict[str, Any]]]:
+def _servos() -> Iterator[tuple[str, dict[str, Any]]]:
     """Run servos in a process of their own; yield the port, and a dict filled at the end."""
-    program = [sys.executable, str(HERE / "reacting_servos.py"), *arguments]
+    program = [sys.executable, str(HERE / "reacting_servos.py")]
     times: dict[str, Any] = {}
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

@@ -7,6 +7,7 @@ with the seconds that COUNT repetitions took.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import platform
 import sys
@@ -73,13 +74,8 @@ def works(frames: dict[str, Any]) -> dict[str, Callable[[int], float]]:
         return repeat
 
     def past(lookup: Callable[..., object]) -> Callable[[int], float]:
-        def repeat(count: int) -> float:
-            start = time.perf_counter()
-            for index in range(count):
-                lookup(target, source, pasts[index % len(pasts)])
-            return time.perf_counter() - start
-
-        return repeat
+        stamps = itertools.cycle(pasts)
+        return repeated(lambda: lookup(target, source, next(stamps)))
 
     other = new_buffer()
     insert = super(tf2_ros.Buffer, other).set_transform
@@ -91,10 +87,8 @@ def works(frames: dict[str, Any]) -> dict[str, Callable[[int], float]]:
         for _ in range(count):
             clock[0] += 0.01
             messages.append(message(sample[1], sample[2], clock[0], sample[3]))
-        start = time.perf_counter()
-        for one in messages:
-            insert(one, "benchmark")
-        return time.perf_counter() - start
+        ahead = iter(messages)
+        return repeated(lambda: insert(next(ahead), "benchmark"))(count)
 
     return {
         "core_latest": repeated(buffer.lookup_transform_core, target, source, latest),

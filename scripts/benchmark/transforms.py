@@ -1,12 +1,7 @@
-"""The transform library beside yourdfpy, pinocchio and tf2, in one run.
-
-The contenders take turns, round after round, so that all of them see the machine in all its
-moods; each figure is the median of the rounds.
-"""
+"""The transform buffer beside tf2, in alternating rounds; each figure is a median."""
 
 from __future__ import annotations
 
-import io
 import json
 import platform
 import random
@@ -15,17 +10,14 @@ import statistics
 import subprocess
 import sys
 import time
-import tracemalloc
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import yourdfpy
+from frame import medians, row, table
 from geometry_msgs.msg import PointStamped, PoseStamped, TransformStamped
 from rclpy.time import Time
-from sixty_links import sixty_links
 
 from head_tracking.share import robot_file
 from head_tracking.tf import Buffer
@@ -40,196 +32,123 @@ from head_tracking.transforms import (
 )
 
 ROUNDS = 61
+COUNT = 400  # repetitions in a round
 SECOND = 1_000_000_000
 START = 1_000 * SECOND
-MOVED = (0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8)
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 BASE, CAMERA = "base_link", "camera_link"
+LOOKUPS = {
+    # key of the worker of tf2 -> work, asked ratio with joint states, with /tf
+    "ros_latest": ("lookup latest, message out", "3x", "3x"),
+    "ros_past": ("lookup in the past, message out", "3x", "2x"),
+    "core_latest": ("latest, value", "3x", "3x"),
+    "core_past": ("past, value", "3x", "2x"),
+    "can": ("can_transform", "2x", "2x"),
+    "ros_point": ("PointStamped", "10x", ""),
+    "ros_pose": ("PoseStamped", "4x", "4x"),
+}
 
 Repeat = Callable[[int], float]
-"""Does something so many times; gives the seconds that it took."""
-
-
-@dataclass
-class Row:
-    """One line of the table.
-
-    Attributes:
-        work: what is done.
-        contenders: who does it, ours first; a missing one is None.
-        count: repetitions a round.
-        wanted: the ratio asked for, and against whom.
-        times: microseconds of each contender in each round.
-    """
-
-    work: str
-    contenders: dict[str, Repeat | None]
-    count: int
-    wanted: str
-    times: dict[str, list[float]] = field(default_factory=dict)
-
-    def run(self) -> None:
-        """One round."""
-        for name, repeat in self.contenders.items():
-            if repeat is not None:
-                taken = repeat(self.count) / self.count * 1e6
-                self.times.setdefault(name, []).append(taken)
-
-    def text(self) -> str:
-        """The line, medians and ratios."""
-        medians = {name: statistics.median(times) for name, times in self.times.items()}
-        ours, *others = self.contenders
-        figures = [f"{medians[ours]:.2f}"]
-        for other in others:
-            if other in medians:
-                ratio = statistics.median(
-                    theirs / our
-                    for theirs, our in zip(self.times[other], self.times[ours], strict=True)
-                )
-                figures.append(f"{other} {medians[other]:.2f}: **{ratio:.1f}x**")
-        return f"| {self.work} | {figures[0]} | {'; '.join(figures[1:])} | {self.wanted} |"
+"""Repeats a work so many times; returns the duration [s]."""
 
 
 def transforms() -> str:
-    """The table of docs/benchmarks.md."""
-    small = load_robot_model(robot_file("kinectbot"))
-    large = sixty_links(small)
-    workers = {name: Tf2(model) for name, model in (("15", small), ("60", large))}
-    rows = [
-        row
-        for name, model in (("15", small), ("60", large))
-        for row in rows_of(model, name, workers[name])
-    ]
+    """Return the table."""
+    model = load_robot_model(robot_file("kinectbot"))
+    tf2 = Tf2(model)
+    works: dict[str, tuple[Repeat, Repeat | None, str]] = {}
+    for feed, buffer, column in (("joints", fed_by_joints(model), 1), ("/tf", fed_by_tf(model), 2)):
+        for key, repeat in lookups(buffer).items():
+            works[f"{LOOKUPS[key][0]}, {feed}"] = repeat, tf2.work(key), LOOKUPS[key][column]
+    usual, first = lookups_after_changes(fed_by_joints(model).core)
+    works |= {
+        "set_transform": (set_transforms(), tf2.work("set"), "1x"),
+        "a sample of two joints; tf2: one frame": (joint_samples(model), tf2.work("set"), ""),
+        "a usual lookup; other: the first one after a change on its route": (
+            usual,
+            first,
+            "under 10x",
+        ),
+    }
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
     for _ in range(ROUNDS):
-        for row in rows:
-            row.run()
-    for worker in workers.values():
-        worker.close()
-    title = "| work (links) | ours, us | others, us, and how much slower they are | asked for |"
-    note = f"| 10 s of history of 2 joints at 100 Hz | {memory(small):.0f} kB | | under 1 MB |"
-    run_by = (
-        f"Ours with Python {platform.python_version()}; tf2: {workers['15'].name or 'none here'}."
+        for name, (ours, other, _) in works.items():
+            times[name].append((ours(COUNT), other(COUNT) if other else float("nan")))
+    tf2.close()
+    rows = []
+    for name, rounds in times.items():
+        microseconds = [1e6 / COUNT * seconds for seconds in medians(rounds)]
+        ratio = statistics.median(other / ours for ours, other in rounds)
+        cells = [f"{each:.2f}" for each in microseconds] + [f"**{ratio:.1f}x**"]
+        rows.append(row(name, *cells, works[name][2]).replace("nan", "-"))
+    return (
+        table("work | ours, us | tf2, us | ratio | limit", rows)
+        + f"\n\nOurs with Python {platform.python_version()}; tf2: {tf2.name or 'not installed'}."
     )
-    table = [title, "|---|---|---|---|", *(row.text() for row in rows), note, "", run_by]
-    return "\n".join(table)
 
 
-def rows_of(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
-    """All comparisons on one robot."""
-    chain = model.chain(BASE, CAMERA)
-    rows = [
-        Row(
-            f"chain base to camera after a joint update, one frame ({size})",
-            {
-                "ours": timed(lambda: chain.transform(0.3, -0.2)),
-                "pinocchio": pinocchio_chain(model),
-                "yourdfpy": yourdfpy_chain(model),
-            },
-            400,
-            "",
-        )
-    ]
-    for feed, buffer, asked in (
-        ("joints", fed_by_joints(model), ASKED_OF_JOINTS),
-        ("/tf", fed_by_tf(model), ASKED_OF_TF),
-    ):
-        rows += [
-            Row(f"{name}, {feed} ({size})", {"ours": work, "tf2": tf2.work(key)}, 400, asked[key])
-            for key, (name, work) in lookups(buffer).items()
-        ]
-    return rows + writing(model, size, tf2)
-
-
-ASKED_OF_JOINTS = {
-    "ros_latest": "3x",
-    "ros_past": "3x",
-    "core_latest": "3x",
-    "core_past": "3x",
-    "can": "2x",
-    "ros_point": "10x",
-    "ros_pose": "4x",
-}
-ASKED_OF_TF = ASKED_OF_JOINTS | {"ros_past": "2x", "core_past": "2x", "ros_point": ""}
-
-
-def lookups(buffer: Buffer) -> dict[str, tuple[str, Repeat]]:
-    """What is asked of a buffer, by the name of the same work of tf2."""
+def lookups(buffer: Buffer) -> dict[str, Repeat]:
+    """Return the works of a buffer by the key of the same work of tf2."""
     core, latest = buffer.core, Time()
     pasts = past_stamps()
-    times = [Time(nanoseconds=stamp) for stamp in pasts]
+    stamps, times = cycle(pasts), cycle([Time(nanoseconds=stamp) for stamp in pasts])
     point, pose = PointStamped(), PoseStamped()
     point.header.frame_id = pose.header.frame_id = CAMERA
     point.point.x = pose.pose.orientation.w = 1.0
     return {
-        "ros_latest": (
-            "lookup latest, message out",
-            timed(lambda: buffer.lookup_transform(BASE, CAMERA, latest)),
-        ),
-        "ros_past": (
-            "lookup in the past, message out",
-            cycling(lambda time: buffer.lookup_transform(BASE, CAMERA, time), times),
-        ),
-        "core_latest": ("latest, value", timed(lambda: core.lookup_transform(BASE, CAMERA))),
-        "core_past": (
-            "past, value",
-            cycling(lambda stamp: core.lookup_transform(BASE, CAMERA, stamp), pasts),
-        ),
-        "can": ("can_transform", timed(lambda: buffer.can_transform(BASE, CAMERA, latest))),
-        "ros_point": ("PointStamped", timed(lambda: buffer.transform(point, BASE))),
-        "ros_pose": ("PoseStamped", timed(lambda: buffer.transform(pose, BASE))),
+        "ros_latest": timed(lambda: buffer.lookup_transform(BASE, CAMERA, latest)),
+        "ros_past": timed(lambda: buffer.lookup_transform(BASE, CAMERA, next(times))),
+        "core_latest": timed(lambda: core.lookup_transform(BASE, CAMERA)),
+        "core_past": timed(lambda: core.lookup_transform(BASE, CAMERA, next(stamps))),
+        "can": timed(lambda: buffer.can_transform(BASE, CAMERA, latest)),
+        "ros_point": timed(lambda: buffer.transform(point, BASE)),
+        "ros_pose": timed(lambda: buffer.transform(pose, BASE)),
     }
 
 
-def writing(model: RobotModel, size: str, tf2: Tf2) -> list[Row]:
-    """What it costs to tell a buffer something."""
-    all_joints = dict.fromkeys(model.independent_joints, 0.3)
-    stamps = iter(range(START + 11 * SECOND, 2 * START, SECOND // 100))
-    buffer, samples, changing = Buffer(), TransformBuffer(), fed_by_joints(model).core
-
-    def sample(count: int) -> float:
-        ahead = [next(stamps) for _ in range(count)]
-        start = time.perf_counter()
-        for stamp in ahead:
-            samples.set_joint_positions(stamp, all_joints)
-        return (time.perf_counter() - start) / len(all_joints)
-
-    def put(count: int) -> float:
-        messages = [message(next(stamps), BASE, CAMERA, MOVED) for _ in range(count)]
-        start = time.perf_counter()
-        for one in messages:
-            buffer.set_transform(one, "benchmark")
-        return time.perf_counter() - start
+def lookups_after_changes(buffer: TransformBuffer) -> tuple[Repeat, Repeat]:
+    """Return a usual lookup, and the first lookup after a change on its route."""
+    heights = iter(range(1, 1_000_000_000))
 
     def first(count: int) -> float:
-        taken = 0.0
-        for index in range(count // 20):
-            place = Transform.from_xyz_rpy((float(next(stamps) + index), 0.0, 0.0))
-            changing.set_transform(0, "world", BASE, place, static=True)
+        duration = 0.0
+        for _ in range(count // 20):
+            moved = Transform.from_xyz_rpy((float(next(heights)), 0.0, 0.0))
+            buffer.set_transform(0, "world", BASE, moved, static=True)
             start = time.perf_counter()
-            changing.lookup_transform(BASE, CAMERA)
-            taken += time.perf_counter() - start
-        return taken * 20
+            buffer.lookup_transform(BASE, CAMERA)
+            duration += time.perf_counter() - start
+        return duration * 20
 
-    usual = timed(lambda: changing.lookup_transform(BASE, CAMERA))
-    return [
-        Row(f"set_transform ({size})", {"ours": put, "tf2": tf2.work("set")}, 400, "1x"),
-        Row(
-            f"a joint sample, {len(all_joints)} in a message ({size})",
-            {"ours": sample, "tf2, one frame": tf2.work("set")},
-            400,
-            "",
-        ),
-        Row(
-            f"a usual lookup ({size})",
-            {"ours": usual, "the first one after a change on its way": first},
-            400,
-            "under 10x",
-        ),
-    ]
+    return timed(lambda: buffer.lookup_transform(BASE, CAMERA)), first
+
+
+def set_transforms() -> Repeat:
+    """Return the work of `Buffer.set_transform` with new stamps."""
+    buffer, stamps = Buffer(), new_stamps()
+    moved = (0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8)
+
+    def repeat(count: int) -> float:
+        messages = iter([message(next(stamps), BASE, CAMERA, moved) for _ in range(count)])
+        return timed(lambda: buffer.set_transform(next(messages), "benchmark"))(count)
+
+    return repeat
+
+
+def joint_samples(model: RobotModel) -> Repeat:
+    """Return the work of `TransformBuffer.set_joint_positions`."""
+    buffer, stamps = TransformBuffer(), new_stamps()
+    joints = dict.fromkeys(model.independent_joints, 0.3)
+    return timed(lambda: buffer.set_joint_positions(next(stamps), joints))
+
+
+def new_stamps() -> Iterator[int]:
+    """Return stamps after those of the buffers, 100 a second [ns]."""
+    return iter(range(START + 11 * SECOND, 2 * START, SECOND // 100))
 
 
 def fed_by_joints(model: RobotModel) -> Buffer:
-    """A buffer with 10 s of a nodding head, 100 samples a second."""
+    """Return a buffer with 10 s of a nodding head, 100 samples a second."""
     buffer = Buffer()
     buffer.core.set_model(model)
     for index in range(1001):
@@ -238,35 +157,35 @@ def fed_by_joints(model: RobotModel) -> Buffer:
 
 
 def fed_by_tf(model: RobotModel) -> Buffer:
-    """The same as transforms, as tf2 gets them."""
-    buffer, told = Buffer(), frames(model)
-    for parent, child, numbers in told["static"]:
+    """Return the same as transforms, as tf2 receives them."""
+    buffer, found = Buffer(), frames(model)
+    for parent, child, numbers in found["static"]:
         buffer.set_transform_static(message(0, parent, child, numbers))
-    for seconds, parent, child, numbers in told["sampled"]:
+    for seconds, parent, child, numbers in found["sampled"]:
         buffer.set_transform(message(round(seconds * SECOND), parent, child, numbers))
     return buffer
 
 
 def message(stamp: int, parent: str, child: str, numbers: Sequence[float]) -> TransformStamped:
-    """A transform of seven numbers."""
-    x, y, z, *turn = numbers
-    found = StampedTransform(stamp, parent, child, Transform((x, y, z), Rotation(*turn)))
-    return transform_stamped(found)
+    """Return a message from position [m] and quaternion xyzw."""
+    x, y, z, *quaternion = numbers
+    transform = Transform((x, y, z), Rotation(*quaternion))
+    return transform_stamped(StampedTransform(stamp, parent, child, transform))
 
 
 def nodding(index: int) -> tuple[int, dict[str, float]]:
-    """One of the samples: stamp [ns] and positions [rad]."""
+    """Return stamp [ns] and positions [rad] of a sample."""
     return START + index * SECOND // 100, {PAN: 0.001 * index, TILT: 0.5 - 0.001 * index}
 
 
 def past_stamps() -> list[int]:
-    """Times between samples, all over the history [ns]."""
+    """Return times between samples over the whole history [ns]."""
     rnd = random.Random(1)
     return [START + rnd.randrange(10 * SECOND) for _ in range(512)]
 
 
 def timed(work: Callable[[], object]) -> Repeat:
-    """Repeats a call."""
+    """Return a function that repeats a call."""
 
     def repeat(count: int) -> float:
         start = time.perf_counter()
@@ -277,104 +196,46 @@ def timed(work: Callable[[], object]) -> Repeat:
     return repeat
 
 
-def cycling(work: Callable[[Any], object], arguments: Sequence[Any]) -> Repeat:
-    """Repeats a call with one argument after the other."""
-
-    def repeat(count: int) -> float:
-        start = time.perf_counter()
-        for index in range(count):
-            work(arguments[index % 512])
-        return time.perf_counter() - start
-
-    return repeat
-
-
-def yourdfpy_chain(model: RobotModel) -> Repeat:
-    """Yourdfpy's own scene graph, after an update of two joints."""
-    robot = yourdfpy.URDF.load(io.BytesIO(model.urdf.encode()), load_meshes=False)
-    configuration = {PAN: 0.3, TILT: -0.2}
-
-    def work() -> None:
-        robot.update_cfg(configuration)
-        robot.get_transform(CAMERA, BASE)
-
-    repeat = timed(work)
-    return lambda count: repeat(max(1, count // 40)) * 40
-
-
-def pinocchio_chain(model: RobotModel) -> Repeat | None:
-    """Pinocchio's forward kinematics and one frame, after an update of two joints."""
-    try:
-        import pinocchio
-    except ImportError:
-        return None
-    pin_model = pinocchio.buildModelFromXML(model.urdf)
-    data, frame = pin_model.createData(), pin_model.getFrameId(CAMERA)
-    configuration = pinocchio.neutral(pin_model)
-    pan, tilt = (pin_model.joints[pin_model.getJointId(name)].idx_q for name in (PAN, TILT))
-
-    def work() -> None:
-        configuration[pan] = 0.3
-        configuration[tilt] = -0.2
-        pinocchio.forwardKinematics(pin_model, data, configuration)
-        pinocchio.updateFramePlacement(pin_model, data, frame)
-
-    return timed(work)
-
-
 class Tf2:
-    """tf2 in a process of its own, fed with what the buffer computes itself."""
+    """tf2 in a process of its own, with the transforms that the buffer computes itself."""
 
     def __init__(self, model: RobotModel) -> None:
         self._process: subprocess.Popen[str] | None = None
         self.name = ""
-        python = next(
-            filter(has_tf2, (sys.executable, shutil.which("python3", path="/usr/bin"))), None
-        )
-        if python is None:
-            return
-        self._process = subprocess.Popen(
-            [python, str(Path(__file__).with_name("tf2_worker.py"))],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=None if python == sys.executable else {},
-        )
-        self.name = self._ask(json.dumps(frames(model)))
+        for python in (sys.executable, shutil.which("python3", path="/usr/bin")):
+            environment = None if python == sys.executable else {}
+            test = [str(python), "-c", "import tf2_ros, geometry_msgs.msg"]
+            if not python:
+                continue
+            tried = subprocess.run(test, check=False, capture_output=True, env=environment)
+            if tried.returncode == 0:
+                self._process = subprocess.Popen(
+                    [python, str(Path(__file__).with_name("tf2_worker.py"))],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                    env=environment,
+                )
+                self.name = self._ask(json.dumps(frames(model)))
+                return
 
     def work(self, name: str) -> Repeat | None:
-        """One thing that tf2 does."""
-        if self._process is None:
-            return None
-        return lambda count: float(self._ask(f"{name} {count}"))
+        """Return a work of tf2; None without tf2."""
+        return (lambda count: float(self._ask(f"{name} {count}"))) if self._process else None
 
     def close(self) -> None:
-        """Ends the process."""
+        """End the process."""
         if self._process is not None:
             self._process.communicate()
 
     def _ask(self, line: str) -> str:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(line + "\n")
-        self._process.stdin.flush()
+        assert self._process and self._process.stdin and self._process.stdout
+        print(line, file=self._process.stdin, flush=True)
         return self._process.stdout.readline().strip()
 
 
-def has_tf2(python: str | None) -> bool:
-    """Whether this interpreter can import tf2_ros."""
-    if python is None:
-        return False
-    environment = None if python == sys.executable else {}
-    command = [python, "-c", "import tf2_ros, geometry_msgs.msg"]
-    return (
-        subprocess.run(command, check=False, capture_output=True, env=environment).returncode == 0
-    )
-
-
 def frames(model: RobotModel) -> dict[str, Any]:
-    """The same robot and motion as transforms, for tf2."""
+    """Return the robot and its motion as transforms, for tf2."""
     joints = model.joints.values()
     moving = [joint for joint in joints if joint.moves]
     still = dict.fromkeys((joint.name for joint in moving), 0.0)
@@ -389,19 +250,3 @@ def frames(model: RobotModel) -> dict[str, Any]:
         "source": CAMERA,
         "past": [stamp / SECOND for stamp in past_stamps()],
     }
-
-
-def memory(model: RobotModel) -> float:
-    """What 10 s of two joints at 100 Hz take [kB]."""
-    buffer = Buffer()
-    buffer.core.set_model(model)
-    rng = np.random.default_rng(1)
-    numbers = rng.uniform(-1, 1, (1001, 2)).tolist()
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    for index, (pan, tilt) in enumerate(numbers):
-        stamp = START + index * SECOND // 100
-        buffer.core.set_joint_positions(stamp, {PAN: pan + 0.0, TILT: tilt + 0.0})
-    used = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    return used / 1000

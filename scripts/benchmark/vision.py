@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from frame import table
-from image_encodings import COLOURLESS, ENCODERS, raw
+from image_encodings import raw
 from rendered_frames import KINECT, SMALL, View, watch
 from visual_pursuit import pursue, tutorial_law
 
@@ -48,7 +48,7 @@ def vision() -> str:
     """Return all tables; draw docs/pictures/camera.jpg."""
     require_opencv()
     draw_camera(ROOT / "docs" / "pictures" / "camera.jpg")
-    parts = (speed, errors, encodings, closed_loop, empty_scene)
+    parts = (speed, errors, closed_loop, empty_scene)
     return "\n\n".join(part() for part in parts)
 
 
@@ -106,29 +106,6 @@ def errors() -> str:
         rows.append(f"| {what} | " + " | ".join(cells) + " |")
     head = "follow | depth 16UC1 | depth 32FC1 | no depth: size (features: distance) stated"
     return "Error of the point, mean and largest, in millimetres at 1.4 m:\n\n" + table(head, rows)
-
-
-def encodings() -> str:
-    """Measure the position error for every image encoding."""
-    rows = []
-    for encoding, encode in ENCODERS.items():
-        what, scene = ("marker", "marker") if encoding in COLOURLESS else ("colour", "ball")
-        view = _view(scene)
-        tracker = _tracker(what)
-        misses = []
-        for at, frame, pose in view.frames(12):
-            assert frame.picture is not None
-            message = raw(encoding, encode(frame.picture.bgr), big_endian=True, padding=5)
-            seen = Frame(frame.stamp, frame.camera, decode_picture(message), frame.depth)
-            sighting = tracker.step(seen, pose)
-            if sighting is not None:
-                truth = view.scene.seen_surface(scene, at, pose)
-                misses.append(math.dist(pose @ sighting.point, truth))
-        rows.append(f"{encoding} ({what}) {_millimetres(misses)}")
-    return (
-        "By encoding (big endian, rows padded), mean and largest, in millimetres: "
-        + "; ".join(rows) + "."
-    )  # fmt: skip
 
 
 def closed_loop() -> str:

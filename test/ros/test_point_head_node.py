@@ -28,7 +28,6 @@ goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
 
 @pytest.mark.parametrize("model", ["kinectbot", "turtlebot"])
 def test_random_goals_report_the_miss_of_the_true_angles(request, threads, model):
-    """In simulated time; scripts/benchmark/measure interfaces does 1,000 of them."""
     pointed, rnd = goals.PointedHead(request.getfixturevalue(model)), random.Random(1)
     ends = {"succeeded": 0, "aborted": 0}
     for _ in range(30):
