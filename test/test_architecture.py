@@ -16,7 +16,7 @@ NAME = "head_tracking"
 PACKAGE = Path(head_tracking.__file__).parent
 CORE = {
     "transforms", "gaze", "tracking", "targets", "vision", "scene", "dynamixel", "simulation",
-    "control", "parameters", "configuration", "head", "calibration",
+    "control", "parameters", "configuration", "head", "calibration", "detectors",
 }  # fmt: skip
 
 ALLOWED: dict[str, set[str]] = {
@@ -29,7 +29,8 @@ ALLOWED: dict[str, set[str]] = {
     "gaze": {"transforms", "parameters"},
     "tracking": {"gaze", "transforms", "parameters"},
     "targets": {"tracking", "transforms", "parameters"},
-    "vision": {"transforms", "parameters"},
+    "detectors": {"vision"},
+    "vision": {"transforms", "parameters", "detectors"},
     "scene": {"vision", "transforms", "parameters"},
     "dynamixel": {"feetech", "parameters"},
     "feetech": set(),

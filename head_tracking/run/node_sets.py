@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pkgutil import resolve_name
 from typing import Any
 
+from head_tracking.detectors import DETECTORS
 from head_tracking.programs import node_class
 
 CONTROL, VISION, PAGE = "control", "vision", "page"
@@ -69,10 +70,6 @@ MODES: Mapping[str, NodeSpec] = {
 SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 
-def _visual(follow: str) -> tuple[NodeSpec, ...]:
-    return (NodeSpec("visual_target", ("buffer",), {"follow": follow}, VISION),)
-
-
 def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
     return (NodeSpec("fictitious_target", parameters=parameters),)
 
@@ -82,24 +79,17 @@ TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "fictitious": _fictitious(),
     "smooth": _fictitious(path="harmonic"),
     "mux": (NodeSpec("target_mux", ("buffer",)),),
-    "face": _visual("face"),
-    "ball": _visual("colour"),
-    "marker": _visual("marker"),
-    "features": _visual("features"),
-    "nearest": _visual("nearest"),
+    **{
+        spec.target: (NodeSpec("visual_target", ("buffer",), {"follow": name}, VISION),)
+        for name, spec in DETECTORS.items()
+    },
     **{
         source: (NodeSpec("detection_target", ("buffer",), {"source": source}, VISION),)
         for source in ("detections_2d", "detections_3d", "faces", "bodies")
     },
 }
 
-SCENES: Mapping[str, str] = {
-    "face": "faces",
-    "ball": "ball",
-    "marker": "marker",
-    "features": "picture",
-    "nearest": "ball",
-}
+SCENES: Mapping[str, str] = {spec.target: spec.scene for spec in DETECTORS.values()}
 """What the simulated camera draws for a target that is detected in images."""
 
 

@@ -1,8 +1,6 @@
 """Detect and locate objects in camera images. Needs OpenCV."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
+from head_tracking.detectors import DETECTORS
 from head_tracking.vision.annotation import annotated, depth_picture
 from head_tracking.vision.camera import Box, Camera, CameraError, camera_with_view
 from head_tracking.vision.camera_follower import CameraFollower, NoPictureError, pictures
@@ -28,31 +26,24 @@ from head_tracking.vision.opencv import OpenCVMissingError, require_opencv
 from head_tracking.vision.pairing import Pairing
 from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
 
-DETECTORS: Mapping[str, tuple[Callable[[Any], Detector], type[Any]]] = {
-    "face": (FaceDetector, FaceParameters),
-    "colour": (ColourDetector, ColourParameters),
-    "features": (FeatureDetector, FeatureParameters),
-    "marker": (MarkerDetector, MarkerParameters),
-    "nearest": (NearestDetector, NearestParameters),
-}
-"""Detector and parameter class of each kind of target."""
-
 
 def find_detector(name: str) -> Detector:
     """Return a detector with default parameters that uses one thread.
 
     Args:
-        name: face, colour or marker; the other detectors need a selection or depths.
+        name: one of `DETECTORS` that needs neither a selection nor depths: face, colour, marker.
 
     Raises:
         OpenCVMissingError: OpenCV is not installed.
         ValueError: the name is not one of these.
     """
-    if name not in ("face", "colour", "marker"):
-        raise ValueError(f"the detector is {name!r}; allowed are face, colour and marker")
+    allowed = [
+        known for known, spec in DETECTORS.items() if not (spec.depth_only or spec.needs_selection)
+    ]
+    if name not in allowed:
+        raise ValueError(f"the detector is {name!r}; allowed are {', '.join(allowed)}")
     require_opencv()
-    make, parameters = DETECTORS[name]
-    return make(parameters())
+    return DETECTORS[name].make()
 
 
 __all__ = [

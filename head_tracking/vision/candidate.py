@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -64,11 +64,17 @@ class Candidate:
 class Detector(ABC):
     """Detects objects of one kind; may keep a state between images.
 
+    Args:
+        parameters: an object of the class `Parameters`.
+
     Attributes:
         parameters: may be changed at any time.
     """
 
-    parameters: Any
+    Parameters: ClassVar[type[Any]]
+
+    def __init__(self, parameters: Any) -> None:
+        self.parameters = parameters
 
     @abstractmethod
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
@@ -94,7 +100,7 @@ class GivenDetector(Detector):
     """
 
     def __init__(self, parameters: Any = None) -> None:
-        self.parameters = parameters
+        super().__init__(parameters)
         self.candidates: list[Candidate] = []
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:

@@ -39,8 +39,10 @@ class ColourParameters:
 class ColourDetector(Detector):
     """Detects connected regions of one colour."""
 
+    Parameters = ColourParameters
+
     def __init__(self, parameters: ColourParameters) -> None:
-        self.parameters = parameters
+        super().__init__(parameters)
         self._selected: ColourParameters | None = None
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:

@@ -76,8 +76,10 @@ class FaceDetector(Detector):
         HeadTrackingError: the file of the weights or of the cascade does not exist.
     """
 
+    Parameters = FaceParameters
+
     def __init__(self, parameters: FaceParameters) -> None:
-        self.parameters = parameters
+        super().__init__(parameters)
         self.shortcoming = ""
         self._since_search = 0
         self._net: _Net | None = None

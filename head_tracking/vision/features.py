@@ -51,8 +51,10 @@ class FeatureDetector(Detector):
     cluster again after a loss.
     """
 
+    Parameters = FeatureParameters
+
     def __init__(self, parameters: FeatureParameters) -> None:
-        self.parameters = parameters
+        super().__init__(parameters)
         self._template: Gray | None = None
         self._before: Gray | None = None
         self._points: Points = np.zeros((0, 2), np.float32)

@@ -45,8 +45,10 @@ class MarkerParameters:
 class MarkerDetector(Detector):
     """Detects markers of one family."""
 
+    Parameters = MarkerParameters
+
     def __init__(self, parameters: MarkerParameters) -> None:
-        self.parameters: MarkerParameters = parameters
+        super().__init__(parameters)
         self._family, self._detector = parameters.dictionary, _detector(parameters.dictionary)
         self._selected: int | None = None
 

@@ -33,8 +33,7 @@ class NearestParameters:
 class NearestDetector(Detector):
     """Detects the nearest connected region of a depth image; needs no colours."""
 
-    def __init__(self, parameters: NearestParameters) -> None:
-        self.parameters = parameters
+    Parameters = NearestParameters
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
         """Return the nearest region, if there is one."""

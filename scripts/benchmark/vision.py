@@ -175,9 +175,8 @@ def _view(scene: str, depth: str = "16UC1", camera: Any = KINECT, **options: Any
 
 
 def _tracker(what: str, parameters: Any = None, **distances: float) -> VisualTracker:
-    make, kind = DETECTORS[what]
     return VisualTracker(
-        make(parameters or kind()), DistanceParameters(**distances), IdentityParameters()
+        DETECTORS[what].make(parameters), DistanceParameters(**distances), IdentityParameters()
     )
 
 

@@ -2,6 +2,7 @@
 
 import math
 import struct
+import sys
 import threading
 from importlib.util import find_spec
 
@@ -24,7 +25,12 @@ from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.targets.simulated_camera import SimulatedCameraNode
 from head_tracking.ros.targets.visual_target import VisualTargetNode
 from head_tracking.tf.messages import header
-from head_tracking.vision import DETECTORS, GivenDetector, camera_with_view
+from head_tracking.vision import (
+    DETECTORS,
+    GivenDetector,
+    MarkerParameters,
+    camera_with_view,
+)
 
 DEGREE = math.radians(1)
 SMALL = {"width": 320, "height": 240}
@@ -394,11 +400,15 @@ def test_detection_does_not_block_the_executor(monkeypatch):
     """All nodes share one executor: what takes long is done beside it."""
     made_in = []
 
-    def made(parameters):
-        made_in.append(threading.current_thread().name)
-        return GivenDetector()
+    class Made(GivenDetector):
+        Parameters = MarkerParameters
 
-    monkeypatch.setitem(DETECTORS, "marker", (made, DETECTORS["marker"][1]))
+        def __init__(self, parameters):
+            made_in.append(threading.current_thread().name)
+
+    here = DETECTORS["marker"]._replace(path=f"{__name__}:Made")
+    monkeypatch.setattr(sys.modules[__name__], "Made", Made, raising=False)
+    monkeypatch.setitem(DETECTORS, "marker", here)
     rclpy.init()
     look = VisualTargetNode(parameter_overrides=[Parameter("follow", value="colour")])
     executor = SingleThreadedExecutor()

@@ -7,7 +7,8 @@ import pytest
 from image_encodings import COLOURLESS, ENCODERS, raw
 from rendered_frames import KINECT, SMALL, View, watch
 
-from head_tracking.scene import Ball, Board, Scene, Swing, make_scene
+from head_tracking.run.node_sets import TARGETS
+from head_tracking.scene import SCENES, Ball, Board, Scene, Swing, make_scene
 from head_tracking.scene.drawings import marker
 from head_tracking.scene.people import FACE_WIDTH
 from head_tracking.scene.room import room
@@ -35,9 +36,10 @@ MM = 1e-3
 
 
 def tracker(what, detector_parameters=None, **distances):
-    make, kind = DETECTORS[what]
     return VisualTracker(
-        make(detector_parameters or kind()), DistanceParameters(**distances), IdentityParameters()
+        DETECTORS[what].make(detector_parameters),
+        DistanceParameters(**distances),
+        IdentityParameters(),
     )
 
 
@@ -81,6 +83,13 @@ def test_position_error_without_depth(kinectbot, what, where, name, worst, param
     seen = watch(tracker(what, parameters, **distances), view, name, 25, centre=True)
     assert len(seen.misses) >= 22
     assert max(seen.misses) < worst * MM, [round(miss / MM) for miss in seen.misses]
+
+
+@pytest.mark.parametrize("what", DETECTORS)
+def test_one_entry_makes_a_detector_a_target_of_a_run(what):
+    spec = DETECTORS[what]
+    assert TARGETS[spec.target][0].parameters == {"follow": what}
+    assert spec.scene in SCENES
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +212,7 @@ def test_a_tag_with_a_narrow_border_and_a_wrong_module_is_found():
     tag[64:96, 64:96, :3] ^= 255
     picture = np.full((480, 640, 3), 140, np.uint8)
     picture[80:400, 100:420] = tag[..., :3]
-    detector = DETECTORS["marker"][0](MarkerParameters(dictionary="APRILTAG_36h11"))
+    detector = DETECTORS["marker"].make(MarkerParameters(dictionary="APRILTAG_36h11"))
     found = detector.detect(Frame(0, KINECT, Picture(picture)), [])
     assert [candidate.label for candidate in found] == ["3"]
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 
+from head_tracking.detectors import DETECTORS
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.closing_node import ClosingNode
@@ -20,7 +21,6 @@ from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision import (
-    DETECTORS,
     Box,
     Detector,
     FaceDetector,
@@ -134,7 +134,7 @@ class VisualTargetNode(ClosingNode):
 
     def _detector(self, follow: str) -> Detector:
         """Create a detector; this may take long."""
-        detector = DETECTORS[follow][0](self._kinds[follow].value)
+        detector = DETECTORS[follow].make(self._kinds[follow].value)
         if isinstance(detector, FaceDetector) and detector.shortcoming:
             self.get_logger().warning(detector.shortcoming)
         return detector
@@ -150,8 +150,8 @@ class VisualTargetNode(ClosingNode):
     def _declare(self, follow: str) -> None:
         """Declare the parameters of a detector once."""
         if follow not in self._kinds:
-            kind = DETECTORS[follow][1]
-            self._kinds[follow] = NodeParameters(self, kind, on_change=self._on_parameters)
+            parameters = DETECTORS[follow].load().Parameters
+            self._kinds[follow] = NodeParameters(self, parameters, on_change=self._on_parameters)
 
     def _change_detector(self, follow: str) -> None:
         """Change the detector, unless `follow` has changed again."""
@@ -171,8 +171,9 @@ class VisualTargetNode(ClosingNode):
         p = self._settings
         outputs = (self._region, self._annotated)
         wanted = self._target.wanted or any(one.get_subscription_count() for one in outputs)
-        wants_image = wanted and p.follow != "nearest"
-        wants_depth = wanted and (p.use_depth or p.follow == "nearest")
+        depth_only = DETECTORS[p.follow].depth_only
+        wants_image = wanted and not depth_only
+        wants_depth = wanted and (p.use_depth or depth_only)
         if wants_image and self._image is None:
             self._image = self._subscribe("image", p.image_transport, self._on_image)
         elif not wants_image and self._image is not None:
@@ -213,7 +214,7 @@ class VisualTargetNode(ClosingNode):
             )
 
     def _on_depth(self, message: AnyImage) -> None:
-        if self._settings.follow == "nearest":
+        if DETECTORS[self._settings.follow].depth_only:
             self._worker.offer(_Images(message, None, message))
             return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
