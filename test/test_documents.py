@@ -79,7 +79,7 @@ def test_the_tables_named_in_add_one_exist() -> None:
         for names, file in re.findall(r"((?:`[A-Z]+`(?: and )?)+) in `([\w/]+\.py)`", row)
         for name in re.findall(r"[A-Z]+", names)
     ]
-    assert len(tables) >= 5
+    assert len(tables) >= 3
     for name, file in tables:
         code = (ROOT / "head_tracking" / file).read_text()
         assert re.search(rf"^{name}\b.*=", code, re.MULTILINE), f"{name} in {file}"
