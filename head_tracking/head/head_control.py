@@ -92,6 +92,8 @@ class HeadControl:
         readings: measured positions of the joints.
         trouble: why the head cannot be controlled now; None: it can.
         outcome: the result of the latest motion, as text.
+        refusal: why the latest target is not used; empty: it is used, or there is none.
+        refusals: number of targets that were refused.
         law: the control law for the joints of all motions but tracking; set with a model.
         memory: the servo values that earlier runs have learned.
         error: angle between the pointing axis and the target [rad]; None: there is no target.
@@ -125,6 +127,7 @@ class HeadControl:
         self.readings = JointReadings()
         self.trouble: Obstacle | None = Obstacle(Reason.NO_MODEL)
         self.outcome = "no target has come yet"
+        self.refusal, self.refusals = "", 0
         self.law: PredictiveLaw
         self.memory = ServoMemory({})
         self.error: float | None = None
@@ -442,8 +445,9 @@ class HeadControl:
         return None
 
     def refuse(self, refusal: Refusal) -> None:
-        """Log why a target is not used."""
+        """Record and log why a target is not used."""
         target, reason = refusal
+        self.refusal, self.refusals = reason, self.refusals + 1
         self.warn(f"target in {target.frame_id}", f"target {target} refused: {reason}")
 
     def _forget_targets(self) -> None:
@@ -451,7 +455,7 @@ class HeadControl:
         self.frames.forget()
 
     def _restart_targets(self) -> None:
-        self.error = None
+        self.error, self.refusal = None, ""
         self._forget_targets()
         off = self.off
         self.targets.restart("" if off is None else str(off), self.now)

@@ -368,6 +368,7 @@ class Tracking(TargetMotion):
         if refusal is not None:
             control.refuse(refusal)
             tracker.machine.refused(refusal.reason, now)
+        control.refusal = tracker.machine.refusal
         tracker.at_most = control.fastest
         step = tracker.step(now)
         self.miss, self.fault, control.held = step.error, tracker.fault, None
@@ -473,6 +474,7 @@ class Pointing(TargetMotion):
             control.refuse(refusal)
         if placed is None or refusal is not None:
             return False
+        control.refusal = ""
         if not gaze.reached:
             control.warn("limit", f"target {target}: {gaze.reason}")
 

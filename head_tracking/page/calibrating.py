@@ -78,7 +78,7 @@ class CameraCalibration:
             return Outcome(False, self._robot.stop.refusal)
         if self._robot.head() is None:
             return Outcome(False, "The model has no head.")
-        if any(one.name.endswith(": calibration") for one in self._robot.health()):
+        if any(one.name.endswith(": calibration") for one in self._robot.topics.health()):
             text = "This run uses a calibration: start it without --calibration to calibrate anew."
             return Outcome(False, text)
         if not self._busy.acquire(blocking=False):
@@ -114,12 +114,16 @@ class CameraCalibration:
             focal_length=lens is None,
             report=self._report,
         )
+        found = calibration.estimates
         file = state_folder("calibration") / f"{calibration.robot}.yaml"
         file.parent.mkdir(parents=True, exist_ok=True)
         calibration.save(file)
         return Progress(
             text=f"Calibrated. The result is in {file}. To use it, start with --calibration {file}",
-            rows=tuple(summary(calibration)),
+            rows=tuple(
+                (name, change, f"± {deviation}" if found[name].observable else deviation)
+                for name, change, deviation in summary(calibration)
+            ),
         )
 
     def _report(self, text: str) -> None:

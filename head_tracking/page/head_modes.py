@@ -30,8 +30,6 @@ FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
 CAMERA = "simulated_camera"
 CONTROLLERS = (TRACKER, POINTER)
 SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target")
-REFUSED = "targets are refused: "
-"""Begins the reason for a refusal in a controller's state."""
 
 _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
@@ -232,7 +230,7 @@ class HeadModes:
             raise _Refused(f"The target is refused: there is no frame {frame!r}.")
         stops = self._stop.count
         _refuse_if(self._stop.refusal)
-        before, sent = {name: self._topics.state(name) for name in CONTROLLERS}, time.monotonic()
+        before, sent = {one: self._topics.status(one) for one in CONTROLLERS}, time.monotonic()
         if not self._changing.acquire(timeout=_RELEASE):
             raise _Refused("The mode is being changed: try again in a moment.")
         try:
@@ -244,7 +242,7 @@ class HeadModes:
             self._changing.release()
         name = _NODES[mode][0]
         while wait and time.monotonic() - sent < _REFUSAL:
-            _refuse_if(self._refusal_of(name, before[name], sent))
+            _refuse_if(self._refusal_of(name, before[name]))
             time.sleep(_POLL)
         return f"Target {target} sent" + (f"; the mode is {mode} now." if changed else ".")
 
@@ -348,19 +346,18 @@ class HeadModes:
             return Outcome(False, f"{name} is not running: start it for this mode.")
         return self._services.trigger(f"node_starter/{name}")
 
-    def _refusal_of(self, name: str, before: str, sent: float) -> str:
+    def _refusal_of(self, name: str, before: Mapping[str, str]) -> str:
         """Return why a controller refuses a target; empty if it has not refused it.
 
         Args:
             name: the controller.
-            before: its state before the target was sent.
-            sent: when the target was sent [s, monotonic].
+            before: its status before the target was sent.
         """
-        state, logged = self._topics.state(name), self._topics.complaint(name, sent)
-        if state != before and state.startswith(TargetState.AT_LIMIT):
-            return state
-        in_state = state.partition(REFUSED)[2] if state != before else ""
-        return in_state or (logged if "refused" in logged else "")
+        status = self._topics.status(name)
+        if status.get("refusals") != before.get("refusals"):
+            return status.get("refusal", "")
+        is_at_limit = status != before and status.get("state") == TargetState.AT_LIMIT
+        return status["detail"] if is_at_limit else ""
 
     def _send(self, target: Target, mode: Mode, stops: int) -> None:
         """Send a target: once to a controller that keeps it, else periodically."""

@@ -11,7 +11,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
 from head_tracking.page.head_modes import HeadModes, Mode, OtherNodes
-from head_tracking.ros.kit.diagnostics import Health
 from head_tracking.ros.kit.other_services import Outcome
 from head_tracking.transforms import JointState, JointStates
 
@@ -94,7 +93,7 @@ class JointControl:
             for name, joint in self._others.parameters.fixed("_controller.joint_name").items()
         }
         torques = {
-            joint_of(one): Torque(one.values["torque"])
+            one.values.get("joint"): Torque(one.values["torque"])
             for one in self._others.topics.health()
             if one.values.get("torque") in _TORQUES
         }
@@ -156,8 +155,3 @@ class JointControl:
         message = JointStateMsg(name=list(positions), position=list(map(float, positions.values())))
         message.header.stamp = self._node.get_clock().now().to_msg()
         return message
-
-
-def joint_of(health: Health) -> str:
-    """Return the joint that the diagnostics of a servo are about."""
-    return health.name.removeprefix("servo_bus: ").partition(" (servo ")[0]

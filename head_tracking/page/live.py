@@ -19,7 +19,6 @@ from PIL import Image
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
-from head_tracking.page.joint_control import joint_of
 from head_tracking.page.motion import Motion, number
 from head_tracking.page.other_topics import Picture
 from head_tracking.page.robot import Robot
@@ -276,8 +275,8 @@ class Live:
     def _slow(self) -> dict[str, Any]:
         robot, live = self._robot, self.observation
         self._start_camera()
-        status, outcome, health = robot.status(live), robot.stop.outcome, robot.health()
-        values = {joint_of(one): dict(one.values) for one in health}
+        status, outcome, health = robot.status(live), robot.stop.outcome, robot.topics.health()
+        values = {one.values.get("joint"): dict(one.values) for one in health}
         servos = robot.joints.servos()
         waiting = [] if self._model is not None else ["Waiting for robot_description."]
         if self._model is not None and robot.joints.free:
@@ -295,7 +294,7 @@ class Live:
             "can_resume": robot.stop.can_resume,
             "stop": "" if outcome is None else outcome.text,
             "notices": [*waiting, *self._notices, *robot.notices()],
-            "warnings": list(robot.topics.warnings()[-6:]),
+            "warnings": list(robot.topics.warnings()),
             "servos": [
                 {
                     "controller": servo.controller,

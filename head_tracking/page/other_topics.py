@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import islice
@@ -19,7 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
-from std_msgs.msg import Bool, Float64, String
+from std_msgs.msg import Bool, Float64
 
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
@@ -34,7 +33,7 @@ from head_tracking.vision.images import ImageError, decode_picture
 from head_tracking.vision.opencv import OpenCVMissingError
 
 _CAN_BE_DISABLED = (*ERRORS, "fictitious_target", "visual_target", "target_mux", "frame_target")
-_COMPLAINT_AGE = 5.0  # s
+_MOST_WARNINGS = 6
 _FRESH = 1.0  # s
 _SILENT = 3.5  # s: diagnostics come once a second
 _UNUSED = 3.0  # s without a request until a subscription ends
@@ -55,15 +54,6 @@ class Received(NamedTuple):
 
     at: float
     message: Any
-
-
-class LogEntry(NamedTuple):
-    """A log message and when it was received [s, monotonic]."""
-
-    at: float
-    node: str
-    level: int
-    text: str
 
 
 class Picture(NamedTuple):
@@ -103,8 +93,7 @@ class OtherTopics:
         self._subscriptions: dict[str, Any] = {}
         self._requesting = threading.Lock()
         self._diagnostics: dict[str, dict[str, Received]] = {}
-        self._log: deque[LogEntry] = deque(maxlen=100)
-        self._log_lock = threading.Lock()
+        self._warnings: tuple[str, ...] = ()
         self._cameras: dict[str, tuple[bytes, Camera | None]] = {}
         self._images: tuple[str, ...] = ()
         self._infos: tuple[str, ...] = ()
@@ -112,7 +101,7 @@ class OtherTopics:
         for name in _CAN_BE_DISABLED:
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
         for name in ERRORS:
-            self._subscribe(node, String, f"{name}/state", LATCHED)
+            self._subscribe(node, DiagnosticStatus, f"{name}/status", LATCHED)
         self._owners: Mapping[str, str] = {}
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
@@ -158,29 +147,14 @@ class OtherTopics:
         message = _recent(self._request(Float64, ERRORS[name], _LATEST))
         return None if message is None else float(message.data)
 
-    def state(self, name: str) -> str:
-        """Return the state that a controller publishes, or its last log message."""
-        received = self._received.get(f"{name}/state")
-        if received is not None:
-            return str(received.message.data)
-        lines = [one for one in self._logged() if one.node == name and one.level < _WARN]
-        complaint = self.complaint(name)
-        return (lines[-1].text if lines else "") + (f" ({complaint})" if complaint else "")
-
-    def complaint(self, name: str, since: float | None = None) -> str:
-        """Return a node's last log message if it is a warning or worse; else an empty text.
-
-        Args:
-            name: the node.
-            since: ignore earlier messages [s, monotonic]; None: those before the last seconds.
-        """
-        start = time.monotonic() - _COMPLAINT_AGE if since is None else since
-        lines = [one for one in self._logged() if one.node == name and one.at >= start]
-        return lines[-1].text if lines and lines[-1].level >= _WARN else ""
+    def status(self, name: str) -> Mapping[str, str]:
+        """Return the fields of a controller's `~/status`; empty if it has published none."""
+        received = self._received.get(f"{name}/status")
+        return {} if received is None else health_from_message(received.message).values
 
     def warnings(self) -> tuple[str, ...]:
-        """Return the warnings and errors of the log, latest last."""
-        return tuple(f"{one.node}: {one.text}" for one in self._logged() if one.level >= _WARN)
+        """Return the last warnings and errors of the log, latest last."""
+        return self._warnings
 
     def health(self) -> tuple[Health, ...]:
         """Return the latest diagnostics by name.
@@ -284,14 +258,9 @@ class OtherTopics:
 
     def _on_log(self, message: Log) -> None:
         node = message.name.replace(".", "/")
-        if self._graph.is_own(node):
-            name, text = node.rpartition("/")[2], message.msg[:_MOST_TEXT]
-            with self._log_lock:
-                self._log.append(LogEntry(time.monotonic(), name, message.level, text))
-
-    def _logged(self) -> tuple[LogEntry, ...]:
-        with self._log_lock:
-            return tuple(self._log)
+        if message.level >= _WARN and self._graph.is_own(node):
+            text = f"{node.rpartition('/')[2]}: {message.msg[:_MOST_TEXT]}"
+            self._warnings = (*self._warnings[1 - _MOST_WARNINGS :], text)
 
 
 def _recent(received: Received | None) -> Any:

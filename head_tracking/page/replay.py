@@ -87,7 +87,7 @@ class Replays:
         seen = one.recording.at(time)
         state = {"type": "state", **one.motion.of(seen), "boxes": []}
         return json.dumps(
-            state | {"word": "replay", "text": seen.state or "a recording", "time": time}
+            state | {"word": "replay", "text": seen.text or "a recording", "time": time}
         )
 
     def picture(self, key: str, time: float) -> bytes | None:

@@ -20,7 +20,6 @@ from head_tracking.page.status import Status, head_status
 from head_tracking.page.stop import Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames
-from head_tracking.ros.kit.diagnostics import Health
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.node_thread import NodeThread
 from head_tracking.ros.kit.other_parameters import OtherParameters
@@ -162,18 +161,21 @@ class Robot:
         if model is None:
             return Observation(self._now)
         mode = self.modes.mode()
-        controller = POINTER if mode is Mode.POINT else TRACKER
+        controller = {Mode.OFF: "", Mode.POINT: POINTER}.get(mode, TRACKER)
+        status = self.topics.status(controller)
         # point_head keeps its target; head_tracker needs it again and again
         target = self._targets.latest(math.inf if mode is Mode.POINT else _TARGET_AGE)
-        state = "" if mode is Mode.OFF else self.topics.state(controller)
         return Observation(
             self._now,
             known_joints(self.buffer, model),
             outer_frames(self.buffer, model, self._frame_watch.silent(self.buffer.latest_stamps())),
             None if target is None else target.point,
             "" if target is None else str(target.target),
-            None if mode is Mode.OFF or not watched else self.topics.error(controller),
-            f"{controller}: {state}" if state else "",
+            self.topics.error(controller) if controller and watched else None,
+            controller,
+            status.get("state", ""),
+            status.get("detail", ""),
+            status.get("refusal", ""),
             None if target is None else target.stamp,
             self._silent_joints(),
             self.modes.missing(),
@@ -181,19 +183,8 @@ class Robot:
 
     def status(self, live: Observation) -> Status:
         """Return what the robot does; see `head_status`."""
-        mode = self.modes.mode()
-        return head_status(
-            live,
-            self.health(),
-            self.joints.servos(),
-            stopped=self.stop.stopped,
-            enabled=mode is not Mode.OFF,
-            complaint=self.topics.complaint(POINTER) if mode is Mode.POINT else "",
-        )
-
-    def health(self) -> tuple[Health, ...]:
-        """Return the latest diagnostics by name."""
-        return self.topics.health()
+        servos = self.joints.servos()
+        return head_status(live, self.topics.health(), servos, stopped=self.stop.stopped)
 
     def stop_everything(self) -> Outcome:
         """Relax all servos and disable what turns the head; return the result within 0.5 s."""

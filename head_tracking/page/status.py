@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from head_tracking.compatibility import StrEnum
-from head_tracking.page.head_modes import REFUSED
 from head_tracking.page.joint_control import Servo
 from head_tracking.page.other_topics import node_of
 from head_tracking.recording.recording import Observation
@@ -38,18 +37,18 @@ class Status(NamedTuple):
     reason: str
 
 
-_WORDS = {
+_WORDS: Mapping[str, Word] = {
     TargetState.IDLE: Word.HOLDING,
     TargetState.ACQUIRING: Word.MOVING,
     TargetState.TRACKING: Word.ON_TARGET,
     TargetState.AT_LIMIT: Word.REFUSED,
     TargetState.COASTING: Word.MOVING,
-    TargetState.HOLDING: Word.HOLDING,
     TargetState.RECENTERING: Word.MOVING,
     TargetState.SEARCHING: Word.MOVING,
     TargetState.STALLED: Word.FAULT,
     TargetState.DISABLED: Word.HOLDING,
 }
+"""By the controller's state. In any other one, the head's error decides."""
 _FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)
 
 
@@ -59,8 +58,6 @@ def head_status(
     servos: Sequence[Servo],
     *,
     stopped: bool,
-    enabled: bool,
-    complaint: str = "",
 ) -> Status:
     """Return what a head does: the worst condition that holds.
 
@@ -69,8 +66,6 @@ def head_status(
         health: the latest diagnostics.
         servos: with their torque.
         stopped: a STOP is in force.
-        enabled: a controller of the head is enabled.
-        complaint: a recent warning of that controller.
     """
     if not live.joints or live.silent_joints:
         silent = ", ".join(live.silent_joints) or "the robot"
@@ -79,28 +74,23 @@ def head_status(
         return Status(Word.STOPPED, "nothing moves before Resume")
     for one in health:
         if one.level is Level.ERROR:
-            return Status(Word.FAULT, f"{_part(one)}: {one.message}")
-    text = live.state.partition(": ")[2]
-    state, _, reason = text.partition(": ")
-    refusal = complaint if "refused" in complaint else reason.partition(REFUSED)[2]
-    if refusal and state not in _FOLLOWING:  # else it concerns one point of many
-        return Status(Word.REFUSED, refusal)
+            return Status(Word.FAULT, f"{one.name}: {one.message}")
+    if live.refusal and live.state not in _FOLLOWING:  # else it concerns one point of many
+        return Status(Word.REFUSED, live.refusal)
     relaxed = [servo for servo in servos if servo.torque is False]
     if relaxed and len(relaxed) == len(servos):
         if any(servo.refuses for servo in servos):
             return Status(Word.RELAXED, "until torque is enabled on the tab Joints")
         return Status(Word.RELAXED, "until the next command")
-    if not enabled:
+    if not live.controller:
         return Status(Word.HOLDING, "no controller is enabled")
-    if complaint:
-        return Status(Word.HOLDING, complaint)
-    if state not in _WORDS:  # a controller that publishes no state
+    word = _WORDS.get(live.state)
+    if word is None:  # point_head, or a tracker without a target
         if live.error is None:
-            return Status(Word.HOLDING, text or "no target has been received")
-        return Status(Word.ON_TARGET if live.error < _ON_TARGET else Word.MOVING, text)
-    word = _WORDS[TargetState(state)]
+            return Status(Word.HOLDING, live.detail or "no target has been received")
+        return Status(Word.ON_TARGET if live.error < _ON_TARGET else Word.MOVING, live.detail)
     if word is not Word.ON_TARGET:
-        return Status(word, reason)
+        return Status(word, live.detail)
     if live.target_stamp is None or live.stamp - live.target_stamp > _SEEN * 1e9:
         return Status(Word.MOVING, "the target is not seen; the head follows its prediction")
     if live.error is None or live.error > _ON_TARGET:
@@ -169,7 +159,7 @@ def faults(health: Sequence[Health], live: Observation) -> list[ShownFault]:
         name, node = one.values.get(FAULT, ""), node_of(one.name)
         # the bus calls a servo that misses more than one cycle lost
         if one.level >= Level.ERROR and node not in live.missing_nodes and name != FaultName.LATE:
-            found.append(ShownFault(f"{_part(one)}: {one.message}", *advice(name, node)))
+            found.append(ShownFault(f"{one.name}: {one.message}", *advice(name, node)))
     return found
 
 
@@ -178,7 +168,3 @@ def advice(names: str, node: str) -> tuple[str, str]:
     known = (_ADVICE[name] for name in names.split(", ") if name in _ADVICE)
     text, command = next(known, (_NO_ADVICE, ""))
     return text.format(node=node), command
-
-
-def _part(health: Health) -> str:
-    return health.name.removeprefix("servo_bus: ")

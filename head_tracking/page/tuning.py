@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -127,7 +126,7 @@ class Tuning:
 
 def described(setting: Setting) -> dict[str, Any]:
     """Return a parameter for JSON: its value, range and label in the page's unit."""
-    factor, unit = _factor(setting), _unit(setting)
+    factor, unit = _factor(setting), setting.unit
     low, high = factor * setting.minimum, factor * setting.maximum
     value = shown_value(setting)
     if factor != 1.0 and 1.0 < high - low < math.inf:  # rounded towards the inside
@@ -144,7 +143,7 @@ def described(setting: Setting) -> dict[str, Any]:
         "whole": isinstance(setting.value, int) and not isinstance(setting.value, bool),
         "low": low if math.isfinite(low) else None,
         "high": high if math.isfinite(high) else None,
-        "logarithmic": math.isfinite(high) and _spans_decades(setting, low, high),
+        "logarithmic": _spans_decades(low, high, value),
         "choices": list(setting.choices),
         "expert": _is_expert(setting),
         "careful": _base(setting.node) in _CAREFUL,
@@ -205,21 +204,14 @@ def _number(shown: Any) -> float:
     return number
 
 
-def _spans_decades(setting: Setting, low: float, high: float) -> bool:
-    """Return whether a range spans two decades, or begins at a 0 that disables something."""
-    if low == 0.0:
-        return re.search(r"\b0(:| for) ", setting.description) is not None
-    return low > 0.0 and high / low >= _DECADES
-
-
-def _unit(setting: Setting) -> str:
-    """Return the unit in brackets at the end of a description."""
-    text = setting.description
-    return text[text.rindex("[") + 1 : -1] if text.endswith("]") else ""
+def _spans_decades(low: float, high: float, value: Any) -> bool:
+    """Return whether a range, or what lies between the value and its maximum, spans decades."""
+    is_number = isinstance(value, (int, float)) and math.isfinite(high)
+    return is_number and low >= 0.0 and high >= _DECADES * (low or value)
 
 
 def _factor(setting: Setting) -> float:
-    angle = isinstance(setting.value, float) and _unit(setting) in _DEGREES
+    angle = isinstance(setting.value, float) and setting.unit in _DEGREES
     return math.degrees(1.0) if angle else 1.0
 
 

@@ -37,7 +37,10 @@ class Observation:
         target: the target in the model's root [m]; None: there is none.
         target_text: the target as it was sent.
         error: angle by which the head misses the target [rad].
-        state: the controller and its state.
+        controller: the node that controls the head; empty: none.
+        state: the state that it publishes; `stopped` if a recording has a STOP.
+        detail: the reason for the state.
+        refusal: why the latest target is refused; empty: it is not.
         target_stamp: when the target was there [ns]; None: not known.
         silent_joints: joints of the head that are expected and not measured.
         missing_nodes: enabled nodes that have gone.
@@ -49,10 +52,18 @@ class Observation:
     target: Vector3 | None = None
     target_text: str = ""
     error: float | None = None
+    controller: str = ""
     state: str = ""
+    detail: str = ""
+    refusal: str = ""
     target_stamp: int | None = None
     silent_joints: tuple[str, ...] = ()
     missing_nodes: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """Controller, state, and the reason for it."""
+        return ": ".join(filter(None, (self.controller, self.state, self.refusal or self.detail)))
 
 
 def known_joints(buffer: TransformBuffer, model: RobotModel) -> dict[str, float]:

@@ -191,6 +191,7 @@ class _Contents:
 
 
 _STRING = "std_msgs/msg/String"
+_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 
 
 class _PlacedTarget(NamedTuple):
@@ -263,7 +264,7 @@ class _Reading:
         is_kept = {
             "std_msgs/msg/Bool": name == "stopped" or name.endswith("/enabled"),
             "std_msgs/msg/Float64": name in ERRORS.values(),
-            _STRING: name.removesuffix("/state") in ERRORS,
+            _STATUS: name.removesuffix("/status") in ERRORS,
         }
         if name != topic and is_kept.get(kind):
             handle = partial(self._keep, name)
@@ -323,13 +324,14 @@ class _Reading:
             return  # the recording begins with the first measurement of the robot
         if joints != self._joints:
             self._joints = joints  # equal ones share one dict
-        states = {node: self._value(f"{node}/state") for node in ERRORS}
-        enabled = {node: self._value(f"{node}/enabled") for node in ERRORS}
-        on = [n for n in ERRORS if enabled[n] or (enabled[n] is None and states[n] is not None)]
-        controller = on[0] if on else ""
+        statuses = {node: self._value(f"{node}/status") or {} for node in ERRORS}
+        enabled = {
+            node: self._value(f"{node}/enabled", default=bool(statuses[node])) for node in ERRORS
+        }
+        controller = next((node for node in ERRORS if enabled[node]), "")
+        status = statuses.get(controller, {})
         if target is not None and controller != "point_head":
             target = target if now - target.received <= _TARGET_AGE else None
-        state = "stopped" if self._value("stopped") else states.get(controller) or ""
         self._seen.append(
             Observation(
                 now,
@@ -338,7 +340,10 @@ class _Reading:
                 None if target is None else target.point,
                 "" if target is None else str(target.target),
                 self._value(ERRORS.get(controller, ""), now - _ERROR_AGE),
-                f"{controller}: {state}" if controller and state else state,
+                controller,
+                "stopped" if self._value("stopped") else status.get("state", ""),
+                status.get("detail", ""),
+                status.get("refusal", ""),
                 None if target is None else target.stamp,
             )
         )
@@ -390,17 +395,19 @@ class _Reading:
             self._received_target = self._now, target
 
     def _keep(self, topic: str, message: Any) -> None:
-        before, now = self._value(topic), message.data
+        is_status = topic.endswith("/status")
+        now = {each.key: each.value for each in message.values} if is_status else message.data
+        before = self._value(topic)
         if isinstance(now, bool) and now is not before:
             node = topic.removesuffix("/enabled")
             is_stop = topic == "stopped"
             self._mark(("resume", "STOP")[now] if is_stop else f"{node} {('off', 'on')[now]}")
         self._latest[topic] = self._now, now
 
-    def _value(self, topic: str, since: float = -math.inf) -> Any:
-        """Return the latest value of a topic; None if there is none, or it is older."""
-        at, value = self._latest.get(topic, (-math.inf, None))
-        return value if at >= since else None
+    def _value(self, topic: str, since: float = -math.inf, default: Any = None) -> Any:
+        """Return the latest value of a topic; the default if there is none, or it is older."""
+        at, value = self._latest.get(topic, (-math.inf, default))
+        return value if at >= since else default
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -448,7 +455,7 @@ def write_recording(recording: Recording) -> bytes:
     nodes = {
         node: (
             bag.channel(f"/{error}", "std_msgs/msg/Float64", [OFFER]),
-            bag.channel(f"/{node}/state", _STRING, [LATCHED_OFFER]),
+            bag.channel(f"/{node}/status", _STATUS, [LATCHED_OFFER]),
             bag.channel(f"/{node}/enabled", "std_msgs/msg/Bool", [LATCHED_OFFER]),
         )
         for node, error in ERRORS.items()
@@ -459,7 +466,7 @@ def write_recording(recording: Recording) -> bytes:
         root = model.root
         bag.write(description, recording.seen[0].stamp, {"data": recording.urdf})
     before: str | None = None
-    states: dict[str, str] = {}
+    statuses: dict[str, tuple[str, ...]] = {}
     for seen in recording.seen:
         stamp = seen.stamp
         names, positions = list(seen.joints), list(seen.joints.values())
@@ -471,17 +478,21 @@ def write_recording(recording: Recording) -> bytes:
         if seen.target is not None:
             message = {"header": header(stamp, root), "point": xyz(seen.target)}
             bag.write(target, stamp, message)
-        controller, _, state = seen.state.partition(": ")
-        for node, (error_channel, state_channel, enabled) in nodes.items():
-            if controller != before:
-                bag.write(enabled, stamp, {"data": controller == node})
-            if controller != node:
+        for node, (error_channel, status_channel, enabled) in nodes.items():
+            if seen.controller != before:
+                bag.write(enabled, stamp, {"data": seen.controller == node})
+            if seen.controller != node:
                 continue
             if seen.error is not None:
                 bag.write(error_channel, stamp, {"data": seen.error})
-            if states.get(node) != state:
-                states[node] = state
-                bag.write(state_channel, stamp, {"data": state})
-        before = controller
+            status = seen.state, seen.detail, seen.refusal
+            if statuses.get(node) != status:
+                statuses[node] = status
+                fields = zip(("state", "detail", "refusal"), status, strict=True)
+                values = [{"key": key, "value": value} for key, value in fields]
+                bag.write(
+                    status_channel, stamp, {"name": node, "message": seen.text, "values": values}
+                )
+        before = seen.controller
     bag.finish()
     return stream.getvalue()

@@ -14,7 +14,8 @@ LIVE = Observation(
     9 * SECOND,
     {"pan": 0.0},
     error=0.001,
-    state="head_tracker: tracking: it is there",
+    controller="head_tracker",
+    state="tracking",
     target_stamp=9 * SECOND - SECOND // 10,
 )
 ON = (Servo("pan_controller", "pan", True), Servo("tilt_controller", "tilt", True))
@@ -23,67 +24,59 @@ OVERLOAD = Health("servo_bus: pan", Level.ERROR, "overload", {})
 SILENT = Health("head_tracker: target", Level.STALE, "nothing heard", {FAULT: FaultName.SILENT})
 
 
-def word(live=LIVE, health=(), servos=ON, *, stopped=False, enabled=True, complaint="") -> Word:
-    status = head_status(
-        live, health, servos, stopped=stopped, enabled=enabled, complaint=complaint
-    )
-    return status.word
+POINTED = replace(LIVE, controller="point_head", state="holding", target_stamp=None)
 
 
-def in_state(state: str) -> Observation:
-    return replace(LIVE, state=f"head_tracker: {state}")
+def word(live=LIVE, health=(), servos=ON, *, stopped=False) -> Word:
+    return head_status(live, health, servos, stopped=stopped).word
 
 
 @pytest.mark.parametrize(
     ("live", "expected"),
     [
         (LIVE, Word.ON_TARGET),
-        (in_state("acquiring: a new target has come"), Word.MOVING),
-        (in_state("holding: the target is lost"), Word.HOLDING),
-        (in_state("idle: no target has come yet"), Word.HOLDING),
-        (in_state("stalled: pan does not follow"), Word.FAULT),
+        (replace(LIVE, state="acquiring"), Word.MOVING),
+        (replace(LIVE, state="holding", error=None), Word.HOLDING),
+        (replace(LIVE, state="idle"), Word.HOLDING),
+        (replace(LIVE, state="stalled"), Word.FAULT),
+        (replace(LIVE, state="at the limit"), Word.REFUSED),
+        (replace(LIVE, controller=""), Word.HOLDING),
         # a head that misses a target, or does not see it, is not on it
         (replace(LIVE, error=0.09), Word.MOVING),
         (replace(LIVE, error=None), Word.MOVING),
         (replace(LIVE, target_stamp=LIVE.stamp - SECOND), Word.MOVING),
         (replace(LIVE, target_stamp=None), Word.MOVING),
-        # a controller without a state is judged by its error
-        (replace(LIVE, state="point_head: turning", error=0.3), Word.MOVING),
-        (replace(LIVE, state="point_head: turning", error=0.01), Word.ON_TARGET),
-        (replace(LIVE, state="point_head: turning", error=None), Word.HOLDING),
+        (replace(POINTED, state="turning", error=0.3), Word.MOVING),
+        (replace(POINTED, error=0.3), Word.MOVING),
+        (POINTED, Word.ON_TARGET),
+        (replace(POINTED, error=None), Word.HOLDING),
+        (replace(POINTED, refusal="out of reach"), Word.REFUSED),
+        # one of many points is refused
+        (replace(LIVE, refusal="too old"), Word.ON_TARGET),
+        (replace(LIVE, refusal="too old", state="holding"), Word.REFUSED),
     ],
 )
 def test_the_word_follows_state_error_and_age_of_the_target(live, expected):
     assert word(live) is expected
 
 
-@pytest.mark.parametrize("state", ["tracking: the head is on the target", "acquiring: it turns"])
-def test_nothing_is_on_the_target_that_is_stopped_relaxed_faulty_or_silent(state):
-    live = in_state(state)
-    assert word(live, stopped=True) is Word.STOPPED
-    assert word(live, servos=OFF) is Word.RELAXED
-    assert word(live, [OVERLOAD]) is Word.FAULT
-    assert word(replace(live, silent_joints=("pan",))) is Word.DISCONNECTED
-    assert word(replace(live, joints={})) is Word.DISCONNECTED
-    assert word(live, enabled=False) is Word.HOLDING
+@pytest.mark.parametrize(
+    ("live", "health", "servos", "stopped", "expected"),
+    [
+        (replace(LIVE, silent_joints=("pan",)), [OVERLOAD], OFF, True, Word.DISCONNECTED),
+        (replace(LIVE, joints={}), [OVERLOAD], OFF, True, Word.DISCONNECTED),
+        (LIVE, [OVERLOAD], OFF, True, Word.STOPPED),
+        (LIVE, [OVERLOAD], OFF, False, Word.FAULT),
+        (LIVE, [], OFF, False, Word.RELAXED),
+    ],
+)
+def test_the_worst_condition_is_shown(live, health, servos, stopped, expected):
+    assert word(live, health, servos, stopped=stopped) is expected
 
 
-def test_a_refusal_has_its_reason_unless_it_concerns_one_point_of_many():
-    live = in_state("holding: it is lost; targets are refused: it is behind the head")
-    found = head_status(live, (), ON, stopped=False, enabled=True)
-    assert found == (Word.REFUSED, "it is behind the head")
-    for state, shown in (("tracking", Word.ON_TARGET), ("acquiring", Word.MOVING)):
-        assert word(in_state(f"{state}: it turns; targets are refused: too old")) is shown
-    pointed = Observation(1, {"pan": 0.0}, error=0.0, state="point_head: arrived")
-    assert word(pointed, complaint="refused: out of reach") is Word.REFUSED
-    assert word(pointed, complaint="did not arrive") is Word.HOLDING
-
-
-def test_the_worst_condition_is_shown():
-    live = replace(LIVE, silent_joints=("pan",))
-    assert word(live, [OVERLOAD], OFF, stopped=True) is Word.DISCONNECTED
-    assert word(LIVE, [OVERLOAD], OFF, stopped=True) is Word.STOPPED
-    assert word(LIVE, [OVERLOAD], OFF) is Word.FAULT
+def test_a_refusal_has_its_reason():
+    found = head_status(replace(POINTED, refusal="it is behind the head"), (), ON, stopped=False)
+    assert found.reason == "it is behind the head"
 
 
 @pytest.mark.parametrize(
@@ -100,7 +93,7 @@ def test_the_worst_condition_is_shown():
 )
 def test_a_fault_has_advice_and_the_command_that_may_help(level, fault, command):
     (shown,) = faults([Health("servo_bus: pan", level, "a text", {FAULT: fault})], Observation(0))
-    assert shown.text == "pan: a text"
+    assert "pan: a text" in shown.text
     assert shown.command == command
     assert shown.advice != advice("none", "servo_bus")[0]
 

@@ -12,8 +12,7 @@ from head_tracking.ros.kit.other_services import Outcome
 
 
 def setting(name: str, value: Any, unit: str = "") -> Setting:
-    description = f"What it does. [{unit}]" if unit else "What it does."
-    return Setting("/node", name, value, description, -math.inf, math.inf)
+    return Setting("/node", name, value, "", -math.inf, math.inf, unit=unit)
 
 
 class Parameters:
@@ -70,9 +69,7 @@ def test_values_that_do_not_fit_are_refused(value, shown):
 
 def test_only_the_parameters_of_the_law_that_steers_are_listed():
     law = Setting("/head_tracker", "law", "speed", "", 0, 0, ("predictive", "speed"))
-    others = [
-        Setting("/head_tracker", name, 1.0, "[s]", 0.0, 9.0) for name in ("k_pan", "dead_band")
-    ]
+    others = [Setting("/head_tracker", name, 1.0, "", 0.0, 9.0) for name in ("k_pan", "dead_band")]
     parameters = Parameters(law, *others)
     tuning = Tuning(parameters)
     assert {one["name"] for one in tuning.listed()} == {"law", "k_pan"}
@@ -81,8 +78,8 @@ def test_only_the_parameters_of_the_law_that_steers_are_listed():
 
 
 def test_presets_stay_within_limits_and_normal_and_reset_bring_back_what_was_found():
-    speed = Setting("/head_tracker", "max_joint_speed", 3.0, "Speed. [rad/s]", 0.0, 4.0)
-    other = Setting("/visual_target", "max_joint_speed", 3.0, "Another one. [rad/s]", 0.0, 4.0)
+    speed = Setting("/head_tracker", "max_joint_speed", 3.0, "", 0.0, 4.0, unit="rad/s")
+    other = Setting("/visual_target", "max_joint_speed", 3.0, "", 0.0, 4.0, unit="rad/s")
     parameters = Parameters(speed, other)
     tuning = Tuning(parameters)
 
@@ -105,26 +102,25 @@ def test_presets_stay_within_limits_and_normal_and_reset_bring_back_what_was_fou
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "value", "description", "logarithmic"),
+    ("low", "high", "value", "unit", "logarithmic"),
     [
-        (0.1, 20.0, 1.5, "Speed per error.", True),
-        (math.radians(1.0), math.radians(100.0), 0.1, "Lead. [rad]", True),
-        (1, 100, 5, "Images.", True),
-        (1, 5, 3, "Images.", False),
-        (0.0, 3600.0, 10.0, "So long; 0: never. [s]", True),
-        (0.0, 0.1, 0.01, "Errors below this are left alone. [rad]", False),
-        (-1.0, 100.0, 0.0, "Anything.", False),
+        (0.1, 20.0, 1.5, "", True),
+        (math.radians(1.0), math.radians(100.0), 0.1, "rad", True),
+        (1, 100, 5, "", True),
+        (1, 5, 3, "", False),
+        (0.0, 3600.0, 10.0, "s", True),  # 0 is at its left end
+        (0.0, 0.1, 0.01, "rad", False),
+        (-1.0, 100.0, 0.0, "", False),
+        (0.0, math.inf, 0.0, "", False),
     ],
 )
-def test_ranges_over_decades_get_a_logarithmic_slider(low, high, value, description, logarithmic):
-    assert (
-        described(Setting("/node", "name", value, description, low, high))["logarithmic"]
-        is logarithmic
-    )
+def test_ranges_over_decades_get_a_logarithmic_slider(low, high, value, unit, logarithmic):
+    one = described(Setting("/node", "name", value, "", low, high, unit=unit))
+    assert one["logarithmic"] is logarithmic
 
 
 def test_rounded_values_and_ranges_stay_within_what_the_node_allows():
-    one = described(Setting("/head_tracker", "most", 200.0, "Fastest. [rad/s^2]", 0.5, 200.0))
+    one = described(Setting("/head_tracker", "most", 200.0, "", 0.5, 200.0, unit="rad/s^2"))
     assert (one["low"], one["value"], one["high"]) == (29, 11459, 11459)
     assert math.radians(one["low"]) >= 0.5 and math.radians(one["high"]) <= 200.0
 

@@ -52,7 +52,9 @@ def seen(seconds: float, pan: float = 0.0) -> Observation:
         (1.0, 2.0, 3.0),
         "(1.000, 2.000, 3.000) in base_link",
         0.01,
-        "head_tracker: tracking: the head is on the target",
+        "head_tracker",
+        "tracking",
+        "the head is on the target",
     )
 
 
@@ -95,7 +97,7 @@ def test_what_is_written_is_read_again(kinectbot):
     assert [one.joints[PAN] for one in shown] == [0.2, 0.2]
     assert shown[0].target == pytest.approx((1.0, 2.0, 3.0))
     assert (shown[0].target_text, shown[0].error) == (seen(1.0).target_text, 0.01)
-    assert shown[0].state == seen(1.0).state
+    assert shown[0].text == seen(1.0).text
     assert shown[1].error is None
     assert shown[0].frames["gripper"] == pytest.approx(seen(1.0).frames["gripper"])
     assert not again.notice
@@ -169,7 +171,7 @@ def test_what_happened_is_found_on_the_time_line(kinectbot):
         (6.0, "servo_bus: the port has gone"),
         (7.0, "resume"),
     ]
-    assert recording.at(5.0).state == "stopped"
+    assert recording.at(5.0).text == "stopped"
 
 
 def pictures(topic: str, length: float, size: int = 4) -> list[tuple[float, str, Any]]:

@@ -62,7 +62,7 @@ def test_a_marker_without_a_size_is_refused(calibration, size):
 
 def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, monkeypatch):
     used = Health("robot_state_publisher: calibration", Level.OK, "3 days old", ())
-    monkeypatch.setattr(seen, "health", lambda: (used,))
+    monkeypatch.setattr(seen.topics, "health", lambda: (used,))
     assert not calibration.begin(0.16, "").done
     assert ended(calibration)
 

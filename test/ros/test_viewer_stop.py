@@ -202,8 +202,8 @@ def test_two_robots_in_one_graph_have_a_page_each(start, prefixed):
         for side, bus in buses.items():
             bus.diagnose(f"it is the {side} one")
         return all(
-            [one.message for one in robot.health()] == [f"it is the {side} one"]
-            and [one.name for one in robot.health()] == ["servo_bus: head_pan_joint"]
+            [one.message for one in robot.topics.health()] == [f"it is the {side} one"]
+            and [one.name for one in robot.topics.health()] == ["servo_bus: head_pan_joint"]
             for side, robot in pages.items()
         )
 
@@ -242,12 +242,12 @@ def test_what_is_switched_on_is_what_the_nodes_say(start):
 
 def test_a_page_that_opens_late_knows_what_was_said_before(start):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker", on=False))
-    tracker.say("disabled: tracking is switched off")
+    tracker.say(state="disabled", detail="tracking is disabled")
     bus.own("/head_tracker")
     bus.say_stopped(True)
     robot = page(start)
     wait_for(lambda: robot.stop.stopped)
-    wait_for(lambda: robot.topics.state("head_tracker") == "disabled: tracking is switched off")
+    wait_for(lambda: robot.topics.status("head_tracker").get("state") == "disabled")
     wait_for(lambda: robot.topics.enabled("head_tracker") is False)
     wait_for(lambda: set(robot.topics.owners().values()) == {"head_tracker"})
 

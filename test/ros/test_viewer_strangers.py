@@ -99,7 +99,7 @@ def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens"
 
     def heard() -> Any:
         publisher.publish(DiagnosticArray(status=[said]))
-        return next((one for one in robot.health() if one.message == said.message), None)
+        return next((one for one in robot.topics.health() if one.message == said.message), None)
 
     wait_for(heard, PATIENCE)
     return heard()
@@ -185,7 +185,7 @@ def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(v
     def levels() -> dict[str, Level]:
         other = DiagnosticStatus(name="arm: second", level=DiagnosticStatus.OK)
         publishers["arm"].publish(DiagnosticArray(status=[other]))
-        return {one.name: one.level for one in viewer.robot.health()}
+        return {one.name: one.level for one in viewer.robot.topics.health()}
 
     wait_for(lambda: levels() == {"hanging: first": Level.STALE, "arm: second": Level.OK}, PATIENCE)
     for node in nodes.values():
@@ -205,7 +205,7 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
     def health() -> dict[str, Any]:
         publisher.publish(DiagnosticArray(status=[*many, *names, huge]))
         bus.diagnose("it is there")
-        return {one.name: one for one in viewer.robot.health()}
+        return {one.name: one for one in viewer.robot.topics.health()}
 
     wait_for(lambda: {"servo_bus: head_pan_joint", "stranger: 1"} <= health().keys(), PATIENCE)
     found = health()

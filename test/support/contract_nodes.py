@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, String
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.ros.kit.qos import LATCHED
@@ -68,7 +68,10 @@ class BusStandIn(Node):
             name=name or f"{own}: head_pan_joint",
             level=DiagnosticStatus.OK,
             message=message,
-            values=[KeyValue(key="torque", value="torque on")],
+            values=[
+                KeyValue(key="joint", value="head_pan_joint"),
+                KeyValue(key="torque", value="torque on"),
+            ],
         )
         self._diagnostics.publish(DiagnosticArray(status=[status]))
 
@@ -105,7 +108,7 @@ class ControllerStandIn(Node):
         self.on = on
         self.asked: list[bool] = []
         self._enabled = self.create_publisher(Bool, "~/enabled", LATCHED)
-        self._state = self.create_publisher(String, "~/state", LATCHED)
+        self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         kind = {"head_tracker": "tracking_error", "point_head": "pointing_error"}.get(name)
         self._error = self.create_publisher(Float64, f"~/{kind or 'error'}", 10)
         self.create_service(SetBool, "~/enable", self._on_enable)
@@ -116,8 +119,9 @@ class ControllerStandIn(Node):
         self.on = on
         self._enabled.publish(Bool(data=on))
 
-    def say(self, state: str) -> None:
-        self._state.publish(String(data=state))
+    def say(self, **fields: str) -> None:
+        values = [KeyValue(key=key, value=value) for key, value in fields.items()]
+        self._status.publish(DiagnosticStatus(name=self.get_name(), values=values))
 
     def miss(self, error: float) -> None:
         self._error.publish(Float64(data=error))

@@ -14,6 +14,10 @@ const STEPS = [
   ["Let it follow you", "Choose Face, and the head follows the nearest person. Hands off ends that."],
 ];
 
+const GAUGES = [ // the value in the servo's diagnostics, unit, full scale, factor
+  ["temperature (degrees Celsius)", "°C", 80, 1], ["voltage (V)", "V", 16, 1], ["load (share of full torque)", "load %", 100, 100],
+];
+
 class Page {
   constructor() {
     this.state = null;
@@ -248,10 +252,7 @@ function showServos(servos) {
     const name = element(row, "div");
     element(name, "div", { title: servo.joint }, (servo.joint || servo.controller).replace(/_(joint|controller)$/, "").replaceAll("_", " "));
     element(name, "small", { class: servo.torque ? "holds" : "" }, servo.torque === null ? "torque unknown" : servo.torque ? "torque on" : "relaxed");
-    for (const [key, unit, full, scale] of [["temperature", "°C", 80, 1], ["voltage", "V", 16, 1], ["load", "load %", 100, 100]]) {
-      const [, text] = Object.entries(servo.values).find(([about]) => about.startsWith(key)) ?? [];
-      gauge(row, Math.abs(scale * Number.parseFloat(text)), unit, full);
-    }
+    for (const [key, unit, full, scale] of GAUGES) gauge(row, Math.abs(scale * Number.parseFloat(servo.values[key])), unit, full);
   }
 }
 

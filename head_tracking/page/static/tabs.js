@@ -218,7 +218,7 @@ export class Calibration {
       const row = element(by("calibrated"), "tr");
       element(row, "th", { scope: "row" }, name);
       element(row, "td", {}, change);
-      element(row, "td", {}, change === "not observable" ? deviation : `± ${deviation}`);
+      element(row, "td", {}, deviation);
     }
   }
 }

@@ -121,6 +121,7 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
     age = None if servo.last_stamp is None else (status.now - servo.last_stamp) * 1e-9
     level, message, fault = _verdict(servo, age, status)
     values = {
+        "joint": servo.joint_name,
         "id": str(servo.id),
         "model": servo.model,
         "firmware": "unknown" if servo.firmware_version is None else str(servo.firmware_version),

@@ -202,7 +202,7 @@ class HeadInterface:
         control = self.control
         with control.lock:
             off, trouble, (state, text) = control.off, control.trouble, control.state()
-            obstacle = off or trouble
+            obstacle, detail = off or trouble, text.removeprefix(f"{state}: ")
             text = f"{text}; {self.unheard}" if self.unheard else text
             fields = {
                 "state": state,
@@ -212,6 +212,9 @@ class HeadInterface:
                 "reason": "" if obstacle is None else obstacle.reason.value,
                 "disabled because": "" if off is None else str(off),
                 "trouble": "" if trouble is None else str(trouble),
+                "detail": detail,
+                "refusal": control.refusal,
+                "refusals": str(control.refusals),
                 "not heard": self.unheard,
             }
             before, self._fields = self._fields, fields

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +34,8 @@ _TYPES = {
     ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
 _CHOICES = "one of: "
+_UNIT = re.compile(r"(?P<text>.*) \[(?P<unit>[^\[\]]*)\]", re.DOTALL)
+"""A description with its unit, as NodeParameters writes it: a descriptor has no field for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +46,11 @@ class Setting:
         node: full name of the node.
         name: name of the parameter.
         value: a bool, int, float, str, or list of floats.
-        description: what it does, and its unit.
+        description: what it does.
         minimum: smallest allowed number; -inf for none.
         maximum: largest allowed number; inf for none.
         choices: the allowed words; empty for any.
+        unit: of a number; empty: none is known.
     """
 
     node: str
@@ -56,6 +60,7 @@ class Setting:
     minimum: float
     maximum: float
     choices: tuple[str, ...] = ()
+    unit: str = ""
 
 
 class OtherParameters:
@@ -212,16 +217,18 @@ def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor)
     for bounds in (*descriptor.floating_point_range, *descriptor.integer_range):
         minimum, maximum = float(bounds.from_value), float(bounds.to_value)
     constraints = descriptor.additional_constraints
+    described = _UNIT.fullmatch(descriptor.description)
     return Setting(
         owner,
         name,
         value,
-        descriptor.description,
+        described["text"] if described else descriptor.description,
         minimum if minimum > -_HUGE else -math.inf,
         maximum if maximum < _HUGE else math.inf,
         tuple(constraints.removeprefix(_CHOICES).split(", "))
         if constraints.startswith(_CHOICES) and isinstance(value, str)
         else (),
+        described["unit"] if described else "",
     )
 
 
