@@ -214,7 +214,7 @@ def _group_reads(packet: Packet, protocol: int) -> list[tuple[int, int, int]] | 
 
     if code in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
         return [(servo_id, word(0), word(2)) for servo_id in data[4:]]
-    if code in (Instruction.BULK_READ, Instruction.FAST_BULK_READ):
+    if code == Instruction.BULK_READ:
         starts = range(0, len(data), 5) if len(data) % 5 == 0 else ()
         return [(data[at], word(at + 1), word(at + 3)) for at in starts]
     return None
@@ -227,7 +227,7 @@ def _read_in_turn(
     servos: Sequence[SimulatedServo],
     now: int,
 ) -> Iterator[Answer]:
-    fast = code in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
+    fast = code == Instruction.FAST_SYNC_READ
     able = [s for s in servos if _supports(s, code)]
     shares: list[Status] = []
     first_delay = 0
@@ -254,6 +254,7 @@ def _supports(servo: SimulatedServo, code: int) -> bool:
     model = servo.model
     if model.protocol == 1:
         return model.bulk_read if code == Instruction.BULK_READ else model.control == "sts"
-    fast = code in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
     first = model.fast_sync_read
-    return not fast or (first is not None and servo.register("Firmware Version") >= first)
+    if code != Instruction.FAST_SYNC_READ:
+        return True
+    return first is not None and servo.register("Firmware Version") >= first

@@ -233,30 +233,6 @@ class Coupling:
         self._second.pull(-torque)
 
 
-class Temperature:
-    """Thermal model with one heat capacity (assumed).
-
-    Attributes:
-        celsius: Temperature inside the servo.
-    """
-
-    _AMBIENT = 25.0  # degrees Celsius
-    _CAPACITY = 50.0  # J/K: 54.6 g of plastic, copper and steel
-    _RESISTANCE = 10.0  # K/W to the surroundings
-    _IDLE = 0.5  # W of the electronics
-    _STALL = 18.0  # W at standstill with full drive: 1.5 A at 12 V
-
-    def __init__(self) -> None:
-        self.celsius = self._AMBIENT + self._IDLE * self._RESISTANCE
-
-    def heat(self, current: float, seconds: float) -> None:
-        """Advance by some time with a root-mean-square current, 0 to 1 of the stall current."""
-        power = self._IDLE + self._STALL * current * current
-        final = self._AMBIENT + power * self._RESISTANCE
-        decay = math.exp(-seconds / (self._CAPACITY * self._RESISTANCE))
-        self.celsius = final + (self.celsius - final) * decay
-
-
 class Drive:
     """Motor, gear, shaft and control loop. Time is an argument: ns that never decrease.
 
@@ -281,7 +257,6 @@ class Drive:
         speed: Speed of the rotor at the shaft, rad/s.
         reference: Set-point of the angle, rad.
         reference_speed: Set-point of the speed, rad/s.
-        temperature: Temperature of the servo.
         mechanics: Motor and gear.
         output: Drive of the last step, -1 to 1, counter-clockwise positive.
         current: Motor current of the last step, -1 to 1 of the stall current.
@@ -299,7 +274,6 @@ class Drive:
     ) -> None:
         self.angle = self.reference = self.link = self._rotor = angle
         self.speed = self.reference_speed = 0.0
-        self.temperature = Temperature()
         self.output = self.current = 0.0
         self.strain = 0
         self.at_rest = False
@@ -405,29 +379,23 @@ class Drive:
         steps = (now - self._time) // STEP
         if steps <= 0:
             return
-        heat, done = 0.0, 0
+        done = 0
         while done < steps and not self.at_rest:
             time, until = self._time + done * STEP, steps - done
             while self._coming and self._coming[0][0] <= time:
                 self._use(self._coming.popleft()[1])
             if self._coming:
                 until = min(until, -(-(self._coming[0][0] - time) // STEP))
-            moved, warmth = self._move(time, until, voltage)
-            done, heat = done + moved, heat + warmth
+            done += self._move(time, until, voltage)
         rest = steps - done
         if rest and self.strain:
             self.strain += rest * STEP
-        heat += rest * self.current**2
-        self.temperature.heat(math.sqrt(heat / steps), steps * _DT)
         self._time += steps * STEP
 
-    def _move(self, time: int, steps: int, voltage: float) -> tuple[int, float]:
-        """Simulate at most `steps` steps with constant settings; stop early at rest.
+    def _move(self, time: int, steps: int, voltage: float) -> int:
+        """Simulate at most `steps` steps with constant settings; return the number until rest.
 
         The values are in local variables because this loop is most of the simulator's work.
-
-        Returns:
-            Number of steps, and the sum of the squared current.
         """
         torque_on, control, goal, _, law, governed = self._settings
         cw_margin, cw_slope, ccw_margin, ccw_slope, punch, limit, damping = law
@@ -447,7 +415,7 @@ class Drive:
         by_position, by_velocity = control is Control.POSITION, control is Control.VELOCITY
         rotor, angle, link, speed = self._rotor, self.angle, self.link, self.speed
         reference, pace = self.reference, self.reference_speed
-        output, current, strain, heat, done = 0.0, 0.0, self.strain, 0.0, 0
+        output, current, strain, done = 0.0, 0.0, self.strain, 0
         while done < steps:
             rotor_before, speed_before, reference_before = rotor, speed, reference
             measured = angle if -scale_end <= angle <= scale_end else self._measure(angle)
@@ -516,7 +484,6 @@ class Drive:
             if powered:
                 current = output * voltage - speed / free_speed
                 strain = strain + STEP if abs(current) >= strained else 0
-                heat += current * current
             done += 1
             if (
                 speed == speed_before
@@ -531,7 +498,7 @@ class Drive:
         self.speed, self.output, self.current = speed, output, current
         self.reference, self.reference_speed = reference, pace
         self.strain = strain if powered else 0
-        return done, heat
+        return done
 
 
 def _drag(angle: float, driver: float, half: float) -> float:

@@ -36,8 +36,6 @@ class Instruction(IntEnum):
     SYNC_WRITE = 131
     FAST_SYNC_READ = 138
     BULK_READ = 146
-    BULK_WRITE = 147
-    FAST_BULK_READ = 154
 
 
 class Packet(NamedTuple):

@@ -119,6 +119,7 @@ class SimulatedServo:
     Attributes:
         model: Its model.
         supply_voltage: V; may be changed at any time.
+        temperature: Degrees Celsius; may be changed at any time, and does not change by itself.
         alarms: Its error bits.
         encoder_frozen: Whether the measured position no longer changes.
         write_log: Records accepted writes of goals, speeds, torque and watchdog.
@@ -157,6 +158,7 @@ class SimulatedServo:
         if stiction is not None:
             mechanics.stiction = stiction * own.stall_torque
         self.supply_voltage = own.nominal_voltage if supply_voltage is None else supply_voltage
+        self.temperature = 30.0
         self.alarms = Alarms(own)
         self.encoder_frozen = False
         self.write_log: WriteLog | None = None
@@ -222,15 +224,6 @@ class SimulatedServo:
         """Baud rate, bits per second."""
         code = self._registers["Baud Rate"]
         return self.model.baud_rates.get(code) or 2_000_000 // (code + 1)
-
-    @property
-    def temperature(self) -> float:
-        """Temperature, degrees Celsius."""
-        return self._drive.temperature.celsius
-
-    @temperature.setter
-    def temperature(self, celsius: float) -> None:
-        self._drive.temperature.celsius = celsius
 
     @property
     def inertia(self) -> float:
@@ -350,8 +343,7 @@ class SimulatedServo:
         if not self._powered:
             return
         registers, drive = self._registers, self._drive
-        celsius = drive.temperature.celsius
-        fatal = self.alarms.update(registers, self.supply_voltage, celsius, drive.strain)
+        fatal = self.alarms.update(registers, self.supply_voltage, self.temperature, drive.strain)
         if fatal and registers.shut_down():
             self._configure()
         if "Hardware Error Status" in registers:
@@ -448,7 +440,7 @@ class SimulatedServo:
 
     def _execute(self, packet: Packet) -> tuple[Refusal | None, bytes]:
         parameters, width = packet.parameters, self.model.protocol  # bytes of an address
-        broadcast, two = packet.id == BROADCAST, width == 2
+        broadcast = packet.id == BROADCAST
         address, data = int.from_bytes(parameters[:width], "little"), parameters[width:]
         refusal: Refusal | None = None
         match packet.code:
@@ -461,14 +453,11 @@ class SimulatedServo:
             case Instruction.WRITE:
                 short = len(parameters) < width
                 refusal = Refusal.LENGTH if short else self._write(address, data)
-            case Instruction.REBOOT if two or self.model.is_feetech:
+            case Instruction.REBOOT if width == 2 or self.model.is_feetech:
                 self._start()
             case Instruction.SYNC_WRITE if broadcast:
                 share = _sync_share(data, width, self.id)
                 refusal = None if share is None else self._write(address, share)
-            case Instruction.BULK_WRITE if broadcast and two:
-                bulk_share = _bulk_share(parameters, self.id)
-                refusal = None if bulk_share is None else self._write(*bulk_share)
             case _ if self._registers.execute(packet.code, parameters, self._drive):
                 self._configure()
             case _:
@@ -517,18 +506,4 @@ def _sync_share(data: bytes, width: int, servo_id: int) -> bytes | None:
     for start in range(0, len(shares), length + 1):
         if shares[start] == servo_id:
             return shares[start + 1 : start + 1 + length]
-    return None
-
-
-def _bulk_share(parameters: bytes, servo_id: int) -> tuple[int, bytes] | None:
-    """Return address and data of a bulk write for a servo, or None."""
-    start = 0
-    while start + 5 < len(parameters):
-        address = int.from_bytes(parameters[start + 1 : start + 3], "little")
-        end = start + 5 + int.from_bytes(parameters[start + 3 : start + 5], "little")
-        if end > len(parameters):
-            return None
-        if parameters[start] == servo_id:
-            return address, parameters[start + 5 : end]
-        start = end
     return None

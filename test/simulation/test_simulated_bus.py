@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 from simulated_golden_vectors import INSTRUCTIONS, STATUSES
-from simulated_packets import InstructionPacket, StatusPacket
+from simulated_packets import StatusPacket
 
 from head_tracking.dynamixel import ErrorBits
 from head_tracking.simulation import (
@@ -55,15 +55,6 @@ def test_published_sync_write_sets_goals_and_speeds() -> None:
     assert b[0].register("Torque Enable") == 0
 
 
-def test_packets_in_one_read_are_answered_in_order() -> None:
-    data = InstructionPacket.ping(2).encode() + InstructionPacket.ping(1).encode()
-    answers = bus().receive(data, 0)
-    assert [answer.data for answer in answers] == [
-        StatusPacket(2).encode(),
-        StatusPacket(1).encode(),
-    ]
-
-
 def test_answers_wait_for_the_return_delay() -> None:
     b = bus()
     assert b.receive(golden("ping 1"), 0)[0].delay == 500_000
@@ -76,25 +67,6 @@ def test_wrong_checksum_is_answered_by_the_addressed_servo() -> None:
     data[-1] ^= 1
     answers = bus().receive(bytes(data), 0)
     assert [answer.data for answer in answers] == [bytes.fromhex(STATUSES["checksum"][0])]
-
-
-@pytest.mark.parametrize("level", [0, 1])
-def test_wrong_checksum_is_not_answered_below_status_return_level_2(level: int) -> None:
-    b = bus()
-    b[1].set_register("Status Return Level", level)
-    data = bytearray(golden("read position"))
-    data[-1] ^= 1
-    assert b.receive(bytes(data), 0) == []
-
-
-def test_time_passes_for_all_servos() -> None:
-    b = bus()
-    b.advance(0)
-    b.receive(golden("sync write goals and speeds"), 0)
-    assert not b.at_rest
-    b.advance(10_000_000_000)
-    assert b.at_rest
-    assert b[2].true_ticks == pytest.approx(300, abs=1.5)
 
 
 def test_bus_needs_a_servo() -> None:

@@ -74,14 +74,6 @@ def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
     )
 
 
-def test_firmware_option(start) -> None:
-    program = start("--servo", "XM430-W350:3", "--firmware", "37")
-    answer = StatusPacket2.decode(ask(program.port, InstructionPacket2.ping(3).encode(), 14))
-    assert answer is not None and answer.data[2] == 37
-    watchdog = InstructionPacket2.write(3, 98, b"\x05").encode()
-    assert StatusPacket2.decode(ask(program.port, watchdog, 11)) == StatusPacket2(3, 7)
-
-
 def test_servos_keep_to_their_baud_rate(start) -> None:
     program = start("--ids", "1", "--baud", "57600", "--return-delay", "0", "--paced")
     assert ask(program.port, PING, 6, 57_600) == PONG
@@ -115,14 +107,6 @@ def test_the_link_of_a_running_simulator_is_not_replaced(start, tmp_path: Path) 
     third = start("--link", link)
     assert third.port == link
     assert ask(link, PING, 6) == ask(other.port, PING, 6) == PONG
-
-
-def test_a_fast_sync_read_of_65535_bytes_is_survived(start) -> None:
-    program = start("--servo", "XL430-W250:1")
-    packet = InstructionPacket2.sync_read(0, 65_535, (1, 2), fast=True).encode()
-    assert ask(program.port, packet, 0) == b""
-    assert ask(program.port, InstructionPacket2.ping(1).encode(), 14)
-    assert program.stop()[0] == 0
 
 
 def test_collisions_are_counted_at_the_end(start) -> None:

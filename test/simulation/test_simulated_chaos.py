@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from random import Random
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
-    Fault,
     Faults,
     SerialLine,
     SimulatedBus,
@@ -98,22 +96,3 @@ def test_a_master_that_waits_for_silence_causes_no_collision(
         while line.read(1000, clock() + 0.02):
             pass
     assert not line.overlaps
-
-
-@pytest.mark.parametrize("kind", list(Fault))
-def test_the_line_recovers_from_each_fault(kind: Fault) -> None:
-    faults = Faults(Random(1), 1.0, [kind], late=(0.001, 0.01), pause=(0.01, 0.1))
-    clock = SimulatedClock(1)
-    line = SimulatedLine(SimulatedBus(servos(), faults=faults), clock)
-    for _ in range(50):
-        for packet in PACKETS:
-            line.write(packet)
-            line.read(1000, clock() + 0.002)
-    assert faults.counts[kind]
-    faults.rate = 0.0
-    clock.now += SECOND
-    line.write(PING_1)
-    clock.now += SECOND
-    line.discard_input()
-    line.write(PING_1)
-    assert StatusPacket.decode(line.read(100, clock() + 0.1)) is not None

@@ -9,7 +9,6 @@ from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacke
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
-    LINE_FAULTS,
     Answer,
     Fault,
     Faults,
@@ -107,10 +106,3 @@ def test_same_seed_same_faults_and_all_kinds_occur() -> None:
     assert run(1)[1] == seen
     assert run(2)[1] != seen
     assert set(first.counts) == set(Fault)
-
-
-def test_rate_of_faults() -> None:
-    faults = Faults(Random(3), 0.05, LINE_FAULTS)
-    spoilt = sum(list(faults.answer(ANSWER)) != [ANSWER] for _ in range(20_000))
-    assert spoilt == pytest.approx(1000, rel=0.15)
-    assert faults.counts.total() == pytest.approx(spoilt, abs=3)

@@ -81,8 +81,6 @@ def test_old_firmware_does_not_support_fast_sync_read() -> None:
 def test_fast_reads_that_are_longer_than_a_packet_are_not_answered(length: int) -> None:
     b = bus()
     assert b.receive(Packet.sync_read(0, length, (1, 2), fast=True).encode(), 0) == []
-    reads = {1: (0, length), 2: (0, length)}
-    assert b.receive(Packet.bulk_read(reads, fast=True).encode(), 0) == []
     answers = b.receive(Packet.sync_read(0, length, (1, 2)).encode(), 0)
     assert [status.error for status in statuses(answers) if status] == [7, 7]
 
@@ -96,13 +94,10 @@ def test_broadcast_ping_is_answered_in_the_order_of_ids() -> None:
     ]
 
 
-def test_sync_and_bulk_write_have_no_answer() -> None:
+def test_sync_write_has_no_answer() -> None:
     b = bus()
     assert b.receive(bytes.fromhex(INSTRUCTIONS_2["sync write goals"][0]), 0) == []
     assert [b[i].register("Goal Position") for i in (1, 2)] == [150, 170]
-    assert b.receive(bytes.fromhex(INSTRUCTIONS_2["bulk write"][0]), 0) == []
-    assert b[1].register("Max Voltage Limit") == 160
-    assert b[2].register("Temperature Limit") == 80
 
 
 def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:

@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 from answer_hook import OnAnswers
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
@@ -109,17 +109,6 @@ def test_read_limit_and_discarded_input() -> None:
     assert line.read(100, clock() + 0.01) == b""
 
 
-def test_only_servos_with_the_same_baud_rate_receive() -> None:
-    made = servos()
-    made[1].set_register("Baud Rate", 34)
-    clock = SimulatedClock()
-    line = SimulatedLine(SimulatedBus(made), clock, 1_000_000, match_baud_rate=True)
-    assert transaction(line, clock, READ_1)[0]
-    assert not transaction(line, clock, READ_2)[0]
-    slow = SimulatedLine(SimulatedBus(made), clock, 57_600, match_baud_rate=True)
-    assert transaction(slow, clock, READ_2)[0]
-
-
 def test_a_removed_device_raises() -> None:
     line = SimulatedLine(SimulatedBus(servos()), SimulatedClock())
     line.plugged = False
@@ -148,14 +137,6 @@ def everything(line: SimulatedLine, clock: SimulatedClock) -> bytes:
     return heard
 
 
-def test_a_master_that_waits_for_answers_causes_no_collision() -> None:
-    line, clock = line_of(*servos(500))
-    for _ in range(20):
-        for question in (READ_1, READ_2):
-            assert len(transaction(line, clock, question)[0]) == 14
-    assert not line.overlaps
-
-
 def test_a_request_during_a_status_packet_collides() -> None:
     line, clock = line_of(*servos())
     line.write(READ_1)  # heard at 80 us, answered until 220 us
@@ -163,13 +144,6 @@ def test_a_request_during_a_status_packet_collides() -> None:
     heard = everything(line, clock)
     assert line.overlaps == {Overlap.REQUEST: 1}
     assert len(heard) == 14 and StatusPacket.decode(heard) is None
-
-
-def test_two_requests_in_one_write_collide_with_the_first_answer() -> None:
-    line, clock = line_of(*servos())
-    line.write(READ_1 + READ_2)
-    everything(line, clock)
-    assert line.overlaps == {Overlap.REQUEST: 1}
 
 
 def test_two_simultaneous_status_packets_collide() -> None:
@@ -181,14 +155,6 @@ def test_two_simultaneous_status_packets_collide() -> None:
     heard = everything(line, clock)
     assert line.overlaps == {Overlap.STATUS: 1}
     assert StatusPacket.decode(heard[:14]) is None and StatusPacket.decode(heard[-14:]) is None
-
-
-def test_consecutive_status_packets_do_not_collide() -> None:
-    line, clock = line_of(*servos(500))
-    line.write(READ_1)
-    at(clock, line, 300, READ_2)
-    assert len(everything(line, clock)) == 28
-    assert not line.overlaps
 
 
 @pytest.mark.parametrize("paced", [True, False])
@@ -221,17 +187,6 @@ def test_shifted_answers_of_servos_with_one_id_collide(paced: bool, delay: int) 
         assert heard == 2 * StatusPacket(1).encode()
 
 
-def test_a_sync_read_with_two_servos_of_one_id() -> None:
-    model = servo_model("XL430-W250")
-    made = [SimulatedServo(i, model, position=p) for i, p in ((1, 1000), (1, 3000), (2, 2000))]
-    made[1].set_register("Return Delay Time", 0)
-    line, clock = line_of(*made)
-    line.write(InstructionPacket2.sync_read(132, 4, (1, 2)).encode())
-    heard = everything(line, clock)
-    assert heard.endswith(StatusPacket2(2, 0, (2000).to_bytes(4, "little")).encode())
-    assert not line.overlaps  # 500 us apart: two whole packets of id 1
-
-
 def test_a_stalled_servo_collides_with_other_packets() -> None:
     faults = Faults(Random(1), 1.0, [Fault.STALL], late=(0.01, 0.01))
     clock = SimulatedClock(1)
@@ -242,20 +197,6 @@ def test_a_stalled_servo_collides_with_other_packets() -> None:
     at(clock, line, 10_000, READ_2)  # heard while servo 1 answers at last, at 10080 us
     everything(line, clock)
     assert set(line.overlaps) == {Overlap.FAULT}
-
-
-def test_packets_within_a_damaged_packet_are_not_answered() -> None:
-    line, clock = line_of(*servos())
-    swallowing = bytearray(READ_1)
-    swallowing[3] = 30
-    line.write(bytes(swallowing))
-    for _ in range(4):
-        clock.now += 1000 * US
-        line.write(READ_2)
-    assert len(everything(line, clock)) in (0, 6)  # or a complaint about the damaged one
-    assert not line.overlaps
-    clock.now += 200_000 * US
-    assert len(transaction(line, clock, READ_2)[0]) == 14
 
 
 @pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (101_000, False)])

@@ -48,11 +48,6 @@ def write(servo: SimulatedServo, register: Register, value: int) -> int:
     return int(status.error)
 
 
-def goal_bytes(model: ServoModel, ticks: int, speed: int) -> bytes:
-    """What the driver writes at `ServoModel.goal`."""
-    return model.encode_goal(ticks, speed)
-
-
 @MODEL
 def test_every_register_reads_what_the_vendor_says(model: ServoModel) -> None:
     servo = SimulatedServo(1, model)
@@ -111,7 +106,7 @@ def test_the_cycle_of_the_driver_is_answered(model: ServoModel) -> None:
     assert status is not None and status.error == 0
     values = dict(zip((r.name for r in block.registers), block.decode(status.data), strict=True))
     assert values["Present Position"] == model.center
-    data = goal_bytes(model, model.center + 50, 30)
+    data = model.encode_goal(model.center + 50, 30)
     status = servo.execute(packets(model).write(1, model.goal.address, data), 0)
     assert status is not None and status.error == 0
 
@@ -121,7 +116,7 @@ def test_every_model_goes_to_its_goal(model: ServoModel) -> None:
     servo = SimulatedServo(1, model)
     servo.advance(0)
     goal = model.center + model.ticks // 10
-    data = goal_bytes(model, goal, 0)
+    data = model.encode_goal(goal, 0)
     servo.execute(packets(model).write(1, model.control_table["Torque Enable"].address, b"\1"), 0)
     servo.execute(packets(model).write(1, model.goal.address, data), 0)
     path = []
@@ -140,7 +135,7 @@ def test_a_goal_speed_is_kept(model: ServoModel) -> None:
     speed = round(0.3 * model.no_load_speed / model.speed_unit)
     goal = model.center + round(model.ticks * 0.4)
     servo.execute(packets(model).write(1, model.control_table["Torque Enable"].address, b"\1"), 0)
-    data = goal_bytes(model, goal, speed)
+    data = model.encode_goal(goal, speed)
     servo.execute(packets(model).write(1, model.goal.address, data), 0)
     way = model.ticks * 0.4 * model.radians_per_tick
     servo.advance(round(0.5 * way / (speed * model.speed_unit) * 1e9))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import random
 import select
 import threading
 import time
@@ -24,7 +22,6 @@ from head_tracking.simulation import (
     SimulatedBus,
     SimulatedPort,
     SimulatedServo,
-    UnknownServoError,
 )
 
 PING = InstructionPacket.ping(1).encode()
@@ -81,26 +78,6 @@ def test_unread_answers_do_not_block_the_bus(port: SimulatedPort) -> None:
     client.close()
 
 
-def test_moving_servo_moves_without_being_asked(port: SimulatedPort) -> None:
-    client = Client(port.port_name)
-    goal = InstructionPacket.write(1, 30, bytes.fromhex("F4 01 64 00")).encode()
-    assert client.ask(goal, 6) == PONG
-    assert eventually(lambda: abs(port.true_ticks(1) - 500) < 1.5)
-    client.close()
-
-
-def test_external_torque_and_motion_by_hand(port: SimulatedPort) -> None:
-    port.lead(1, 600, 0.05)
-    port.push(2, 0.3)
-    assert eventually(lambda: abs(port.true_ticks(1) - 600) < 1.5)
-    assert eventually(lambda: port.true_ticks(2) > 1000)
-
-
-def test_unknown_servo_is_refused(port: SimulatedPort) -> None:
-    with pytest.raises(UnknownServoError):
-        port.true_ticks(7)
-
-
 def test_closing_leaves_no_descriptor_and_no_thread() -> None:
     def resources() -> tuple[int, int]:
         return len(os.listdir("/proc/self/fd")), threading.active_count()
@@ -145,14 +122,6 @@ def test_an_impossible_link_is_refused(tmp_path: Path, kind: str) -> None:
     assert len(os.listdir("/proc/self/fd")) == descriptors
     assert kind != "device" or os.readlink(link) == "/dev/null"
     assert kind != "file" or link.read_text() == "data"
-
-
-def test_link_that_another_program_replaced_is_kept(tmp_path: Path) -> None:
-    link = tmp_path / "ttyHead"
-    with SimulatedPort([SimulatedServo(1)], link=link):
-        link.unlink()
-        link.symlink_to("/dev/null")
-    assert os.readlink(link) == "/dev/null"
 
 
 def test_link_of_a_running_simulator_is_not_replaced(tmp_path: Path) -> None:
@@ -235,20 +204,6 @@ def test_paced_answers_do_not_come_too_early() -> None:
             assert len(device.read(14)) == 14
             assert time.monotonic() - start >= 22 * 10 / 9_600
         device.close()
-
-
-def test_simulated_bus_survives_random_bytes() -> None:
-    servos = [SimulatedServo(1), SimulatedServo(2, servo_model("XL430-W250"))]
-    with SimulatedPort(servos) as port:
-        client = Client(port.port_name)
-        os.write(client.descriptor, random.Random(1).randbytes(2000))
-        time.sleep(0.15)  # a longer gap than a servo bears within a packet
-        os.set_blocking(client.descriptor, False)
-        with contextlib.suppress(BlockingIOError):
-            while os.read(client.descriptor, 4096):
-                pass
-        assert client.ask(PING, 6) == PONG
-        client.close()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -126,16 +126,6 @@ def test_overload_switches_off_until_the_reboot(model, errors) -> None:
     assert write(s, "Torque Enable", 1, SECOND) == 0
 
 
-def test_blocked_servo_shuts_itself_down() -> None:
-    s = servo(XL430)
-    write(s, "Torque Enable", 1)
-    s.push(-5.0)
-    write(s, "Goal Position", 3000)
-    s.advance(3 * SECOND)
-    assert s.register("Hardware Error Status") == HardwareErrors.OVERLOAD
-    assert s.register("Torque Enable") == 0
-
-
 def test_error_outside_the_shutdown_mask_warns_while_it_lasts() -> None:
     s = servo()
     write(s, "Torque Enable", 1)
@@ -161,34 +151,6 @@ def test_forced_errors_are_possible() -> None:
 # Bus watchdog
 
 
-def test_bus_watchdog_stops_the_servo_and_blocks_goals() -> None:
-    s = servo()
-    write(s, "Torque Enable", 1)
-    write(s, "Profile Velocity", 50)
-    write(s, "Goal Position", 3500)
-    write(s, "Bus Watchdog", 5)
-    s.advance(100 * MS)
-    assert s.register("Bus Watchdog") == 5
-    s.advance(500 * MS)
-    assert s.register("Bus Watchdog") == 255
-    stopped = s.true_ticks
-    s.advance(3 * SECOND)
-    assert s.true_ticks == pytest.approx(stopped, abs=20)
-    assert write(s, "Goal Position", 3500, 3 * SECOND) == StatusCode.DATA_RANGE
-    assert write(s, "Bus Watchdog", 0, 3 * SECOND) == 0
-    assert write(s, "Goal Position", 3500, 3 * SECOND) == 0
-
-
-def test_any_packet_restarts_the_bus_watchdog() -> None:
-    s = servo()
-    write(s, "Torque Enable", 1)
-    write(s, "Bus Watchdog", 5)
-    for now in range(0, SECOND, 90 * MS):
-        s.advance(now)
-        s.execute(Packet.ping(1), now)
-    assert s.register("Bus Watchdog") == 5
-
-
 def test_bus_watchdog_trips_in_time_without_calls_of_advance() -> None:
     """In simulated time the next packet is the first thing that happens."""
     s, watched = servo(), servo()
@@ -202,16 +164,6 @@ def test_bus_watchdog_trips_in_time_without_calls_of_advance() -> None:
     assert write(s, "Goal Position", 100, 3 * SECOND) == StatusCode.DATA_RANGE
     assert s.register("Bus Watchdog") == 255
     assert s.true_ticks == pytest.approx(watched.true_ticks, abs=2)
-
-
-def test_old_firmware_has_no_bus_watchdog() -> None:
-    s = servo(firmware=37)
-    assert write(s, "Torque Enable", 1) == 0
-    assert s.execute(Packet.write(1, 98, b"\x05"), 0) == StatusPacket2(1, StatusCode.ACCESS)
-    assert s.execute(Packet.read(1, 98, 1), 0) == StatusPacket2(1, 0, b"\0")
-    s.advance(SECOND)
-    assert s.register("Torque Enable") == 1
-    assert servo(firmware=38).execute(Packet.write(1, 98, b"\x05"), 0) == StatusPacket2(1)
 
 
 # Operating modes
@@ -279,12 +231,6 @@ def test_reverse_mode_mirrors_position_and_velocity() -> None:
     assert s.register("Present Position") == pytest.approx(4000, abs=5)
 
 
-def test_homing_offset_moves_the_zero() -> None:
-    s = servo()
-    write(s, "Homing Offset", 100)
-    assert s.register("Present Position") == 2148
-
-
 def test_pwm_and_current_drive() -> None:
     for mode, name, value in ((16, "Goal PWM", 442), (0, "Goal Current", 400)):
         s = servo()
@@ -342,13 +288,6 @@ def test_start_delay_does_not_delay_disabling_torque() -> None:
     write(s, "Torque Enable", 0, 200 * MS)
     s.advance(210 * MS)
     assert abs(s.register("Present PWM")) == 0
-
-
-def test_position_noise_changes_the_measured_position_only() -> None:
-    s = servo(position_noise=2.0)
-    seen = {s.register("Present Position") for _ in range(100)}
-    assert len(seen) > 4
-    assert s.true_ticks == 2048
 
 
 def test_no_answer_while_the_eeprom_is_written() -> None:

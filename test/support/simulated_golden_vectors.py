@@ -107,10 +107,6 @@ INSTRUCTIONS_2 = {
         "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05",
         Packet2.bulk_read({1: (144, 2), 2: (146, 1)}),
     ),
-    "bulk write": (
-        "FF FF FD 00 FE 10 00 93 01 20 00 02 00 A0 00 02 1F 00 01 00 50 B7 68",
-        Packet2.bulk_write({1: (32, b"\xa0\x00"), 2: (31, b"\x50")}),
-    ),
     "fast sync read": (
         "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2",
         Packet2.sync_read(132, 4, (3, 7, 4), fast=True),

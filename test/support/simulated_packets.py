@@ -86,18 +86,9 @@ class InstructionPacket2(InstructionPacket):
         return cls(BROADCAST, code, cls.words(address, length) + bytes(ids))
 
     @classmethod
-    def bulk_read(cls, reads: Mapping[int, tuple[int, int]], *, fast: bool = False) -> Self:
-        code = Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ
+    def bulk_read(cls, reads: Mapping[int, tuple[int, int]]) -> Self:
         shares = (bytes((servo_id,)) + cls.words(*place) for servo_id, place in reads.items())
-        return cls(BROADCAST, code, b"".join(shares))
-
-    @classmethod
-    def bulk_write(cls, writes: Mapping[int, tuple[int, bytes]]) -> Self:
-        shares = (
-            bytes((servo_id,)) + cls.words(address, len(data)) + data
-            for servo_id, (address, data) in writes.items()
-        )
-        return cls(BROADCAST, Instruction.BULK_WRITE, b"".join(shares))
+        return cls(BROADCAST, Instruction.BULK_READ, b"".join(shares))
 
 
 class StatusPacket(Status):
