@@ -136,18 +136,17 @@ class TargetEstimate:
         return now - self.stamp
 
     def bearing(self, time: float) -> tuple[float, float]:
-        """Pan and tilt that look at the target [rad] at a time [s], as far as can be told."""
-        (pan, _), (tilt, _) = self._moved(time)
-        return pan, tilt
+        """Return pan and tilt that look at the target [rad] at a time [s], as predicted."""
+        return self._moved(0, time)[0], self._moved(1, time)[0]
 
     def velocity(self, time: float) -> tuple[float, float]:
-        """How pan and tilt that look at the target change [rad/s] at a time [s]."""
-        (_, pan), (_, tilt) = self._moved(time)
-        return pan, tilt
+        """Return the velocities of that pan and tilt [rad/s] at a time [s]."""
+        return self._moved(0, time)[1], self._moved(1, time)[1]
 
-    def sight_at(self, time: float) -> Sight:
-        """Where the target is at a time [s], as far as can be told."""
-        (pan, _), (tilt, _) = self._moved(time)
+    def sight_at(self, time: float, tilt_time: float | None = None) -> Sight:
+        """Return the predicted ray at a time [s]; its tilt, if given, at another."""
+        pan, _ = self._moved(0, time)
+        tilt, _ = self._moved(1, time if tilt_time is None else tilt_time)
         return Sight(pan, tilt, self.range.distance(min(time - self.stamp, self.reach)))
 
     def deviation(self, joint: int, time: float) -> float:
@@ -170,18 +169,13 @@ class TargetEstimate:
         """Standard deviation of the velocity of pan (0) or tilt (1) at `stamp` [rad/s]."""
         return math.sqrt(self.bearings[joint].certainty[1])
 
-    def _moved(self, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        ahead = min(time - self.stamp, self.reach)
-        pan, tilt = (self._motion(bearing, ahead) for bearing in self.bearings)
-        if ahead == self.reach:
-            return (pan[0], 0.0), (tilt[0], 0.0)
-        return pan, tilt
+    def _moved(self, joint: int, time: float) -> tuple[float, float]:
+        """Return position [rad] and velocity [rad/s] of pan (0) or tilt (1) at a time [s].
 
-    def _motion(self, bearing: Bearing, ahead: float) -> tuple[float, float]:
-        """Return position and velocity; beyond the lead time the far prediction takes over.
-
-        The error of the far predictions until now shortens the way beyond the latest point.
+        Beyond the lead time the far prediction takes over; the error of the far predictions until
+        now shortens the way beyond the latest point.
         """
+        bearing, ahead = self.bearings[joint], min(time - self.stamp, self.reach)
         lead, far = self.leads
         here = bearing.near.motion.position
         position, velocity = bearing.near.motion.after(ahead)
@@ -201,7 +195,7 @@ class TargetEstimate:
         away = position - here
         if abs(away) > _FARTHEST_AHEAD:
             position, velocity = position - away + math.copysign(_FARTHEST_AHEAD, away), 0.0
-        return position, velocity
+        return position, 0.0 if ahead == self.reach else velocity
 
 
 class _Snapshot(NamedTuple):

@@ -280,10 +280,6 @@ class JointController:
         self._side = 0.0
         self._goal = self._speed = math.nan
 
-    def forget(self) -> None:
-        """Discard the estimates of the servo; call `restart` next."""
-        self.servo = ServoModel()
-
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
         """Receive a reading [s], [rad], a time `elapsed` [s] after the last command."""
         motion = self.motion

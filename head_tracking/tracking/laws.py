@@ -114,15 +114,15 @@ class TrackingLaw(ABC):
         limits: may change at any time.
         parameters: may change at any time.
         at_most: temporary speed limit [rad/s].
-        is_learning: whether the servo models are updated.
+        servos: models of pan and tilt servo, by joint; empty: this law estimates nothing.
     """
 
     Parameters: ClassVar[type[Any]] = NoParameters
     description: ClassVar[str]
     usual_speed: ClassVar[float] = 5.0
     parameters: Any
+    servos: Mapping[str, ServoModel] = {}
     at_most = math.inf
-    is_learning = True
 
     def __init__(
         self,
@@ -135,6 +135,7 @@ class TrackingLaw(ABC):
         self.parameters = parameters or self.Parameters()
         self._head = head
         self._period = period
+        self._forget()
 
     @property
     def fastest(self) -> float:
@@ -144,37 +145,47 @@ class TrackingLaw(ABC):
     @property
     def delays(self) -> tuple[float, float]:
         """Delays from a command to the motion it causes, of pan and tilt [s]."""
-        return 0.0, 0.0
-
-    @property
-    def learned(self) -> Mapping[str, LearnedValue]:
-        """Estimates of the servos, by name."""
-        return {}
-
-    @property
-    def to_save(self) -> Mapping[str, ServoValues]:
-        """Estimates of the servos to save for the next run, by joint."""
-        return {}
-
-    def forget_learned(self) -> None:  # noqa: B027 - some laws learn nothing
-        """Discard the estimates of the servos."""
-
-    def expect(self, saved: Mapping[str, ServoValues]) -> None:  # noqa: B027
-        """Start with saved estimates of the servos, by joint."""
-
-    def take_contradicted(self) -> Sequence[str]:
-        """Return joints whose saved values were contradicted since the last call."""
-        return ()
+        pan, tilt = [servo.delay for servo in self.servos.values()] or (0.0, 0.0)
+        return pan, tilt
 
     @property
     def lead_times(self) -> tuple[float, float]:
         """Prediction times from a command on, for pan and tilt [s]."""
-        return 0.0, 0.0
+        pan, tilt = [servo.delay + self._period for servo in self.servos.values()] or (0.0, 0.0)
+        return pan, tilt
 
     @property
-    def horizon(self) -> float:
-        """The mean of `lead_times` [s]."""
-        return 0.5 * sum(self.lead_times)
+    def learned(self) -> Mapping[str, LearnedValue]:
+        """Estimates of the servos, by name."""
+        return {
+            f"{name}: {what}": value
+            for name, servo in self.servos.items()
+            for what, value in servo.values.items()
+        }
+
+    @property
+    def to_save(self) -> Mapping[str, ServoValues]:
+        """Estimates of the servos to save for the next run, by joint."""
+        values = {name: servo.to_save for name, servo in self.servos.items()}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def forget_learned(self) -> None:
+        """Discard the estimates of the servos."""
+        for servo in self.servos.values():
+            servo.forget()
+        self._forget()
+
+    def expect(self, saved: Mapping[str, ServoValues]) -> None:
+        """Start with saved estimates of the servos, by joint."""
+        for name, servo in self.servos.items():
+            servo.expect(saved.get(name))
+
+    def take_contradicted(self) -> Sequence[str]:
+        """Return joints whose saved values were contradicted since the last call."""
+        found = [name for name, servo in self.servos.items() if servo.is_contradicted]
+        for name in found:
+            self.servos[name].is_contradicted = False
+        return found
 
     @abstractmethod
     def follow(
@@ -207,8 +218,7 @@ class PositionLaw(TrackingLaw):
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`."""
         gaze = self._head.look(target.sight, *joints.positions)
-        goal = gaze.pan, gaze.tilt
-        return together(joints.positions, goal, self.fastest), gaze
+        return self.go_to((gaze.pan, gaze.tilt), self.fastest, joints, now), gaze
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -224,17 +234,7 @@ class SpeedLaw(TrackingLaw):
     description = "by the tutorials' speeds"
     usual_speed = 0.5
     parameters: SpeedLawParameters
-
-    def __init__(
-        self,
-        head: PanTiltHead,
-        period: float,
-        limits: SpeedLimits | None = None,
-        parameters: SpeedLawParameters | None = None,
-    ) -> None:
-        super().__init__(head, period, limits, parameters)
-        self._joints = _JointLaw(), _JointLaw()
-        self._held: tuple[float, float] | None = None
+    _held: tuple[float, float] | None
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
@@ -263,49 +263,24 @@ class SpeedLaw(TrackingLaw):
             wanted: pan and tilt that look at the target [rad].
             present: measured pan and tilt [rad].
         """
-        p, fastest, lead = self.parameters, self.fastest, self.limits.lead_target_angle
-        (pan, pan_speed), (tilt, tilt_speed) = (
-            joint.step(there - here, here, gain, threshold, fastest, lead)
-            for joint, there, here, gain, threshold in zip(
-                self._joints,
-                wanted,
-                present,
-                (p.k_pan, p.k_tilt),
-                (p.pan_threshold, p.tilt_threshold),
-                strict=True,
-            )
-        )
-        head = self._head
-        return HeadCommand(
-            head.pan_limits.clamp(pan), head.tilt_limits.clamp(tilt), pan_speed, tilt_speed
-        )
+        p, goals, speeds = self.parameters, [], []
+        settings = (p.k_pan, p.pan_threshold), (p.k_tilt, p.tilt_threshold)
+        for joint, (gain, threshold) in enumerate(settings):
+            error = wanted[joint] - present[joint]
+            if abs(error) <= threshold:  # a goal that stays does not follow the joint's sag
+                goal = self._stopped_at.setdefault(joint, present[joint])
+                speed = self.fastest
+            else:
+                self._stopped_at.pop(joint, None)
+                goal = present[joint] + math.copysign(self.limits.lead_target_angle, error)
+                speed = min(gain * abs(error), self.fastest)
+            goals.append(goal)
+            speeds.append(speed)
+        return HeadCommand(*inside(self._head, (goals[0], goals[1])), speeds[0], speeds[1])
 
     def _forget(self) -> None:
-        self._joints, self._held = (_JointLaw(), _JointLaw()), None
-
-
-class _JointLaw:
-    """The law for one joint; at rest its goal stays, so that it does not follow its sag."""
-
-    def __init__(self) -> None:
-        self._stopped_at: float | None = None
-
-    def step(
-        self,
-        error: float,
-        present: float,
-        gain: float,
-        threshold: float,
-        fastest: float,
-        lead: float,
-    ) -> tuple[float, float]:
-        if abs(error) <= threshold:
-            if self._stopped_at is None:
-                self._stopped_at = present
-            return self._stopped_at, fastest
-        self._stopped_at = None
-        speed = min(gain * abs(error), fastest)
-        return present + math.copysign(lead, error), speed
+        self._stopped_at: dict[int, float] = {}
+        self._held = None
 
 
 _LONGEST_PAUSE = 0.2  # s; after a longer pause the law starts anew
@@ -313,7 +288,6 @@ _SHORTEST = 1e-4  # s between two commands; simulated clocks may stop
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up is not planned
 _MOVING = 0.15  # rad/s
 _EDGE = 0.05  # rad; a target at the other end of the pan range is followed if this far inside
-_ALIKE = 0.003  # s; delays that differ by less are treated as equal
 
 Path: TypeAlias = Callable[[float], tuple[float, float]]
 """Reference of pan and tilt [rad] at a time [s]."""
@@ -330,6 +304,7 @@ class PredictiveLaw(TrackingLaw):
     Parameters = PredictiveLawParameters
     description = "with the target's predicted motion"
     parameters: PredictiveLawParameters
+    _aimed: tuple[float, float] | None
 
     def __init__(
         self,
@@ -343,60 +318,8 @@ class PredictiveLaw(TrackingLaw):
             JointController(head.pan_joint, head.pan_limits),
             JointController(head.tilt_joint, head.tilt_limits),
         )
-        self._stepped = -math.inf
-        self._aimed: tuple[float, float] | None = None
-        self._expected: frozenset[str] = frozenset()  # joints whose saved values are used
-
-    @property
-    def delays(self) -> tuple[float, float]:
-        """See `TrackingLaw`."""
         pan, tilt = self._joints
-        return pan.servo.delay, tilt.servo.delay
-
-    @property
-    def learned(self) -> Mapping[str, LearnedValue]:
-        """See `TrackingLaw`."""
-        return {
-            f"{name}: {what}": value
-            for name, servo in self._servos.items()
-            for what, value in servo.values.items()
-        }
-
-    @property
-    def to_save(self) -> Mapping[str, ServoValues]:
-        """See `TrackingLaw`."""
-        values = {name: servo.to_save for name, servo in self._servos.items()}
-        return {name: value for name, value in values.items() if value is not None}
-
-    def expect(self, saved: Mapping[str, ServoValues]) -> None:
-        """See `TrackingLaw`."""
-        for name, servo in self._servos.items():
-            servo.expect(saved.get(name))
-        self._expected = frozenset(saved)
-
-    def take_contradicted(self) -> Sequence[str]:
-        """See `TrackingLaw`."""
-        servos = self._servos
-        found = [name for name in self._expected if servos[name].saved is None]
-        self._expected -= set(found)
-        return found
-
-    @property
-    def _servos(self) -> Mapping[str, ServoModel]:
-        names = self._head.pan_joint, self._head.tilt_joint
-        return {name: joint.servo for name, joint in zip(names, self._joints, strict=True)}
-
-    def forget_learned(self) -> None:
-        """See `TrackingLaw`."""
-        self._stepped, self._expected = -math.inf, frozenset()
-        for joint in self._joints:
-            joint.forget()
-
-    @property
-    def lead_times(self) -> tuple[float, float]:
-        """See `TrackingLaw`."""
-        pan, tilt = self.delays
-        return pan + self._period, tilt + self._period
+        self.servos = {head.pan_joint: pan.servo, head.tilt_joint: tilt.servo}
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
@@ -405,19 +328,15 @@ class PredictiveLaw(TrackingLaw):
         elapsed = self._receive(joints, now)
         pan, tilt = self._joints
         near = pan.motion.position, tilt.motion.position
-
-        def path(time: float) -> tuple[float, float]:
-            gaze = self._gaze(target, time, near)
-            return gaze.pan, gaze.tilt
-
+        gazes = [self._gaze(target, times, near) for times in self._times(now)]
         deviations = [
             (target.deviation(joint, now + lead), target.speed_deviation(joint))
             for joint, lead in enumerate(self.lead_times)
         ]
-        command = self._along(path, self.fastest, elapsed, now, deviations)
-        gaze = self._gaze(target, now + self.horizon, near)
-        self._aimed = gaze.pan, gaze.tilt
-        return command, gaze
+        places = [(gaze.pan, gaze.tilt) for gaze in gazes]
+        command = self._along(places, self.fastest, elapsed, now, deviations)
+        self._aimed = places[1]
+        return command, gazes[1]
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -436,7 +355,8 @@ class PredictiveLaw(TrackingLaw):
         """
         elapsed = self._receive(joints, now)
         self._aimed = None
-        return self._along(path, speed, elapsed, now)
+        places = [(path(pan)[0], path(tilt)[1]) for pan, tilt in self._times(now)]
+        return self._along(places, speed, elapsed, now)
 
     def _forget(self) -> None:
         self._stepped, self._aimed = -math.inf, None
@@ -456,20 +376,27 @@ class PredictiveLaw(TrackingLaw):
             self._joints, joints.positions, joints.velocities, strict=True
         ):
             joint.servo.known_delay = self.parameters.servo_delay
-            joint.servo.is_learning = self.is_learning
             if anew:
                 joint.restart(joints.stamp, position, velocity)
             else:
                 joint.measured(joints.stamp, position, elapsed)
         return elapsed
 
-    def _gaze(self, target: TargetEstimate, time: float, near: tuple[float, float]) -> Gaze:
-        """Return the gaze at the predicted target.
+    def _times(self, now: float) -> list[tuple[float, float]]:
+        """Return the times [s], each of pan and tilt, when a command of now acts and ends."""
+        pan, tilt = (now + delay for delay in self.delays)
+        ahead = 0.0, self._period, self._period + RESERVE
+        return [(pan + time, tilt + time) for time in ahead]
+
+    def _gaze(
+        self, target: TargetEstimate, times: tuple[float, float], near: tuple[float, float]
+    ) -> Gaze:
+        """Return the gaze at the target, predicted to a time for pan and one for tilt [s].
 
         The head does not turn all the way round to a target that has just come into reach at the
         other end of the pan range.
         """
-        gaze = self._head.look(target.sight_at(time), *near)
+        gaze = self._head.look(target.sight_at(*times), *near)
         if self._aimed is None:
             return gaze
         pan, tilt = self._aimed
@@ -482,38 +409,31 @@ class PredictiveLaw(TrackingLaw):
 
     def _along(
         self,
-        path: Path,
+        places: Sequence[tuple[float, float]],
         speed: float,
         elapsed: float,
         now: float,
         deviations: Sequence[tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0)),
     ) -> HeadCommand:
-        """Return the command for both joints, each with its own delay."""
-        starts = [now + delay for delay in self.delays]
-        if abs(starts[1] - starts[0]) < _ALIKE:
-            starts[1] = starts[0]
-        ahead = (0.0, self._period, self._period + RESERVE)
-        places = {start: [path(start + time) for time in ahead] for start in set(starts)}
-        references = []
-        for index, start in enumerate(starts):
-            here, soon, last = (place[index] for place in places[start])
-            references.append((here, (soon - here) / self._period, (soon, last)))
-        moving = max(abs(velocity) for _, velocity, _ in references) > _MOVING
+        """Return the command for both joints, whose references at `_times` are `places` [rad]."""
+        velocities = [(soon - here) / self._period for here, soon in zip(*places[:2], strict=True)]
+        moving = max(map(abs, velocities)) > _MOVING
         p = self.parameters
         acceleration = min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
         goals = []
-        for joint, (position, velocity, later), (noise, speed_noise), limits in zip(
+        for joint, here, soon, last, velocity, spread, limits in zip(
             self._joints,
-            references,
+            *places,
+            velocities,
             deviations,
             (self._head.pan_limits, self._head.tilt_limits),
             strict=True,
         ):
             # while one joint moves, the other does not rest either
-            spread = (0.0, 0.0) if moving else (noise, speed_noise)
+            noise, speed_noise = (0.0, 0.0) if moving else spread
             goals.append(
                 joint.follow(
-                    Reference(position, velocity, *spread, later),
+                    Reference(here, velocity, noise, speed_noise, (soon, last)),
                     now,
                     self._period,
                     elapsed,

@@ -100,17 +100,21 @@ class ServoModel:
         is_learning: whether the posterior changes.
         learned: when it did last [s]; -inf: never.
         saved: what an earlier run has learned of this servo; None: nothing, or it does not fit.
+        is_contradicted: whether `saved` was given and did not fit; the reader resets it.
     """
 
     def __init__(self) -> None:
+        self.known_delay, self.is_learning = 0.0, True
+        self.forget()
+        self.restart(0.0, 0.0)
+
+    def forget(self) -> None:
+        """Discard what was learned; call `restart` next."""
         self._xx: Array = np.zeros((len(_ROWS), _CELLS))
         self._xy: Array = np.zeros_like(self._xx)
         self._yy: Array = np.zeros_like(self._xx)
-        self._windows = 0.0
-        self.known_delay = 0.0
+        self._windows, self.learned = 0.0, -math.inf
         self.expect(None)
-        self.is_learning, self.learned = True, -math.inf
-        self.restart(0.0, 0.0)
 
     @property
     def values(self) -> Mapping[str, LearnedValue]:
@@ -148,7 +152,7 @@ class ServoModel:
 
     def expect(self, saved: ServoValues | None) -> None:
         """Begin with what an earlier run has learned; it counts until motion contradicts it."""
-        self.saved = saved
+        self.saved, self.is_contradicted = saved, False
         self._expected: Array = np.zeros_like(self._xx)
         if saved is not None:
             spread = max(saved.deviation, _SAVED_DELAY)
@@ -384,7 +388,8 @@ class ServoModel:
         weights = np.exp(score - score.max())
         weights /= weights.sum()
         if self.saved is not None and np.vdot(weights, self._expected) < -_CONTRADICTED * _TRUST:
-            self.saved = None  # the next window is judged without it
+            # the next window is judged without it
+            self.saved, self.is_contradicted = None, True
             self._expected = np.zeros_like(self._xx)
         by_delay = weights.sum(axis=0)
         self.mean, deviation = _statistics(by_delay, _DELAYS)

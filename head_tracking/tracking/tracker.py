@@ -148,7 +148,8 @@ class Tracker:
             self.law.forget_learned()
         if camera is Learning.FORGET:
             self.camera = self._new_camera()
-        self.law.is_learning = servos is Learning.LEARN
+        for servo in self.law.servos.values():
+            servo.is_learning = servos is Learning.LEARN
         self.camera.is_learning = camera is Learning.LEARN
 
     def _new_camera(self) -> HeadCamera:
@@ -231,7 +232,7 @@ class Tracker:
             there = self.head.point(target.sight_at(joints.stamp))
             error = self.head.miss(there, *joints.positions)
             self.machine.followed(gaze, error, now)
-            ahead = self._message_age + 0.5 * self._interval + self.law.horizon
+            ahead = self._message_age + 0.5 * self._interval + 0.5 * sum(self.law.lead_times)
             self.estimator.horizon += _SMOOTHING * (ahead - self.estimator.horizon)
             self._watch_servos(command, joints)
             return TrackingStep(command, gaze, error)
@@ -338,9 +339,12 @@ class TargetFromBase(TargetEstimate):
         point = self.turn(time) @ self.head.point(sight)
         return self.head.sight(point, sight.pan, sight.tilt) or sight
 
-    def sight_at(self, time: float) -> Sight:
+    def sight_at(self, time: float, tilt_time: float | None = None) -> Sight:
         """Return the predicted ray at a time [s], in the base frame at that time."""
-        return self.turned(TargetEstimate.sight_at(self, time), time)
+        sight = self.turned(TargetEstimate.sight_at(self, time), time)
+        if tilt_time is None or tilt_time == time:
+            return sight
+        return sight._replace(tilt=self.sight_at(tilt_time).tilt)
 
 
 def stalled(
