@@ -6,7 +6,6 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -15,7 +14,6 @@ from sensor_msgs.msg import JointState
 from head_tracking.cli.client import Client, ClientError, run_client
 from head_tracking.command_line import DONE, positive, writable_file
 from head_tracking.head.head_parameters import HeadParameters
-from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.run.status_line import StatusLine
@@ -25,13 +23,6 @@ from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, 
 _TIMEOUT = 10.0  # s for the robot's model
 _FEWEST_SAMPLES = 10
 _TARGET_QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-@dataclass(frozen=True, slots=True)
-class TrackReportParameters:
-    """The parameter of this tool, beside those of a head."""
-
-    camera_link: str = parameter("camera_link", "The frame that is pointed.", fixed=True)
 
 
 class TrackRecording:
@@ -49,8 +40,7 @@ class TrackRecording:
         node = client.node
         self._log, self._clock = node.get_logger(), node.get_clock()
         p = NodeParameters(node, HeadParameters).value
-        frame = NodeParameters(node, TrackReportParameters).value.camera_link
-        self.head = p.head(client.model(_TIMEOUT), frame)
+        self.head = p.head(client.model(_TIMEOUT))
         self.trace = Trace()
         self.targets = 0
         self.stamps: list[float] = []

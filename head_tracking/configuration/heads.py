@@ -29,8 +29,6 @@ from head_tracking.parameters import checked, parameter_info
 
 P = TypeVar("P")
 
-_POINTED = {"point_head": "pointing_frame", "head_tracker": "camera_link"}
-
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredBus:
@@ -93,10 +91,9 @@ def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
         node: point_head or head_tracker.
         files: parameter files; later ones win.
     """
-    frame = _POINTED[node]
-    defaults = {name: name for name in ("head_pan_joint", "head_tilt_joint")}
-    values = {**defaults, frame: "camera_link", **parameters_of(node, files)}
-    return values["head_pan_joint"], values["head_tilt_joint"], values[frame]
+    values = parameters_of(node, files)
+    pan, tilt = (values.get(name, name) for name in ("head_pan_joint", "head_tilt_joint"))
+    return pan, tilt, values.get("camera_link") or values.get("pointing_frame", "camera_link")
 
 
 def configured_buses(

@@ -170,12 +170,12 @@ class Head:
             "head",
             HeadParameters(
                 *self._joints,
+                pointing_frame,
                 min_pan=pan.lower,
                 max_pan=pan.upper,
                 min_tilt=tilt.lower,
                 max_tilt=tilt.upper,
             ),
-            pointing_frame,
             self._tracking,
             ClockWatch(time.time),
             period=1.0 / _RATE,

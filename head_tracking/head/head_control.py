@@ -20,6 +20,7 @@ from head_tracking.head.motions import (
     Locate,
     Motion,
     MotionEnd,
+    MotionResult,
     PointMotion,
     TargetMotion,
 )
@@ -73,7 +74,6 @@ class HeadControl:
         loop: the control loop; its buffer has the robot's frames.
         name: its name as an owner of joints.
         parameters: of the head.
-        pointing_frame: the frame to point.
         targets: what the head does with its targets.
         clock: of the stamps.
         is_simulated: returns whether that clock may run at any speed.
@@ -91,7 +91,7 @@ class HeadControl:
         motion: what controls the head now; `targets`, unless it is something else.
         readings: measured positions of the joints.
         trouble: why the head cannot be controlled now; None: it can.
-        outcome: the result of the latest motion, as text.
+        result: of the latest motion, which may have been rejected; None: there was none yet.
         refusal: why the latest target is not used; empty: it is used, or there is none.
         refusals: number of targets that were refused.
         law: the control law for the joints of all motions but tracking; set with a model.
@@ -108,7 +108,6 @@ class HeadControl:
         loop: ControlLoop,
         name: str,
         parameters: HeadParameters,
-        pointing_frame: str,
         targets: TargetMotion,
         clock: ClockWatch,
         *,
@@ -121,12 +120,12 @@ class HeadControl:
         self.name = name
         self.joints = parameters.head_pan_joint, parameters.head_tilt_joint
         self.period = max(period, loop.period)
-        self.frames = HeadFrames(loop.buffer, parameters, pointing_frame)
+        self.frames = HeadFrames(loop.buffer, parameters)
         self.targets: TargetMotion = targets
         self.motion: Motion = targets
         self.readings = JointReadings()
         self.trouble: Obstacle | None = Obstacle(Reason.NO_MODEL)
-        self.outcome = "no target has come yet"
+        self.result: MotionResult | None = None
         self.refusal, self.refusals = "", 0
         self.law: PredictiveLaw
         self.memory = ServoMemory({})
@@ -147,7 +146,6 @@ class HeadControl:
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since, self._is_troubled = math.inf, False
         self._cautious_for = 0.0  # s, with a target
-        self._rejection = ""  # of the latest motion that was not begun
         self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
         self._disabled = Obstacle(Reason.DISABLED, targets.title)
         self._epoch = self._owners.epoch.value
@@ -440,7 +438,7 @@ class HeadControl:
                 return self.off or self.trouble
             self._forget_targets()
             self._end_motion(MotionEnd.PREEMPTED, "the head is recentred")
-            self.outcome = "recentring"
+            self.result = MotionResult(MotionEnd.SUCCEEDED, "recentring")
             self.send(self.targets.recenter(joints))
         return None
 
@@ -477,7 +475,7 @@ class HeadControl:
                 self.motion = motion
                 self.targets.restart(motion.title, self.now)
             self._forget_targets()
-            self._rejection = ""
+            self.result = None
 
     def point(
         self,
@@ -563,7 +561,7 @@ class HeadControl:
 
     def reject(self, reason: str) -> None:
         """Record why a motion was not begun."""
-        self.outcome = self._rejection = f"rejected: {reason}"
+        self.result = MotionResult(MotionEnd.REJECTED, reason)
 
     def cancel(self, motion: Motion) -> None:
         """End a motion, if it is in progress, and hold the head."""
@@ -592,7 +590,7 @@ class HeadControl:
         """Record and log the result of a motion."""
         result = motion.result
         assert result is not None
-        self.outcome = str(result)
+        self.result = result
         if result.end is MotionEnd.SUCCEEDED:
             self.is_cautious = False
             self._log.info(f"{motion.title}: {result}")
@@ -620,7 +618,8 @@ class HeadControl:
         if self.trouble is not None:
             return "idle", f"idle: {self.trouble}"
         if self.motion is not self.targets:
-            return "turning", "; ".join(filter(None, (self.motion.title, self._rejection)))
+            title, rejected = self.motion.title, self.result
+            return "turning", title if rejected is None else f"{title}; {rejected}"
         return self.targets.state()
 
     def warn(self, subject: str, text: str) -> None:

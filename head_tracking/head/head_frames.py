@@ -29,7 +29,6 @@ class HeadFrames:
     Args:
         buffer: the robot's frames.
         parameters: of the head.
-        pointing_frame: the frame to point.
 
     Attributes:
         head: the head of the model; None: no model is known.
@@ -38,15 +37,12 @@ class HeadFrames:
         patience: how long a target waits for its transforms [s].
     """
 
-    def __init__(
-        self, buffer: TransformBuffer, parameters: HeadParameters, pointing_frame: str
-    ) -> None:
+    def __init__(self, buffer: TransformBuffer, parameters: HeadParameters) -> None:
         self.head: PanTiltHead | None = None
         self.base: HeadBase | None = None
         self.target: Target | None = None
         self.patience = parameters.transform_timeout
         self._buffer, self._parameters = buffer, parameters
-        self._pointing_frame = pointing_frame
         self._model: RobotModel | None = None
         self._placer: TargetPlacer | None = None
         self._latency = round(parameters.target_latency * 1e9)
@@ -60,7 +56,7 @@ class HeadFrames:
             RobotModelError: the model has no such head.
         """
         p = self._parameters
-        head = p.head(model, self._pointing_frame)
+        head = p.head(model)
         fixed_frame = p.fixed_frame or head.base_frame
         joints = {head.pan_joint, head.tilt_joint}
         if fixed_frame in model.links and any(
@@ -89,8 +85,7 @@ class HeadFrames:
         """
         assert self._model is not None
         assert self.head is not None
-        frame = frame or self._pointing_frame
-        if not any(axis) and frame == self._pointing_frame:
+        if not any(axis) and frame in ("", self._parameters.pointed):
             return self.head
         return self._parameters.head(self._model, frame, axis)
 

@@ -11,7 +11,7 @@ from head_tracking.transforms import RobotModel
 
 @dataclass(frozen=True, slots=True)
 class HeadParameters:
-    """Which joints make up the head, and how far they go."""
+    """Which joints and frame make up the head, and how far the joints go."""
 
     head_pan_joint: str = parameter(
         "head_pan_joint", "The joint that turns the head left and right.", fixed=True
@@ -19,6 +19,8 @@ class HeadParameters:
     head_tilt_joint: str = parameter(
         "head_tilt_joint", "The joint that turns it up and down.", fixed=True
     )
+    pointing_frame: str = parameter("camera_link", "The frame to point.", fixed=True)
+    camera_link: str = parameter("", "Former name of `pointing_frame`; has priority.", fixed=True)
     pointing_axis: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),
         "The direction in the pointed frame to point; 0 0 0: z of an optical frame, else x.",
@@ -67,14 +69,19 @@ class HeadParameters:
         fixed=True,
     )
 
+    @property
+    def pointed(self) -> str:
+        """The frame to point, whichever of its two parameters names it."""
+        return self.camera_link or self.pointing_frame
+
     def head(
-        self, model: RobotModel, pointing_frame: str, axis: tuple[float, ...] | None = None
+        self, model: RobotModel, frame: str = "", axis: tuple[float, ...] | None = None
     ) -> PanTiltHead:
         """Return the head of a robot.
 
         Args:
             model: of the robot.
-            pointing_frame: the frame to point.
+            frame: the frame to point; empty: that of the parameters.
             axis: the direction in it to point; None: `pointing_axis`.
 
         Raises:
@@ -85,7 +92,7 @@ class HeadParameters:
             model,
             self.head_pan_joint,
             self.head_tilt_joint,
-            pointing_frame,
+            frame or self.pointed,
             axis if any(axis) else None,
             (self.min_pan, self.max_pan),
             (self.min_tilt, self.max_tilt),

@@ -57,6 +57,7 @@ class MotionEnd(StrEnum):
     DISABLED = "disabled"
     CANCELED = "canceled"
     ABORTED = "aborted"
+    REJECTED = "rejected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +77,8 @@ class MotionResult:
     def __str__(self) -> str:
         if self.end is MotionEnd.SUCCEEDED:
             return self.reason
-        end = MotionEnd.CANCELED if self.end is MotionEnd.CANCELED else MotionEnd.ABORTED
-        return f"{end}: {self.reason}"
+        is_named = self.end in (MotionEnd.CANCELED, MotionEnd.REJECTED)
+        return f"{self.end if is_named else MotionEnd.ABORTED}: {self.reason}"
 
 
 class Motion(ABC):
@@ -468,7 +469,7 @@ class Pointing(TargetMotion):
                 refusal = Refusal(target, str(error))
             else:
                 if not gaze.is_usable(clamp=p.clamp_to_limits):
-                    control.outcome = f"refused: {gaze.reason}"
+                    control.reject(gaze.reason)
                     refusal = Refusal(target, f"nothing moves: {gaze.reason}")
         if refusal is not None:
             control.refuse(refusal)
@@ -488,8 +489,6 @@ class Pointing(TargetMotion):
             motion.target, motion.locate = target, locate
         else:
             motion = self._motion = control.point_motion(target, locate, p, joints)
-        if motion.result is None:
-            control.outcome = f"turning to {target}"
         return True
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
@@ -504,7 +503,7 @@ class Pointing(TargetMotion):
 
     def restart(self, disabled: str, now: float) -> HeadCommand | None:
         """See `TargetMotion`."""
-        was_turning = self._is_turning
+        was_turning = self._motion is not None and self._motion.result is None
         self._forget()
         joints = self.control.readings.latest if was_turning else None
         return None if joints is None else self.control.law.stop(joints)
@@ -525,11 +524,9 @@ class Pointing(TargetMotion):
 
     def state(self) -> tuple[str, str]:
         """See `TargetMotion`."""
-        return "turning" if self._is_turning else "holding", self.control.outcome
-
-    @property
-    def _is_turning(self) -> bool:
-        return self._motion is not None and self._motion.result is None
+        if self._motion is not None and self._motion.result is None:
+            return "turning", f"turning to {self._motion.target}"
+        return "holding", str(self.control.result or "no target has come yet")
 
     def _forget(self) -> None:
         self.miss = self._motion = self._goal = None

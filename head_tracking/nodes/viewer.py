@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -13,18 +12,10 @@ from ament_index_python.packages import get_package_share_directory
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
-from head_tracking.parameters import parameter
 from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer
-
-
-@dataclass(frozen=True, slots=True)
-class ViewerParameters:
-    """Which frame looks."""
-
-    camera_link: str = parameter("camera_link", "The frame that looks.", fixed=True)
 
 
 class ViewerNode(ClosingNode):
@@ -47,12 +38,11 @@ class ViewerNode(ClosingNode):
         from head_tracking.recording.recorder import RecorderParameters
 
         super().__init__("viewer", **options)
-        p = NodeParameters(self, ViewerParameters).value
         head = NodeParameters(self, HeadParameters).value
         page = NodeParameters(self, PageParameters).value
         view = NodeParameters(self, ViewParameters).value
         recorder = NodeParameters(self, RecorderParameters).value
-        self.robot = Robot(self, buffer, head, p.camera_link, recorder, self._report)
+        self.robot = Robot(self, buffer, head, recorder, self._report)
         self.closing.callback(self.robot.close)
         try:
             self.page = Page(self.robot, page, view, find_package, self._report)

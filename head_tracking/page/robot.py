@@ -46,7 +46,6 @@ class Robot:
         node: publishes, and subscribes to what comes seldom. Another thread must spin it.
         buffer: the robot's frames; None: fed by topics.
         head_parameters: which joints make up the head.
-        pointing_frame: the frame that the head points.
         recorder_parameters: where recordings are kept.
         report: receives a text when the callback of a frequent topic fails.
 
@@ -65,13 +64,11 @@ class Robot:
         node: Node,
         buffer: Buffer | None,
         head_parameters: HeadParameters,
-        pointing_frame: str,
         recorder_parameters: RecorderParameters = RecorderParameters(),  # noqa: B008, it is frozen
         report: Callable[[str], None] = print,
     ) -> None:
         self._node = node
         self._head_parameters = head_parameters
-        self._pointing_frame = pointing_frame
         self._model: RobotModel | None = None
         self._head: PanTiltHead | None = None
         self._no_head = ""
@@ -138,7 +135,7 @@ class Robot:
     def _find_head(self, model: RobotModel) -> PanTiltHead | str:
         """Return the head of a model, or why it has none."""
         try:
-            return self._head_parameters.head(model, self._pointing_frame)
+            return self._head_parameters.head(model)
         except (RobotModelError, TransformException) as error:
             return f"No head is shown: {error}"
 

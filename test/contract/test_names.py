@@ -123,8 +123,8 @@ def test_the_parameters_of_the_tutorials_exist(running):
     assert person.get("servo_bus", "dynamixels") == ["head_pan", "head_tilt"]
     assert person.get("servo_bus", "head_pan_controller.motor.id") == 1
     assert person.get("servo_bus", "head_pan_controller.joint_name") == JOINTS[0]
-    names = {"head_tracker": ("k_pan", "k_tilt", "camera_link"), "point_head": ("pointing_frame",)}
-    for name in names[running.head]:
+    names = {"head_tracker": ("k_pan", "k_tilt"), "point_head": ()}
+    for name in ("pointing_frame", "camera_link", *names[running.head]):
         assert person.get(running.head, name) is not None
 
 

@@ -4,12 +4,13 @@ import threading
 
 import pytest
 import rclpy
-from action_client import ABORTED, CANCELED, EXECUTING, SUCCEEDED, Client
+from action_client import ABORTED, ACCEPTED, CANCELED, SUCCEEDED, Client
 from rclpy.node import Node
 from waiting import wait_for
 
+from head_tracking.head.motions import MotionEnd
 from head_tracking.ros.head import head_actions
-from head_tracking.ros.head.goal_server import GoalServer
+from head_tracking.ros.head.goal_server import serve_goals
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit import spinning
 
@@ -23,7 +24,7 @@ def served(request, monkeypatch, threads):
         monkeypatch.setattr(spinning, "events_executor_works", lambda context: False)
     server, asks = Node("serves"), rclpy.create_node("asks")
     begun = []
-    GoalServer(
+    serve_goals(
         server,
         actions.PointHead,
         "~/goals",
@@ -40,16 +41,20 @@ def test_goals_end_once_from_any_thread(served):
     client, begun = served
     assert not client.send(actions.PointHead.Goal(max_velocity=10.0)).accepted
     result = actions.PointHead.Result()
-    for end, status in (("succeed", SUCCEEDED), ("abort", ABORTED), ("cancel", ABORTED)):
+    for end, status in (
+        (MotionEnd.SUCCEEDED, SUCCEEDED),
+        (MotionEnd.MISSED, ABORTED),
+        (MotionEnd.CANCELED, ABORTED),  # nobody has asked for that
+    ):
         sent = client.send(actions.PointHead.Goal())
         goal = begun.pop()
-        wait_for(lambda sent=sent: sent.status == EXECUTING)
+        wait_for(lambda sent=sent: sent.status == ACCEPTED)
         goal.feedback(actions.PointHead.Feedback(pointing_angle_error=0.5))
         wait_for(lambda sent=sent: sent.feedback)
-        thread = threading.Thread(target=getattr(goal, end), args=[result])
+        thread = threading.Thread(target=goal.end, args=[end, result])
         thread.start()
         thread.join()
-        goal.abort(result)  # too late
+        goal.end(MotionEnd.MISSED, result)  # too late
         assert sent.ended()[0] == status
         assert not sent.cancel().goals_canceling
 
@@ -58,7 +63,7 @@ def test_a_client_cancels_a_goal(served):
     client, begun = served
     sent = client.send(actions.PointHead.Goal())
     (goal,) = begun
-    goal.on_cancel = lambda: goal.cancel(actions.PointHead.Result())
+    goal.on_cancel = lambda: goal.end(MotionEnd.CANCELED, actions.PointHead.Result())
     assert len(sent.cancel().goals_canceling) == 1
     assert sent.ended()[0] == CANCELED
 

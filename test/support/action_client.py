@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.action import ActionClient
 from waiting import wait_for
 
-EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6  # action_msgs/GoalStatus
+ACCEPTED, SUCCEEDED, CANCELED, ABORTED = 1, 4, 5, 6  # action_msgs/GoalStatus
 
 
 def in_executor(node: Any, call: Callable[[], Any]) -> Any:

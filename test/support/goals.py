@@ -15,6 +15,7 @@ from lockstep import World
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.head.motions import MotionEnd
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import RobotModel, Vector3
 
@@ -75,18 +76,10 @@ class HeldGoal:
     def feedback(self, message: Any) -> None:
         self.feedbacks.append(message)
 
-    def succeed(self, result: Any) -> None:
-        self._end("succeeded", result)
-
-    def abort(self, result: Any) -> None:
-        self._end("aborted", result)
-
-    def cancel(self, result: Any) -> None:
-        self._end("canceled", result)
-
-    def _end(self, status: str, result: Any) -> None:
+    def end(self, end: MotionEnd, result: Any) -> None:
         assert not self.status, "ended twice"
-        self.status, self.answer = status, result
+        known = (MotionEnd.SUCCEEDED, MotionEnd.CANCELED)
+        self.status, self.answer = str(end if end in known else MotionEnd.ABORTED), result
 
 
 class PointedHead:

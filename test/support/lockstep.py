@@ -114,7 +114,7 @@ class World:
         """A node of this world; needs an rclpy that is initialised."""
         with (
             mock.patch.object(head_interface, "ClockWatch", self._clock_watch),
-            mock.patch.object(head_actions, "GoalServer"),  # goals are handed over as objects
+            mock.patch.object(head_actions, "serve_goals"),  # goals are handed over as objects
             mock.patch.object(simulated_camera, "Worker", self._worker),
             mock.patch.object(visual_target, "Worker", self._worker),
         ):

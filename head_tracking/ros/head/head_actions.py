@@ -12,7 +12,7 @@ from rclpy.node import Node
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.motions import Motion, MotionEnd, TrajectoryMotion
-from head_tracking.ros.head.goal_server import Goal, GoalServer
+from head_tracking.ros.head.goal_server import Goal, serve_goals
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.tf.conversions import stamp_to_ns
@@ -66,8 +66,8 @@ class HeadActions:
             missing.append("no actions: control_msgs is not installed (ros-jazzy-control-msgs)")
         else:
             point, follow = f"{below}/point_head_action", f"{below}/follow_joint_trajectory"
-            GoalServer(node, PointHead, point, self.point_refusal, self.point)
-            GoalServer(node, FollowJointTrajectory, follow, lambda _: "", self.follow)
+            serve_goals(node, PointHead, point, self.point_refusal, self.point)
+            serve_goals(node, FollowJointTrajectory, follow, lambda _: "", self.follow)
         if TrajectoryMessage is None:
             missing.append(
                 "no joint_trajectory: trajectory_msgs is not installed (ros-jazzy-trajectory-msgs)"
@@ -117,7 +117,7 @@ class HeadActions:
 
         def notify(motion: Motion) -> None:
             if motion.result is not None:
-                _end(goal, motion.result.end, PointHead.Result())
+                goal.end(motion.result.end, PointHead.Result())
             elif motion.miss is not None:
                 goal.feedback(PointHead.Feedback(pointing_angle_error=motion.miss))
 
@@ -127,7 +127,7 @@ class HeadActions:
                 head = control.frames.pointing(frame, axis)
             except RobotModelError as error:  # the model has just changed
                 self._log.warning(f"aborted: {error}")
-                goal.abort(PointHead.Result())
+                goal.end(MotionEnd.ABORTED, PointHead.Result())
                 return
             p = self._parameters()
             velocity = min(request.max_velocity or p.max_velocity, p.max_velocity)
@@ -147,9 +147,10 @@ class HeadActions:
         except TrajectoryError as error:
             self._log.warning(f"a trajectory is rejected: {error}")
             self._control.reject(str(error))
-            goal.abort(
-                FollowJointTrajectory.Result(error_code=int(error.code), error_string=str(error))
+            result = FollowJointTrajectory.Result(
+                error_code=int(error.code), error_string=str(error)
             )
+            goal.end(MotionEnd.ABORTED, result)
 
     def _on_trajectory(self, message: Any) -> None:
         try:
@@ -173,7 +174,7 @@ class HeadActions:
                 result = FollowJointTrajectory.Result(
                     error_code=int(motion.result.code), error_string=motion.result.reason
                 )
-                _end(goal, motion.result.end, result)
+                goal.end(motion.result.end, result)
             elif control.readings.latest is not None:
                 latest = control.readings.latest
                 goal.feedback(_feedback(motion.trajectory, latest.stamp, latest.positions))
@@ -208,15 +209,6 @@ class HeadActions:
             if goal is not None:
                 goal.on_cancel = lambda: control.cancel(motion)
             control.start(motion)
-
-
-def _end(goal: Goal, end: MotionEnd, result: Any) -> None:
-    if end is MotionEnd.SUCCEEDED:
-        goal.succeed(result)
-    elif end is MotionEnd.CANCELED:
-        goal.cancel(result)
-    else:
-        goal.abort(result)
 
 
 def _feedback(trajectory: JointTrajectory, stamp: float, positions: tuple[float, float]) -> Any:

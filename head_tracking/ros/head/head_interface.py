@@ -67,7 +67,6 @@ class HeadInterface:
     Args:
         node: subscribes to `target_point`, offers `~/enable` and `~/recenter`, and publishes
             `~/enabled`, `~/state` and `~/status`.
-        pointing_frame: the frame to point.
         error_topic: where the angle between pointing axis and target is published [rad].
         buffer: updated by another node of this process; None: this node listens itself.
         loop: of this process; None: this node runs its own.
@@ -88,7 +87,6 @@ class HeadInterface:
     def __init__(
         self,
         node: Node,
-        pointing_frame: str,
         error_topic: str,
         buffer: Buffer | None,
         loop: ControlLoop | None,
@@ -113,7 +111,6 @@ class HeadInterface:
             loop,
             str(node.get_fully_qualified_name()),
             NodeParameters(node, HeadParameters).value,
-            pointing_frame,
             targets,
             ClockWatch(lambda: float(clock.now().nanoseconds) * 1e-9),
             is_simulated=lambda: bool(clock.ros_time_is_active),

@@ -31,9 +31,8 @@ _LEARNING = "learn, freeze (use and keep what was learned) or forget."
 
 @dataclass(frozen=True, slots=True)
 class HeadTrackerParameters:
-    """The frame to point, the rate, the law and what is learned."""
+    """The rate, the law and what is learned."""
 
-    camera_link: str = parameter("camera_link", "The frame to point.", fixed=True)
     rate: float = parameter(
         50.0, "Commands per second.", unit="Hz", minimum=1.0, maximum=200.0, fixed=True
     )
@@ -79,7 +78,6 @@ class HeadTrackerNode(ClosingNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.interface = HeadInterface(
             self,
-            own.value.camera_link,
             "~/tracking_error",
             buffer,
             loop,

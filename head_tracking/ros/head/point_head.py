@@ -20,9 +20,8 @@ _PERIOD = 0.02  # s
 
 @dataclass(frozen=True, slots=True)
 class PointHeadParameters:
-    """The frame to point, and the names of the actions."""
+    """The names of the actions."""
 
-    pointing_frame: str = parameter("camera_link", "The frame to point.", fixed=True)
     controller_name: str = parameter(
         "",
         "Namespace of the actions and of joint_trajectory: head_controller for clients of TIAGo, "
@@ -49,7 +48,6 @@ class PointHeadNode(ClosingNode):
         pointing = NodeParameters(self, PointingParameters)
         self.interface = HeadInterface(
             self,
-            p.pointing_frame,
             "~/pointing_error",
             buffer,
             loop,

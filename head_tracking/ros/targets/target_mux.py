@@ -45,9 +45,10 @@ class MuxWiring:
     fixed_frame: str = parameter(
         "base_link", "A frame that does not move with the head.", fixed=True
     )
-    camera_link: str = parameter(
-        "camera_link", "Frame of the camera, the centre of transitions.", fixed=True
+    pointing_frame: str = parameter(
+        "camera_link", "The frame that is pointed, the centre of transitions.", fixed=True
     )
+    camera_link: str = parameter("", "Former name of `pointing_frame`; has priority.", fixed=True)
     switch_time: float = parameter(
         0.6,
         "Duration of the transition to another source; 0: none.",
@@ -224,7 +225,7 @@ class TargetMuxNode(Node):
         wiring = self._wiring.value
         try:
             return self._buffer.transform_point(
-                (0.0, 0.0, 0.0), wiring.fixed_frame, wiring.camera_link
+                (0.0, 0.0, 0.0), wiring.fixed_frame, wiring.camera_link or wiring.pointing_frame
             )
         except TransformException:
             return 0.0, 0.0, 0.0
