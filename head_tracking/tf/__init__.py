@@ -5,7 +5,7 @@ from head_tracking.tf.broadcaster import (
     TransformBroadcaster,
     broadcasting_possible,
 )
-from head_tracking.tf.buffer import Buffer, BufferCore, BufferInterface, NotImplementedException
+from head_tracking.tf.buffer import Buffer, BufferCore, BufferInterface
 from head_tracking.tf.do_transform import (
     do_transform_cloud,
     do_transform_point,
@@ -53,7 +53,6 @@ __all__ = [
     "ExtrapolationException",
     "InvalidArgumentException",
     "LookupException",
-    "NotImplementedException",
     "Stamped",
     "StaticTransformBroadcaster",
     "StaticTransformListener",

@@ -31,134 +31,36 @@ VelocityCore: TypeAlias = tuple[Vector3, Vector3]
 """Linear [m/s] and angular velocity [rad/s]."""
 
 
-class NotImplementedException(Exception):
-    """A buffer does not implement its lookups."""
+class Buffer:
+    """All frames over time; a replacement for tf2_ros.Buffer and tf2_py.BufferCore.
 
-    def __init__(self) -> None:
-        self.errstr = "can_transform or lookup_transform is not implemented"
-        super().__init__(self.errstr)
-
-
-class BufferInterface:
-    """Base class of buffers, for programs that implement lookups of their own.
-
-    Attributes:
-        registration: the function that transforms each type of message.
-    """
-
-    def __init__(self) -> None:
-        self.registration = TransformRegistration()
-
-    def lookup_transform(
-        self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
-    ) -> TransformStamped:
-        """Return the transform that takes points from source to target."""
-        raise NotImplementedException
-
-    def lookup_transform_full(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-        timeout: Duration | None = None,
-    ) -> TransformStamped:
-        """Return the transform from source at one time to target at another time."""
-        raise NotImplementedException
-
-    def can_transform(
-        self,
-        target_frame: str,
-        source_frame: str,
-        time: AnyTime,
-        timeout: Duration | None = None,
-        return_debug_tuple: bool = False,
-    ) -> bool | tuple[bool, str]:
-        """Return whether `lookup_transform` succeeds; with `return_debug_tuple` also why not."""
-        return _can(
-            lambda: self.lookup_transform(target_frame, source_frame, time, timeout),
-            return_debug_tuple,
-        )
-
-    def can_transform_full(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-        timeout: Duration | None = None,
-        return_debug_tuple: bool = False,
-    ) -> bool | tuple[bool, str]:
-        """Return whether `lookup_transform_full` succeeds; see `can_transform`."""
-        return _can(
-            lambda: self.lookup_transform_full(
-                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
-            ),
-            return_debug_tuple,
-        )
-
-    def transform(
-        self,
-        object_stamped: Any,
-        target_frame: str,
-        timeout: Duration | None = None,
-        new_type: type | None = None,
-    ) -> Any:
-        """Transform a stamped message to `target_frame`, at its own stamp.
-
-        Args:
-            object_stamped: the message.
-            target_frame: the frame of the result.
-            timeout: how long to wait for the transform.
-            new_type: convert the result to this type.
-
-        Raises:
-            TypeException: the message cannot be transformed or converted.
-            TransformException: see `lookup_transform`.
-        """
-        at = object_stamped.header
-        moved = self.registration.get(type(object_stamped))(
-            object_stamped,
-            self.lookup_transform(target_frame, at.frame_id, at.stamp, timeout or Duration()),
-        )
-        return moved if new_type is None else convert(moved, new_type)
-
-    def transform_full(
-        self,
-        object_stamped: Any,
-        target_frame: str,
-        target_time: AnyTime,
-        fixed_frame: str,
-        timeout: Duration | None = None,
-        new_type: type | None = None,
-    ) -> Any:
-        """Transform a stamped message to `target_frame` at another time; see `transform`."""
-        at = object_stamped.header
-        moved = self.registration.get(type(object_stamped))(
-            object_stamped,
-            self.lookup_transform_full(
-                target_frame, target_time, at.frame_id, at.stamp, fixed_frame, timeout or Duration()
-            ),
-        )
-        return moved if new_type is None else convert(moved, new_type)
-
-
-class BufferCore:
-    """All frames over time; lookups do not wait. The names are those of tf2_py.
+    ``Time()`` is the latest common time. A lookup with a timeout waits for missing data, which
+    must come from another thread. The methods `*_core` do not wait.
 
     Args:
         cache_time: how much of the past is kept; 10 s by default.
+        node: if its clock jumps back, the buffer is cleared. Offers the service `tf2_frames` where
+            tf2_msgs is installed.
 
     Attributes:
         core: the buffer without messages.
+        registration: the function that transforms each type of message.
     """
 
-    def __init__(self, cache_time: Duration | None = None) -> None:
+    def __init__(self, cache_time: Duration | None = None, node: Node | None = None) -> None:
         self.core = TransformBuffer(
             DEFAULT_CACHE_TIME if cache_time is None else cache_time.nanoseconds
         )
+        self.registration = TransformRegistration()
+        self.clock = Clock() if node is None else node.get_clock()
+        threshold = JumpThreshold(
+            min_forward=None, min_backward=Duration(seconds=-1), on_clock_change=True
+        )
+        self.jump_handle = self.clock.create_jump_callback(
+            threshold, post_callback=self.time_jump_callback
+        )
+        if node is not None and FrameGraph is not None:
+            self.srv = node.create_service(FrameGraph, "tf2_frames", self._on_frame_graph)
 
     def set_transform(
         self, transform: TransformStamped, authority: str = "default_authority"
@@ -227,12 +129,10 @@ class BufferCore:
         fixed_frame: str,
     ) -> tuple[bool, str]:
         """Return whether `lookup_transform_full_core` succeeds, and why not."""
-        reason = _why_not(
-            lambda: self.lookup_transform_full_core(
-                target_frame, target_time, source_frame, source_time, fixed_frame
-            )
-        )
-        return not reason, reason
+        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
+        possible = self.can_transform_full(*arguments, return_debug_tuple=True)
+        assert isinstance(possible, tuple)
+        return possible
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
         """Return the latest time at which both frames are known; 0 if they never move."""
@@ -292,36 +192,7 @@ class BufferCore:
     def _getFrameStrings(self) -> list[str]:
         return list(self.core.frames())
 
-
-class Buffer(BufferCore, BufferInterface):
-    """All frames over time; a replacement for tf2_ros.Buffer.
-
-    ``Time()`` is the latest common time. A lookup with a timeout waits for missing data, which
-    must come from another thread.
-
-    Args:
-        cache_time: how much of the past is kept; 10 s by default.
-        node: if its clock jumps back, the buffer is cleared. Offers the service `tf2_frames` where
-            tf2_msgs is installed.
-
-    Attributes:
-        core: the buffer without messages.
-    """
-
-    def __init__(self, cache_time: Duration | None = None, node: Node | None = None) -> None:
-        BufferCore.__init__(self, cache_time)
-        BufferInterface.__init__(self)
-        self.clock = Clock() if node is None else node.get_clock()
-        threshold = JumpThreshold(
-            min_forward=None, min_backward=Duration(seconds=-1), on_clock_change=True
-        )
-        self.jump_handle = self.clock.create_jump_callback(
-            threshold, post_callback=self.time_jump_callback
-        )
-        if node is not None and FrameGraph is not None:
-            self.srv = node.create_service(FrameGraph, "tf2_frames", self._on_frame_graph)
-
-    lookup_transform_full = BufferCore.lookup_transform_full_core
+    lookup_transform_full = lookup_transform_full_core
 
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
@@ -347,6 +218,24 @@ class Buffer(BufferCore, BufferInterface):
             return self.core.can_transform(target_frame, source_frame, stamp, patience)
         reason = self.core.why_not(target_frame, source_frame, stamp, patience)
         return not reason, reason
+
+    def can_transform_full(
+        self,
+        target_frame: str,
+        target_time: AnyTime,
+        source_frame: str,
+        source_time: AnyTime,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+        return_debug_tuple: bool = False,
+    ) -> bool | tuple[bool, str]:
+        """Return whether `lookup_transform_full` succeeds; see `can_transform`."""
+        reason = _why_not(
+            lambda: self.lookup_transform_full_core(
+                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
+            )
+        )
+        return (not reason, reason) if return_debug_tuple else not reason
 
     def lookup_velocity(
         self,
@@ -377,15 +266,47 @@ class Buffer(BufferCore, BufferInterface):
         timeout: Duration | None = None,
         new_type: type | None = None,
     ) -> Any:
-        """Transform a stamped message; see `BufferInterface.transform`."""
-        make = MAKERS.get(self.registration.get(type(object_stamped)))
-        if make is None:
-            return super().transform(object_stamped, target_frame, timeout, new_type)
-        at = object_stamped.header
+        """Transform a stamped message to `target_frame`, at its own stamp.
+
+        Args:
+            object_stamped: the message.
+            target_frame: the frame of the result.
+            timeout: how long to wait for the transform.
+            new_type: convert the result to this type.
+
+        Raises:
+            TypeException: the message cannot be transformed or converted.
+            TransformException: see `lookup_transform`.
+        """
+        do_transform, at = self.registration.get(type(object_stamped)), object_stamped.header
+        make = MAKERS.get(do_transform)
         found = self.core.lookup_transform(
             target_frame, at.frame_id, stamp_to_ns(at.stamp), seconds(timeout)
         )
-        moved = make(object_stamped, found)
+        moved = (
+            do_transform(object_stamped, transform_stamped(found))
+            if make is None
+            else make(object_stamped, found)
+        )
+        return moved if new_type is None else convert(moved, new_type)
+
+    def transform_full(
+        self,
+        object_stamped: Any,
+        target_frame: str,
+        target_time: AnyTime,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+        new_type: type | None = None,
+    ) -> Any:
+        """Transform a stamped message to `target_frame` at another time; see `transform`."""
+        at = object_stamped.header
+        moved = self.registration.get(type(object_stamped))(
+            object_stamped,
+            self.lookup_transform_full(
+                target_frame, target_time, at.frame_id, at.stamp, fixed_frame, timeout or Duration()
+            ),
+        )
         return moved if new_type is None else convert(moved, new_type)
 
     def wait_for_transform_async(
@@ -452,6 +373,10 @@ class Buffer(BufferCore, BufferInterface):
         return response
 
 
+BufferCore = BufferInterface = Buffer
+"""tf2's base classes, for type hints."""
+
+
 def _why_not(lookup: Callable[[], object]) -> str:
     """Return why a lookup fails; empty if it succeeds."""
     try:
@@ -459,8 +384,3 @@ def _why_not(lookup: Callable[[], object]) -> str:
     except TransformException as error:
         return str(error)
     return ""
-
-
-def _can(lookup: Callable[[], object], with_reason: bool) -> bool | tuple[bool, str]:
-    reason = _why_not(lookup)
-    return (not reason, reason) if with_reason else not reason

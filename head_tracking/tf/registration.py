@@ -43,10 +43,6 @@ class TransformRegistration:
             )
         return self._callbacks[key]
 
-    def print_me(self) -> None:
-        """Print the table."""
-        print(self._callbacks)
-
 
 class ConvertRegistration:
     """The functions that convert types into each other; one table for the whole program."""

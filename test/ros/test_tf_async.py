@@ -17,12 +17,6 @@ def buffer() -> Buffer:
     return buffer
 
 
-def test_a_future_is_done_at_once_if_all_is_there(buffer):
-    future = buffer.wait_for_transform_async("map", "ball", Time(seconds=1))
-    assert future.done()
-    assert future.result().transform.translation.x == 1.0
-
-
 def test_a_future_waits_and_is_done_when_it_can_be(buffer):
     future = buffer.wait_for_transform_async("map", "ball", Time(seconds=3))
     buffer.set_transform(shifted(2.0, 2))
@@ -30,15 +24,6 @@ def test_a_future_waits_and_is_done_when_it_can_be(buffer):
     buffer.set_transform(shifted(4.0, 4))
     assert future.done()
     assert future.result().transform.translation.x == pytest.approx(3.0)
-
-
-def test_a_full_future(buffer):
-    future = buffer.wait_for_transform_full_async(
-        "map", Time(seconds=1), "ball", Time(seconds=2), "map"
-    )
-    assert not future.done()
-    buffer.set_transform(shifted(2.0, 2))
-    assert future.result().transform.translation.x == 2.0
 
 
 def test_a_cancelled_future_is_forgotten(buffer):

@@ -95,23 +95,8 @@ def test_a_listener_in_a_node_that_spins(make_node, head):
     del listener  # rclpy may trip over a subscription that goes while another thread spins
 
 
-def test_a_listener_in_a_thread_of_its_own(make_node, head):
-    """The node does not spin: as in a callback that waits, in a single-threaded executor."""
-    buffer = Buffer()
-    listener = TransformListener(buffer, make_node("busy"), spin_thread=True)
-    head.move(0.5, 2)
-    assert turned(buffer.lookup_transform("base_link", "camera_link", Time(seconds=2), PATIENCE))
-    listener.unregister()
 
 
-def test_the_thread_spins_the_node_with_all_of_its_callbacks(make_node, head):
-    """As tf2's: the program's own timer and subscriptions run, and nobody else spins them."""
-    buffer, node, ticks = Buffer(), make_node("mine"), []
-    node.create_timer(0.01, lambda: ticks.append(1))
-    listener = TransformListener(buffer, node, spin_thread=True)
-    assert listener.node is node
-    wait_for(lambda: len(ticks) > 3)
-    listener.unregister()
 
 
 def test_a_callback_that_fails_does_not_end_the_thread(make_node, head):
@@ -177,12 +162,6 @@ def test_a_prefix_is_put_before_the_links(make_node, head):
     listener.unregister()
 
 
-def test_who_unregistered_hears_no_more(make_node, head):
-    buffer, node = Buffer(), make_node("leaves", spin=True)
-    listener = TransformListener(buffer, node)
-    wait_for(lambda: node.count_subscribers("joint_states") == 1)
-    listener.unregister()
-    wait_for(lambda: node.count_subscribers("joint_states") == 0)
 
 
 def test_the_robot_can_be_exchanged(make_node, head, urdf):

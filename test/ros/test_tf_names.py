@@ -8,8 +8,6 @@ from geometry_msgs.msg import (
     Polygon,
     PolygonStamped,
     Pose,
-    PoseStamped,
-    PoseWithCovarianceStamped,
     Vector3Stamped,
     WrenchStamped,
 )
@@ -23,7 +21,7 @@ from head_tracking import tf
 NAMES = """
     Buffer BufferCore BufferInterface TransformListener StaticTransformListener
     TransformBroadcaster StaticTransformBroadcaster TransformRegistration
-    ConvertRegistration convert Stamped TypeException NotImplementedException TransformException
+    ConvertRegistration convert Stamped TypeException TransformException
     LookupException ConnectivityException ExtrapolationException InvalidArgumentException
     TimeoutException DEFAULT_TF_TOPIC DEFAULT_STATIC_TF_TOPIC
     do_transform_point do_transform_vector3 do_transform_pose do_transform_pose_stamped
@@ -109,29 +107,6 @@ def test_a_program_of_its_own_may_replace_what_transforms_a_message(buffer):
         )
     finally:
         buffer.registration.add(PointStamped, ours)
-
-
-def test_an_interface_without_lookups_says_so():
-    with pytest.raises(tf.NotImplementedException):
-        tf.BufferInterface().lookup_transform("a", "b", Time())
-
-
-@pytest.mark.parametrize(
-    ("do_transform", "kind", "where"),
-    [
-        (tf.do_transform_point, PointStamped, lambda m: m.point),
-        (tf.do_transform_pose_stamped, PoseStamped, lambda m: m.pose.position),
-        (
-            tf.do_transform_pose_with_covariance_stamped,
-            PoseWithCovarianceStamped,
-            lambda m: m.pose.pose.position,
-        ),
-    ],
-)
-def test_a_message_and_a_transform_make_a_message(do_transform, kind, where):
-    moved = do_transform(kind(), shifted(3.0, 5))
-    assert where(moved).x == 3.0
-    assert (moved.header.frame_id, moved.header.stamp.sec) == ("map", 5)
 
 
 def test_directions_bare_poses_and_polygons():
