@@ -117,11 +117,6 @@ class ControlLoop:
         """Set the function that adds joint states which follow from the measured ones."""
         self._complete = complete
 
-    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
-        """Send the goals of an owner, made in an epoch, to the joints."""
-        assert self.backend is not None
-        self.backend.write(owner, goals, epoch)
-
     def take_over(self, owner: str, joints: Iterable[str], epoch: int) -> None:
         """Give joints to an owner, whoever had them; see `JointOwners`."""
         self.owners.take_over(owner, joints, epoch)

@@ -141,7 +141,7 @@ class HeadControl:
         self._throttle = Throttle(_LOG_PERIOD)
         self._model: RobotModel | None = None
         self._refused_model: RobotModel | None = None
-        self._inbox: deque[tuple[Target, float]] = deque(maxlen=_MOST_WAITING)
+        self._inbox: deque[Target] = deque(maxlen=_MOST_WAITING)
         self._listening_since = round(self.now * 1e9)
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since, self._is_troubled = math.inf, False
@@ -247,7 +247,7 @@ class HeadControl:
             self._check_owners()
             joints = self._measure()
             while self._inbox:
-                self.frames.offer(*self._inbox.popleft())
+                self.frames.offer(self._inbox.popleft(), self._clock.checked)
             if joints is None:
                 self.error = None
             elif self._is_due(joints.stamp, self._clock.checked):
@@ -276,7 +276,9 @@ class HeadControl:
             pan: Goal(command.pan, command.pan_speed),
             tilt: Goal(command.tilt, command.tilt_speed),
         }
-        self._loop.write(self.name, goals, self._epoch)
+        backend = self._loop.backend
+        assert backend is not None
+        backend.write(self.name, goals, self._epoch)
 
     def _is_due(self, stamp: float, now: float) -> bool:
         before, measured = self._updated
@@ -428,7 +430,7 @@ class HeadControl:
 
     def accept(self, target: Target) -> None:
         """Accept a target for the next cycle; it is ignored if another motion is in progress."""
-        self._inbox.append((target, self.now))
+        self._inbox.append(target)
 
     def recenter(self) -> Obstacle | None:
         """Turn the head to its centre, or return why not."""

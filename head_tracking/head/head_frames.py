@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_parameters import HeadParameters
-from head_tracking.tracking import HeadBase, Refusal, Target, TargetPlacer
+from head_tracking.tracking import HeadBase, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
     RobotModel,
@@ -20,7 +20,7 @@ from head_tracking.transforms import (
 _MOST_KEPT = 1000  # transformed targets, until `take_recent`
 
 
-class HeadFrames:
+class HeadFrames(TargetPlacer):
     """The model of a head, and the transforms of its targets.
 
     Targets are transformed into the frame `fixed_frame`, which stands still, with the joints at
@@ -38,13 +38,13 @@ class HeadFrames:
     """
 
     def __init__(self, buffer: TransformBuffer, parameters: HeadParameters) -> None:
+        super().__init__(buffer, "", parameters.transform_timeout)
         self.head: PanTiltHead | None = None
         self.base: HeadBase | None = None
         self.target: Target | None = None
         self.patience = parameters.transform_timeout
-        self._buffer, self._parameters = buffer, parameters
+        self._parameters = parameters
         self._model: RobotModel | None = None
-        self._placer: TargetPlacer | None = None
         self._latency = round(parameters.target_latency * 1e9)
         self._carried: dict[str, bool] = {}
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_KEPT)
@@ -68,7 +68,8 @@ class HeadFrames:
             )
         self.head, self._model = head, model
         self._carried.clear()
-        self._placer = TargetPlacer(self._buffer, fixed_frame, self.patience)
+        self._fixed_frame = fixed_frame
+        self.forget()
         moves = fixed_frame != head.base_frame
         self.base = HeadBase(self._buffer, fixed_frame, head.base_frame) if moves else None
         return head
@@ -93,13 +94,7 @@ class HeadFrames:
 
     def offer(self, target: Target, now: float) -> None:
         """Accept a target, which waits for its transforms."""
-        if self._placer is not None:
-            self._placer.offer(self._corrected(target) if self._latency else target, now)
-
-    def forget(self) -> None:
-        """Drop the targets that wait."""
-        if self._placer is not None:
-            self._placer.forget()
+        super().offer(self._corrected(target) if self._latency else target, now)
 
     def take(self, now: float, positions: tuple[float, float]) -> list[tuple[Target, Vector3]]:
         """Return the targets that can be transformed now, and their points in `fixed_frame` [m].
@@ -108,8 +103,7 @@ class HeadFrames:
             now: the time [s].
             positions: pan and tilt [rad] for a target without a stamp that the head carries.
         """
-        assert self._placer is not None
-        placed = self._placer.place(now, self._named(positions))
+        placed = self.place(now, self._named(positions))
         for target, point in placed:
             self._record(target, point, now)
         return placed
@@ -118,15 +112,10 @@ class HeadFrames:
         self, now: float, positions: tuple[float, float]
     ) -> tuple[Target, Vector3] | None:
         """Return the latest of these targets only, and drop the targets before it; see `take`."""
-        assert self._placer is not None
-        placed = self._placer.place_newest(now, self._named(positions))
+        placed = self.place_newest(now, self._named(positions))
         if placed is not None:
             self._record(*placed, now)
         return placed
-
-    def take_refusal(self) -> Refusal | None:
-        """Return the latest target that could not be used since the last call, and why."""
-        return None if self._placer is None else self._placer.take_refusal()
 
     def take_recent(self) -> list[tuple[float, Vector3]]:
         """Return the targets since the last call: stamps [s], points in the head's base [m]."""
@@ -164,8 +153,7 @@ class HeadFrames:
         Raises:
             TransformException: its transform is not known, or not yet.
         """
-        assert self._placer is not None
-        return self._placer.place_one(self._corrected(target), self._named(positions))
+        return self.place_one(self._corrected(target), self._named(positions))
 
     def in_base(self, point: Vector3, now: float) -> Vector3:
         """Return a point of `fixed_frame` in the head's base frame as that is now [m].

@@ -95,10 +95,6 @@ def test_a_listener_in_a_node_that_spins(make_node, head):
     del listener  # rclpy may trip over a subscription that goes while another thread spins
 
 
-
-
-
-
 def test_a_callback_that_fails_does_not_end_the_thread(make_node, head):
     buffer, node = Buffer(), make_node("fails")
 
@@ -160,8 +156,6 @@ def test_a_prefix_is_put_before_the_links(make_node, head):
     assert turned(found)
     assert not buffer.can_transform("base_link", "camera_link", Time())
     listener.unregister()
-
-
 
 
 def test_the_robot_can_be_exchanged(make_node, head, urdf):

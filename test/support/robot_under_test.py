@@ -143,14 +143,14 @@ class Robot:
 
     def goals(self) -> list[Mapping[str, Goal]]:
         """What the run's own nodes tell the servos from now on."""
-        loop, goals = self.composition.loop, []
-        write = loop.write
+        backend, goals = self.composition.loop.backend, []
+        write = backend.write
 
         def record(sender: str, told: Mapping[str, Goal], epoch: int) -> None:
             goals.append(told)
             write(sender, told, epoch)
 
-        loop.write = record
+        backend.write = record
         return goals
 
     def listen(self, topic: str, kind: Any) -> list[Any]:
