@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 
 import pytest
 from processes import child
-from rig import DEGREE, JOINTS, Bench
+from rig import JOINTS, Bench
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
 from waiting import wait_for
@@ -163,30 +163,6 @@ def test_requests_to_relax_are_executed_while_stopped(bench, person):
     wait_for(lambda: bench.servos.torque == [1, 1])
 
 
-def test_a_client_that_enables_everything_repeatedly_does_not_undo_stop(bench, person):
-    ended, other = threading.Event(), bench.meet("")
-
-    def supervise():
-        while not ended.is_set():
-            other.call("head_tracker/enable", True)
-            other.call("torque_enable", True)
-
-    supervisor = threading.Thread(target=supervise)
-    supervisor.start()
-    try:
-        assert person.call("stop").success
-        before, ends = bench.servos.at_rest(), time.monotonic() + 1.0
-        while time.monotonic() < ends:
-            assert bench.servos.torque == [0, 0]
-            time.sleep(0.01)
-        assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
-        assert person.call("resume").success
-        wait_for(lambda: bench.servos.torque == [1, 1])
-    finally:
-        ended.set()
-        supervisor.join()
-
-
 def test_a_claim_takes_over_the_head_until_it_is_enabled_again(person):
     claim = JointState(name=list(JOINTS))
     claim.header.frame_id = "/other"
@@ -221,15 +197,6 @@ def test_a_disabled_head_stays_disabled_after_stop_and_resume(bench, person):
     assert set(person.owners.values()) == {""}
 
 
-def test_repeated_stop_and_resume_restore_the_owner(bench, person):
-    for _ in range(4):
-        assert person.call("stop").success
-        assert bench.servos.torque == [0, 0]
-        assert person.call("resume").success
-    wait_for(lambda: bench.servos.torque == [1, 1])
-    wait_for(lambda: person.state("head_tracker") == "tracking")
-
-
 def test_stop_is_answered_while_other_services_are_busy(bench, person):
     done = []
     busy = [threading.Thread(target=lambda: done.append(person.call("recover"))) for _ in range(4)]
@@ -240,29 +207,6 @@ def test_stop_is_answered_while_other_services_are_busy(bench, person):
     for thread in busy:
         thread.join()
     assert len(done) == 4
-
-
-def test_one_client_stops_while_another_commands(bench, person):
-    other = bench.meet("")
-    assert person.call("head_tracker/enable", False).success
-    commanding = threading.Event()
-
-    def command():
-        while not commanding.wait(0.02):
-            other.command("head_pan_controller", 0.6 * DEGREE * (time.monotonic() % 60))
-
-    thread = threading.Thread(target=command)
-    thread.start()
-    try:
-        wait_for(lambda: bench.servos.torque[0] == 1)
-        assert person.call("stop").success
-        assert bench.servos.torque == [0, 0]
-        before = bench.servos.at_rest()
-        time.sleep(0.3)
-        assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
-    finally:
-        commanding.set()
-        thread.join()
 
 
 def test_a_restarted_servo_bus_stays_stopped_until_resume(tmp_path):

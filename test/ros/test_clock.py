@@ -70,17 +70,6 @@ def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, jump, rat
     assert head.farthest() < 1.2  # it did not swing to its limit on the way
 
 
-def test_a_steady_target_is_tracked_across_a_jump_of_the_clock(make):
-    head = make(simulated=True)
-    head.target = ("torso_link", still)
-    on_target(head)
-    head.travel.clear()
-    head.offset -= 1000.0
-    head.until_logged("the clock jumped back")
-    on_target(head)
-    assert head.farthest() < 0.1
-
-
 def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(make):
     head = make(simulated=True)
     head.until_logged("ready to point")

@@ -4,7 +4,6 @@ import pytest
 
 from head_tracking.ros.bus.servo_bus import ServoBusNode
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
-from head_tracking.ros.kit.closing_node import ClosingNode
 
 
 @pytest.mark.parametrize("kind", [ServoBusNode, HeadTrackerNode])
@@ -19,12 +18,3 @@ def test_a_node_that_could_not_be_made_ends_without_an_error(threads, kind, monk
     with pytest.raises(ZeroDivisionError):
         kind()
     made[0].destroy_node()
-
-
-def test_what_ends_with_a_node_ends_once_and_in_order(threads):
-    node, ended = ClosingNode("node"), []
-    for number in (1, 2):
-        node.closing.callback(ended.append, number)
-    node.destroy_node()
-    node.destroy_node()
-    assert ended == [2, 1]

@@ -99,11 +99,6 @@ def test_old_measurements_of_a_lost_servo_are_not_told():
     assert "position (rad)" not in told
 
 
-def test_error_bits_are_told_in_words():
-    hot = entry(with_servo(errors=ErrorBits.OVERHEATING, health=Health.FAULTED), "pan")
-    assert "overheating" in hot.message and "recover" in hot.message
-
-
 def test_two_servos_of_a_joint_have_an_entry_each():
     both = replace(
         STATUS, statistics=BusStatistics(9, 0, 0, (SERVO, replace(SERVO, id=7, temperature=61.0)))
@@ -140,7 +135,3 @@ def test_several_buses_are_told_as_one():
     assert len(both.statistics.servos) == 2
     assert set(both.states) == {"pan"}
     assert combined([STATUS]) is STATUS
-
-
-def test_faults_are_counted():
-    assert STATUS.faults == 2

@@ -9,7 +9,6 @@ from std_msgs.msg import String
 from waiting import wait_for
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.head.obstacle import Obstacle, Reason
 from head_tracking.ros.kit.qos import LATCHED
 
 goals = pytest.importorskip("goals")
@@ -121,23 +120,6 @@ def test_stop_aborts_a_goal_and_a_stopped_head_rejects_goals(robot):
     assert sent.ended()[0] == ABORTED
     assert not robot.client.send(goal(1, 0, 0.3)).accepted
     assert "stopped" in robot.logged("is rejected")
-
-
-def test_a_disabled_head_rejects_goals(robot):
-    sent = robot.client.send(goal(1, 2, 0.2, velocity=0.3))
-    wait_for(lambda: robot.pan > 0.1)
-    assert robot.call("point_head/enable", False).success
-    assert sent.ended()[0] == ABORTED
-    pan, _ = robot.at_rest()
-    assert pan < 0.5
-    assert not robot.client.send(goal(1, 0, 0.3)).accepted
-    control = robot.composition.nodes["point_head"].interface.control
-    assert control.obstacle.reason is Reason.DISABLED
-    assert robot.call("point_head/enable", True).success
-    robot.composition.loop.owners.take_over("/somebody", JOINTS)
-    assert not robot.client.send(goal(1, 0, 0.3)).accepted
-    assert control.obstacle == Obstacle(Reason.LOST, "/somebody")
-    robot.composition.loop.owners.release("/somebody")
 
 
 def test_a_target_point_does_not_disturb_a_goal_and_recentring_ends_it(robot):

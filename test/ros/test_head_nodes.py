@@ -7,7 +7,6 @@ from head_under_test import Head
 from waiting import wait_for
 
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
-from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import Rotation, Transform
 
 WITHOUT_HEAD = '<robot name="arm"><link name="shoulder"/></robot>'
@@ -63,18 +62,6 @@ def test_another_model_is_used_while_tracking(make, kinectbot):
     wait_for(lambda: sum("ready to point" in text for text in head.log) >= 2)
     head.target = RIGHT
     wait_for(lambda: head.positions[0] < -0.4)
-
-
-def test_a_model_without_the_head_is_refused(make):
-    head = make(PointHeadNode)
-    head.target = LEFT
-    wait_for(lambda: head.positions[0] > 0.4)
-    head.describe(WITHOUT_HEAD)
-    said = head.until_logged("another robot_description is not used")
-    assert "head_pan_joint" in said
-    head.target = RIGHT
-    wait_for(lambda: head.positions[0] < -0.4)
-    assert head.threads.failure is None
 
 
 def test_an_invalid_first_model_is_reported_until_another_is_received(make, kinectbot):

@@ -119,16 +119,6 @@ def test_a_refused_value_does_not_change_the_type_that_is_described(make, name, 
     assert node.describe_parameter(name).type == before
 
 
-def test_meaning_unit_and_range_can_be_asked_for(make):
-    node = make()
-    NodeParameters(node, Example)
-    descriptor = node.describe_parameter("speed")
-    assert descriptor.description == "Speed. [rad/s]"
-    assert descriptor.floating_point_range[0].to_value == 2.0
-    assert "speed, position" in node.describe_parameter("law").additional_constraints
-    assert node.describe_parameter("port").read_only
-
-
 def test_parameters_change_the_delivery_of_topics(make):
     publisher = {f"qos_overrides./angle.publisher.{k}": v for k, v in ONCE.items()}
     subscription = {f"qos_overrides./angle.subscription.{k}": v for k, v in ONCE.items()}

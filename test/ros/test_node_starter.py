@@ -1,7 +1,5 @@
 """node_starter: what it starts, what it answers, and that nobody waits for it."""
 
-import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -45,26 +43,3 @@ def test_what_keeps_a_node_from_starting_is_the_answer_and_others_start(threads,
     answer = ask("broken")
     assert (answer.success, answer.message) == (False, "there is no camera here")
     assert ask("point_head").success
-
-
-def test_starting_a_node_keeps_no_callback_of_the_process_waiting(threads, ask):
-    starting, go_on = threading.Event(), threading.Event()
-
-    def start(_: str) -> None:
-        starting.set()
-        go_on.wait(30.0)
-        threads.start(Node("camera"))
-
-    starter = NodeStarterNode(start, ("camera",))
-    beats: list[float] = []
-    starter.create_timer(0.01, lambda: beats.append(time.monotonic()))
-    threads.start(starter)
-    asking = threading.Thread(target=ask, args=("camera",))
-    asking.start()
-    try:
-        assert starting.wait(10.0)
-        before = len(beats)
-        wait_for(lambda: len(beats) > before + 10)  # the node's own executor goes on
-    finally:
-        go_on.set()
-        asking.join()

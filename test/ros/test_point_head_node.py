@@ -17,7 +17,6 @@ from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit.joint_owners import control_message
 from head_tracking.ros.kit.qos import LATCHED
-from head_tracking.ros.targets.fictitious_target import FictitiousTargetNode
 from head_tracking.tracking import Target
 from head_tracking.transforms import Rotation, Transform
 
@@ -125,26 +124,6 @@ def test_a_goal_on_a_moving_target_succeeds(pointed):
         assert pointed.look_at((0, 0, 0), "hand", velocity=2.0).status == "succeeded"
         assert pointed.true_miss(hand(world.seconds)) < 0.05
         world.run(0.7)
-
-
-def test_a_trajectory_is_followed_closely(pointed):
-    held = goals.HeldGoal(
-        following(
-            (0.8, (0.6, 0.3), (0.5, 0.0), (0.0, 0.0)),
-            (1.6, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
-            path=dict.fromkeys(JOINTS, 0.04),
-            end=dict.fromkeys(JOINTS, 0.01),
-        )
-    )
-    pointed.node.actions.follow(held)
-    farthest = 0.0
-    while not held.status:
-        pointed.world.run(0.01)
-        farthest = max(farthest, pointed.true[0])
-    assert (held.status, held.answer.error_code) == ("succeeded", 0)
-    assert 0.55 < farthest < 0.7
-    errors = [abs(told.error.positions[0]) for told in held.feedbacks]
-    assert math.sqrt(sum(error * error for error in errors) / len(errors)) < 0.02
 
 
 @pytest.mark.parametrize("kind", ["point", "follow"])
@@ -287,14 +266,3 @@ def test_a_refused_trajectory_is_part_of_the_state(pointed):
     assert "rejected: " in pointed.said
     world.run(4.0)
     assert held.status == "succeeded"
-
-
-def test_targets_are_published_once_for_all_subscribers(pointed, monkeypatch):
-    world, published = pointed.world, []
-    publish = world.publish
-    monkeypatch.setattr(
-        world, "publish", lambda topic, message: (published.append(topic), publish(topic, message))
-    )
-    world.make(FictitiousTargetNode, {"rate": 10.0})
-    world.run(1.0)
-    assert published.count("/target_point") == pytest.approx(10, abs=1)

@@ -12,7 +12,6 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
@@ -95,13 +94,6 @@ def robot_state_publisher(**values) -> RobotStatePublisherNode:
     return RobotStatePublisherNode(Buffer(), parameter_overrides=parameters(**values))
 
 
-def test_the_model_is_told_to_everybody_also_to_who_comes_late(program):
-    program.run(robot_state_publisher())
-    described = program.listen(String, "robot_description", LATCHED)
-    wait_for(lambda: described)
-    assert described[0].data == ARM
-
-
 def test_the_model_can_be_exchanged_while_running(program):
     node = program.run(robot_state_publisher())
     described = program.listen(String, "robot_description", LATCHED)
@@ -123,16 +115,6 @@ def test_a_model_that_cannot_be_used_is_refused_and_the_old_one_stays(program, b
     assert node._buffer.core.can_transform("lower", "tip")
     with pytest.raises(RobotModelError):
         robot_state_publisher(robot_description=bad)
-
-
-def test_a_prefix_is_put_before_the_links(program):
-    node = program.run(robot_state_publisher(frame_prefix="left/"))
-    assert node._buffer.core.can_transform("left/lower", "left/tip")
-    client = program.person.create_client(Trigger, "robot_state_publisher/frames")
-    wait_for(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    wait_for(future.done)
-    assert "left/tip" in future.result().message
 
 
 @pytest.fixture
@@ -173,14 +155,6 @@ def test_a_joint_that_nobody_measured_is_not_sent(program, tf):
     program.talk(JointState, "joint_states").publish(joints(1.0, elbow=1.0))
     wait_for(lambda: tf("tf"))
     assert [t.child_frame_id for t in tf("tf")[0]] == ["lower"]
-
-
-def test_tf_at_the_rate_of_the_joint_states_misses_none(program, tf):
-    program.run(robot_state_publisher(publish_frequency=10.0))
-    publisher = program.talk(JointState, "joint_states")
-    for step in range(5):
-        publisher.publish(joints(1.0 + 0.0999 * step, shoulder=0.1 * step, elbow=1.0))
-        wait_for(lambda step=step: len(tf("tf")) == step + 1)
 
 
 @pytest.mark.parametrize(("ignore_timestamp", "sent"), [(False, [5, 6]), (True, [5, 4.5, 6])])
@@ -262,14 +236,6 @@ def test_a_joint_that_depends_on_another_follows_it(program, complete):
     wait_for(lambda: hands.publish(message) or found)
     assert positions(found[0]) == {"shoulder": 0.4, "elbow": pytest.approx(1.2)}
     assert list(found[0].velocity) == [0.2, pytest.approx(0.1)]
-
-
-def test_two_sources_are_both_believed(program, complete):
-    found = complete("left", "right", rate=1.0)
-    left, right = (program.talk(JointState, topic) for topic in ("left", "right"))
-    wait_for(lambda: left.publish(joints(3.0, shoulder=0.4)) or found)
-    right.publish(joints(4.0, elbow=0.8))
-    wait_for(lambda: positions(found[-1]) == {"elbow": 0.8})
 
 
 def test_velocities_may_be_missing_or_too_few(program, complete):

@@ -113,11 +113,3 @@ def test_colours_depend_on_the_environment(terminal, monkeypatch, no_color, term
     line.end("done")
     expected = "\x1b[1;31mSTOPPED\x1b[0m | more" if coloured else "STOPPED | more"
     assert terminal.written("done\r\n").split("\r\x1b[K")[1] == expected
-
-
-def test_nothing_is_shown_after_the_end():
-    stream = io.StringIO()
-    line = StatusLine(stream)
-    line.end("done")
-    line.show(["late"])
-    assert stream.getvalue() == "done\n"

@@ -443,22 +443,3 @@ def test_detection_does_not_block_the_executor(monkeypatch):
     look.destroy_node()
     rclpy.try_shutdown()
     assert "visual target" not in {thread.name for thread in threading.enumerate()}
-
-
-def test_a_simulated_head_finds_the_ball_that_its_camera_sees(make_robot):
-    robot = make_robot("--target", "ball")
-    targets = robot.listen("target_point", PointStamped)
-    wait_for(lambda: targets, 30.0)
-    core = robot.composition.buffer.core
-    message = targets[-1]
-    assert message.header.frame_id == "camera_optical_frame"
-    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-    wait_for(lambda: core.can_transform("base_link", "camera_optical_frame", stamp))
-    found = core.transform_point(
-        (message.point.x, message.point.y, message.point.z),
-        "base_link",
-        "camera_optical_frame",
-        stamp,
-    )
-    truth = robot.composition.nodes["simulated_camera"].scene.position("ball", stamp * 1e-9)
-    assert math.dist(found, truth) < 0.15

@@ -24,25 +24,6 @@ def make():
     assert "work" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_of_many_things_the_newest_is_worked_on(make):
-    began, go, done = threading.Event(), threading.Event(), []
-
-    def work(thing):
-        began.set()
-        assert go.wait(10.0)
-        done.append(thing)
-
-    worker = make(work)
-    worker.offer(0)
-    assert began.wait(10.0)
-    for thing in range(1, 9):
-        worker.offer(thing)
-    worker.do(lambda: done.append("first"))
-    go.set()
-    wait_for(lambda: len(done) == 3)
-    assert done == [0, "first", 8]
-
-
 def test_what_is_done_later_keeps_its_order_also_when_the_delay_shrinks(make):
     done = []
     worker = make(done.append)
@@ -67,18 +48,6 @@ def test_an_error_ends_the_node_by_its_next_offer(make):
         return False
 
     wait_for(offered)
-
-
-def test_the_rest_is_left_out_at_the_end(make):
-    began, go, done = threading.Event(), threading.Event(), []
-    worker = make(lambda thing: (began.set(), go.wait(10.0), done.append(thing)))
-    worker.offer(1)
-    assert began.wait(10.0)
-    worker.offer(2)
-    worker.later(0.0, lambda: done.append("later"))
-    threading.Timer(0.1, go.set).start()
-    worker.close()
-    assert done == [1]
 
 
 def test_a_thread_of_its_own_ends_at_once_however_long_nothing_comes(threads, monkeypatch):
