@@ -17,6 +17,9 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
+_OWN_HEADER = "x-head-tracking"
+"""Pages of other sites can't send this header: browsers ask the server first (CORS)."""
+
 _HEADERS = (
     (b"content-security-policy", b"frame-ancestors 'none'"),
     (b"x-frame-options", b"DENY"),
@@ -55,7 +58,7 @@ class Access:
             name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]
         }
         query = bytes(scope.get("query_string", b"")).decode("latin-1")
-        refusal = self.refusal(headers, query)
+        refusal = self.refusal(headers, query, str(scope.get("method", "")))
         if refusal and scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
             return
@@ -75,18 +78,21 @@ class Access:
 
         await self._app(scope, receive, send_protected)
 
-    def refusal(self, headers: Mapping[str, str], query: str = "") -> str:
+    def refusal(self, headers: Mapping[str, str], query: str = "", method: str = "") -> str:
         """Return why a request is refused; empty if it is allowed.
 
         Args:
             headers: by name in lower case.
             query: the address after the question mark.
+            method: of HTTP; empty: a websocket is opened.
         """
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if self._is_local and not is_loopback(_name(host)):
             return f"The page is served on this machine only, not as {host!r}: see `host`.\n"
         if origin is not None and urlsplit(origin).netloc.lower() != host:
             return f"Pages of {origin} must not steer this robot.\n"
+        if method == "POST" and headers.get(_OWN_HEADER) != "page":
+            return "Only the page itself may send commands.\n"
         if self.token and not self._has_token(headers, query):
             return "Token needed: open the address with ?token=... from the log of the viewer.\n"
         return ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 import threading
 from collections.abc import Callable
@@ -77,7 +76,7 @@ class Replays:
         except OSError as error:
             raise RecordingError(f"The file can't be read: {error}") from error
 
-    def at(self, key: str, time: float) -> str:
+    def at(self, key: str, time: float) -> dict[str, Any]:
         """Return what was seen at a time [s] from the start, as a state for the browser.
 
         Raises:
@@ -85,10 +84,13 @@ class Replays:
         """
         one = self._open[key]
         seen = one.recording.at(time)
-        state = {"type": "state", **one.motion.of(seen), "boxes": []}
-        return json.dumps(
-            state | {"word": "replay", "text": seen.text or "a recording", "time": time}
-        )
+        return {
+            "type": "state",
+            **one.motion.of(seen),
+            "boxes": [],
+            "word": "replay",
+            "text": seen.text or "a recording",
+        }
 
     def picture(self, key: str, time: float) -> bytes | None:
         """Return the latest JPEG or PNG before a time [s]; None without one.
@@ -99,13 +101,13 @@ class Replays:
         found = self._open[key].recording.picture_at(time)
         return None if found is None else found.data
 
-    def mesh(self, key: str, number: int) -> bytes:
-        """Return a mesh of the recorded robot.
+    def meshes(self, key: str) -> tuple[bytes, ...]:
+        """Return the meshes of the recorded robot.
 
         Raises:
-            LookupError: there is none.
+            KeyError: the recording is not open.
         """
-        return self._open[key].robot.meshes[number]
+        return self._open[key].robot.meshes
 
     def _present(self) -> Recording:
         model = self._model()

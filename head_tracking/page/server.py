@@ -10,7 +10,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,12 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import uvicorn
-from fastapi import FastAPI, Request, Response, WebSocket, WebSocketDisconnect
-from fastapi.responses import FileResponse
-from fastapi.staticfiles import StaticFiles
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from head_tracking.page.access import Access
-from head_tracking.page.commands import Commands
+from head_tracking.page.commands import commands
 from head_tracking.page.live import EncodedPicture, Live, ViewParameters
 from head_tracking.page.replay import Replays
 from head_tracking.page.robot import Robot
@@ -34,14 +37,18 @@ from head_tracking.recording.recording import RecordingError
 from head_tracking.ros.kit.other_services import Outcome
 
 _STATIC = Path(__file__).with_name("static")
-_OWN_HEADER = "x-head-tracking"
-"""Pages of other sites can't send this header: browsers ask the server first (CORS)."""
 
 _LARGEST_REQUEST = 64 * 1024  # bytes
 _LARGEST_RECORDING = 256 * 1024 * 1024  # bytes that may be uploaded
 _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
 _UNWATCHED = 0.2  # s between samples while no browser watches
+
+Answer = Callable[[dict[str, Any]], Any]
+"""Returns the answer to a request by its fields: a Response, an Outcome, or what JSON can hold.
+
+Raises ArithmeticError, LookupError, TypeError or ValueError if the fields are wrong.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +79,7 @@ class Page:
     """Serves the page from a thread of its own until it is closed.
 
     Sampling and commands run in threads beside the event loop; STOP has threads that nothing else
-    uses. NiceGUI's wheel contains FastAPI, three.js and the fonts; nothing else of it is used.
+    uses. NiceGUI's wheel contains Starlette, three.js and the fonts; nothing else of it is used.
 
     Args:
         robot: is shown and steered.
@@ -94,11 +101,8 @@ class Page:
         report: Callable[[str], None],
     ) -> None:
         self._robot = robot
-        self._live = Live(robot, find_package, view, report)
-        self._tuning = Tuning(robot.parameters)
-        self._replays = Replays(
-            self._live.last_minute, robot.model, robot.head_of, self._live.describe
-        )
+        self._live = live = Live(robot, find_package, view, report)
+        self._replays = Replays(live.last_minute, robot.model, robot.head_of, live.describe)
         self._limit, self._period = parameters.max_browsers, 1.0 / parameters.rate
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._state, self._sampled = "", asyncio.Event()
@@ -106,10 +110,8 @@ class Page:
         self._stopping = ThreadPoolExecutor(4, "stop")
         self._working = ThreadPoolExecutor(8, "command")
         self._sampling = ThreadPoolExecutor(1, "sample")
-        self._commands = Commands(robot, self._live, self._tuning)
         self._socket = _listening(parameters.host, parameters.port)
-        app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-        self._add_routes(app)
+        app = Starlette(routes=self._routes(), lifespan=self._lifespan)
         self._access = Access(app, parameters.host, parameters.token)
         self._server = uvicorn.Server(
             uvicorn.Config(
@@ -121,7 +123,9 @@ class Page:
                 timeout_graceful_shutdown=1,
             )
         )
-        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.run, args=([self._socket],), name="page", daemon=True
+        )
         self._thread.start()
 
     @property
@@ -146,17 +150,13 @@ class Page:
         for threads in (self._sampling, self._stopping, self._working):
             threads.shutdown(wait=threads is self._sampling, cancel_futures=True)
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
-    async def _serve(self) -> None:
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         sampling = asyncio.create_task(self._sample())
-        try:
-            await self._server.serve([self._socket])
-        finally:
-            sampling.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await sampling
+        yield
+        sampling.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await sampling
 
     async def _sample(self) -> None:
         """Sample the robot for all browsers; rarely while no browser watches."""
@@ -175,72 +175,62 @@ class Page:
             period = self._period if self._browsers else _UNWATCHED
             await asyncio.sleep(max(start + period - time.monotonic(), 0.1 * period))
 
-    def _add_routes(self, app: FastAPI) -> None:
-        def add(path: str, answer: Callable[..., Any], method: str = "GET") -> None:
-            app.add_api_route(path, answer, methods=[method], response_model=None)
-
-        app.mount("/head/static", StaticFiles(directory=_STATIC))
-        app.mount("/head/three", StaticFiles(directory=_wheel() / "elements" / "scene" / "dist"))
-        app.mount("/head/font", StaticFiles(directory=_wheel() / "static"))
-        add("/", lambda: FileResponse(_STATIC / "page.html"))
-        add("/head/stop", self._stop, "POST")
-        add("/head/resume", self._resume, "POST")
-        add("/head/do/{name}", self._do, "POST")
-        add("/head/mesh/{number}", lambda number: _mesh(lambda: self._live.meshes[int(number)]))
-        add("/head/parameters", self._list_parameters)
-        add("/head/recordings", self._list_recordings)
-        add("/head/recordings/{name}", self._download)
-        add("/head/last-minute.mcap", self._download_last_minute)
-        add("/head/replay/open", self._open_recording, "POST")
-        add("/head/replay/upload", self._upload, "POST")
-        add("/head/replay/{key}/at", self._replayed)
-        add("/head/replay/{key}/picture", self._replayed_picture)
-        add(
-            "/head/replay/{key}/mesh/{number}",
-            lambda key, number: _mesh(lambda: self._replays.mesh(key, int(number))),
+    def _routes(self) -> list[BaseRoute]:
+        robot, live, replays = self._robot, self._live, self._replays
+        tuning = Tuning(robot.parameters)
+        get: dict[str, Answer] = {
+            "mesh/{number:int}": lambda at: _mesh(live.meshes, at["number"]),
+            "parameters": lambda _: {"presets": PRESETS, "parameters": tuning.listed()},
+            "recordings": lambda _: [
+                {"name": file.name, "size": file.stat().st_size} for file in robot.recorder.files()
+            ],
+            "recordings/{name}": lambda at: _download(self._recording(at["name"])),
+            "last-minute.mcap": lambda _: _download(replays.last_minute()),
+            "replay/{key}/at": lambda at: replays.at(at["key"], float(at["time"])),
+            "replay/{key}/picture": lambda at: _picture(
+                replays.picture(at["key"], float(at["time"]))
+            ),
+            "replay/{key}/mesh/{number:int}": lambda at: _mesh(
+                replays.meshes(at["key"]), at["number"]
+            ),
+        }
+        post: dict[str, Answer] = {
+            f"do/{name}": command for name, command in commands(robot, live, tuning).items()
+        }
+        post["replay/open"] = lambda fields: (
+            replays.open_file(self._recording(str(fields["name"])))
+            if fields.get("name")
+            else replays.open_last_minute()
         )
-        app.add_api_websocket_route("/head/live", self._watch)
+        at_once: dict[str, Answer] = {
+            "stop": lambda _: robot.stop_everything(),
+            "resume": lambda _: robot.stop.resume(),
+        }
+        return [
+            Mount("/head/static", StaticFiles(directory=_STATIC)),
+            Mount("/head/three", StaticFiles(directory=_wheel() / "elements" / "scene" / "dist")),
+            Mount("/head/font", StaticFiles(directory=_wheel() / "static")),
+            Route("/", lambda _: FileResponse(_STATIC / "page.html")),
+            *(self._route("GET", *one, self._working) for one in get.items()),
+            *(self._route("POST", *one, self._working) for one in post.items()),
+            *(self._route("POST", *one, self._stopping) for one in at_once.items()),
+            Route("/head/replay/upload", self._upload, methods=["POST"]),
+            WebSocketRoute("/head/live", self._watch),
+        ]
 
-    async def _stop(self, request: Request) -> Response:
-        return await self._answer(request, self._robot.stop_everything, self._stopping)
+    def _route(self, method: str, path: str, answer: Answer, threads: ThreadPoolExecutor) -> Route:
+        """Return the route of requests that are answered in one of these threads."""
 
-    async def _resume(self, request: Request) -> Response:
-        return await self._answer(request, self._robot.stop.resume, self._stopping)
+        async def respond(request: Request) -> Response:
+            try:
+                fields = {**request.query_params, **await _fields(request), **request.path_params}
+                return await _respond(threads, answer, fields)
+            except _TooLargeError as error:
+                return _refused(error, 413)
+            except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+                return _refused(error, 404 if method == "GET" else 400)
 
-    async def _do(self, name: str, request: Request) -> Response:
-        command = self._commands.by_name.get(name)
-        if command is None:
-            return Response(f"There is no command {name!r}.", 404)
-        body = await _body(request)
-        if isinstance(body, Response):
-            return body
-        return await self._answer(request, lambda: command(body))
-
-    async def _answer(
-        self, request: Request, ask: Callable[[], Any], threads: ThreadPoolExecutor | None = None
-    ) -> Response:
-        """Return what a function in a thread returns: an Outcome, or what JSON can hold."""
-        if request.headers.get(_OWN_HEADER) != "page":
-            return Response("Only the page itself may send commands.", 403)
-        try:
-            loop = asyncio.get_running_loop()
-            outcome = await loop.run_in_executor(threads or self._working, ask)
-        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-            text = f"{error.args[0]!r} is missing." if isinstance(error, KeyError) else str(error)
-            return _json({"done": False, "text": text}, 400)
-        return _json(outcome._asdict() if isinstance(outcome, Outcome) else outcome)
-
-    async def _list_parameters(self, request: Request) -> Response:
-        return await self._answer(
-            request, lambda: {"presets": PRESETS, "parameters": self._tuning.listed()}
-        )
-
-    async def _list_recordings(self, request: Request) -> Response:
-        def listed() -> list[dict[str, Any]]:
-            files = self._robot.recorder.files()
-            return [{"name": file.name, "size": file.stat().st_size} for file in files]
-
-        return await self._answer(request, listed)
+        return Route(f"/head/{path}", respond, methods=[method])
 
     def _recording(self, name: str) -> Path:
         """Return one of the listed recordings by its name.
@@ -253,62 +243,19 @@ class Page:
                 return file
         raise RecordingError(f"There is no recording {name!r}.")
 
-    async def _download(self, name: str) -> Response:
-        try:
-            file = self._recording(name)
-        except RecordingError as error:
-            return Response(str(error), 404)
-        return FileResponse(file, filename=file.name, media_type="application/octet-stream")
-
-    async def _download_last_minute(self) -> Response:
-        loop = asyncio.get_running_loop()
-        try:
-            content = await loop.run_in_executor(self._working, self._replays.last_minute)
-        except RecordingError as error:
-            return Response(str(error), 404)
-        name = time.strftime("head-%Y%m%d-%H%M%S-last-minute.mcap")
-        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-        return Response(content, media_type="application/octet-stream", headers=headers)
-
-    async def _open_recording(self, request: Request) -> Response:
-        body = await _body(request)
-        if isinstance(body, Response):
-            return body
-        name = str(body.get("name", ""))
-        if not name:
-            return await self._answer(request, self._replays.open_last_minute)
-        return await self._answer(request, lambda: self._replays.open_file(self._recording(name)))
-
     async def _upload(self, request: Request) -> Response:
         """Open a recording that a browser sends, up to a size that is counted while it comes."""
-        if request.headers.get(_OWN_HEADER) != "page":
-            return Response("Only the page itself may send recordings.", 403)
-        size, loop = 0, asyncio.get_running_loop()
         with tempfile.TemporaryFile() as file:
-            async for chunk in request.stream():
-                size += len(chunk)
-                if size > _LARGEST_RECORDING:
-                    text = f"A recording may have {_LARGEST_RECORDING / 1e6:.0f} MB."
-                    return _json({"done": False, "text": text}, 413)
-                await loop.run_in_executor(self._working, file.write, chunk)
-            file.seek(0)
-            return await self._answer(request, lambda: self._replays.open_file(file))
-
-    async def _replayed(self, key: str, time: float) -> Response:
-        try:
-            return Response(self._replays.at(key, time), media_type="application/json")
-        except (LookupError, ValueError, OverflowError):
-            return Response("The recording is not open any more.", 404)
-
-    async def _replayed_picture(self, key: str, time: float) -> Response:
-        try:
-            picture = self._replays.picture(key, time)
-        except (LookupError, ValueError, OverflowError):
-            return Response("The recording is not open any more.", 404)
-        if picture is None:
-            return Response(status_code=204)
-        kind = "image/jpeg" if picture[:2] == b"\xff\xd8" else "image/png"
-        return Response(picture, media_type=kind)
+            try:
+                loop, limit = asyncio.get_running_loop(), _LARGEST_RECORDING
+                async for chunk in _chunks(request, limit):
+                    await loop.run_in_executor(self._working, file.write, chunk)
+                file.seek(0)
+                return await _respond(self._working, self._replays.open_file, file)
+            except _TooLargeError as error:
+                return _refused(error, 413)
+            except RecordingError as error:
+                return _refused(error, 400)
 
     async def _watch(self, browser: WebSocket) -> None:
         """Send states and pictures to a browser. A slow one skips those it has no time for."""
@@ -378,31 +325,59 @@ def _wheel() -> Path:
     return Path(spec.submodule_search_locations[0])
 
 
-def _mesh(find: Callable[[], bytes]) -> Response:
-    try:
-        return Response(find(), media_type="model/stl")
-    except (LookupError, ValueError):
-        return Response("There is no such mesh.", 404)
+class _TooLargeError(ValueError):
+    """A request has more bytes than allowed."""
 
 
-async def _body(request: Request) -> dict[str, Any] | Response:
-    """Return the JSON object in a request's body, or the response to an invalid body."""
-    body = bytearray()
+async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:
+    """Yield the body of a request in parts; raise _TooLargeError beyond a size [bytes]."""
+    size = 0
     async for chunk in request.stream():
-        body += chunk
-        if len(body) > _LARGEST_REQUEST:
-            return Response(f"A request may have {_LARGEST_REQUEST} bytes.", 413)
+        size += len(chunk)
+        if size > limit:
+            raise _TooLargeError(f"At most {limit} bytes are allowed.")
+        yield chunk
+
+
+async def _fields(request: Request) -> dict[str, Any]:
+    """Return the JSON object in the body of a request; raise ValueError if it has another one."""
+    body = b"".join([chunk async for chunk in _chunks(request, _LARGEST_REQUEST)])
     try:
-        fields = json.loads(bytes(body) or b"{}")
-    except (ValueError, RecursionError):
+        fields = json.loads(body or b"{}")
+    except RecursionError:
         fields = None
-    if isinstance(fields, dict):
-        return fields
-    return Response("The body must be a JSON object.", 400)
+    if not isinstance(fields, dict):
+        raise ValueError("The body must be a JSON object.")
+    return fields
 
 
-def _json(content: Any, status: int = 200) -> Response:
-    return Response(json.dumps(content), status, media_type="application/json")
+async def _respond(threads: ThreadPoolExecutor, answer: Callable[[Any], Any], of: Any) -> Response:
+    """Return what a function answers in a thread as a response."""
+    found = await asyncio.get_running_loop().run_in_executor(threads, answer, of)
+    if isinstance(found, Response):
+        return found
+    return JSONResponse(found._asdict() if isinstance(found, Outcome) else found)
+
+
+def _refused(error: Exception, status: int) -> Response:
+    text = f"{error.args[0]!r} is missing." if isinstance(error, KeyError) else str(error)
+    return JSONResponse({"done": False, "text": text}, status)
+
+
+def _mesh(meshes: tuple[bytes, ...], number: int) -> Response:
+    return Response(meshes[number], media_type="model/stl")
+
+
+def _picture(picture: bytes | None) -> Response:
+    return Response(picture, status_code=204 if picture is None else 200)
+
+
+def _download(recording: Path | bytes) -> Response:
+    if isinstance(recording, Path):
+        return FileResponse(recording, filename=recording.name)
+    name = time.strftime("head-%Y%m%d-%H%M%S-last-minute.mcap")
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(recording, headers=headers, media_type="application/octet-stream")
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -411,24 +386,14 @@ def _listening(host: str, port: int) -> socket.socket:
     Raises:
         ParameterError: the address can't be listened on.
     """
-    try:
-        family, kind, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        for number in range(port, min(port + _PORTS, 65536)) if port else (0,):
-            with contextlib.ExitStack() as attempt:
-                listening = attempt.enter_context(socket.socket(family, kind))
-                listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                try:
-                    listening.bind((address[0], number, *address[2:]))
-                except OSError as error:
-                    if error.errno != errno.EADDRINUSE:
-                        raise
-                    continue
-                listening.listen(128)  # browsers may connect before the server runs
-                attempt.pop_all()
-                return listening
-    except OSError as error:
-        raise ParameterError(
-            f"The page can't listen on {host!r}, port {port}: {error}. Give 127.0.0.1, 0.0.0.0 or "
-            "an address of this machine."
-        ) from error
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for number in range(port, min(port + _PORTS, 65536)) if port else (0,):
+        try:
+            return socket.create_server((host, number), family=family, backlog=128)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise ParameterError(
+                    f"The page can't listen on {host!r}, port {port}: {error}. Give 127.0.0.1, "
+                    "0.0.0.0 or an address of this machine."
+                ) from error
     raise ParameterError(f"The ports {port} to {number} are taken: give another `port`.")

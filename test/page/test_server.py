@@ -32,6 +32,7 @@ class _Robot:
     def __init__(self) -> None:
         self.stops, self.go_on, self.asked = 0, threading.Event(), threading.Semaphore(0)
         self.modes = SimpleNamespace(set_mode=self._set_mode)
+        self.joints = SimpleNamespace(move=None)
         self.recorder = SimpleNamespace(files=tuple)
         self.parameters = SimpleNamespace(settings=tuple)
         self.stop = SimpleNamespace(resume=lambda: Outcome(True, ""))
