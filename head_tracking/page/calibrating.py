@@ -237,8 +237,10 @@ class _PointedHead:
                 time.sleep(_POLL)
                 self._check_mode()
                 continue
-            number, heard = picture.number, time.monotonic()
-            yield picture.stamp * 1e-9, np.ascontiguousarray(picture.pixels[:, :, ::-1])
+            number, pixels = picture.number, picture.pixels()
+            if pixels is not None:
+                heard = time.monotonic()
+                yield picture.stamp * 1e-9, np.ascontiguousarray(pixels[:, :, ::-1])
 
     def _check_mode(self) -> None:
         """Raise CalibrationEndedError after a STOP, or in another mode."""

@@ -114,10 +114,10 @@ def _answered(ask: Callable[P, str]) -> Callable[P, Outcome]:
 
 
 class _Sending(NamedTuple):
-    """Targets that the page publishes periodically.
+    """Targets that the page publishes.
 
     Attributes:
-        mode: what they are sent for.
+        mode: what they are sent for; for POINT only once.
         target: returns the next one; None: none is sent now.
         stops: number of STOPs when that began; another one ends it.
     """
@@ -280,7 +280,7 @@ class HeadModes:
         with self._changing:
             self._change(mode, frame, stops)
             if mode is Mode.FOLLOW:
-                self._keep_sending(mode, self._frame_target(frame), stops)
+                self._begin_sending(mode, self._frame_target(frame), stops)
         return f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else "")
 
     @_answered
@@ -291,7 +291,7 @@ class HeadModes:
         self._wanted = Mode.PATH, ""
         with self._changing:
             self._change(Mode.PATH, "", stops)
-            self._keep_sending(Mode.PATH, self._path_target(path, speed), stops)
+            self._begin_sending(Mode.PATH, self._path_target(path, speed), stops)
         return f"mode: {Mode.PATH}"
 
     def _take_over(self, stops: int) -> tuple[Mode, bool]:
@@ -362,16 +362,13 @@ class HeadModes:
     def _send(self, target: Target, mode: Mode, stops: int) -> None:
         """Send a target: once to a controller that keeps it, else periodically."""
         model = self._buffer.model
-        if mode is Mode.POINT or model is None:
-            self.stop_sending()
-            self._targets.publish(target_message(target))
-            return
-        try:
-            point = self._buffer.transform_point(target.point, model.root, target.frame_id)
-        except TransformException as error:
-            raise _Refused(f"The target is refused: {error}") from error
-        in_root = Target(0, model.root, point)
-        self._keep_sending(mode, lambda: in_root, stops)
+        if mode is not Mode.POINT and model is not None:
+            try:
+                point = self._buffer.transform_point(target.point, model.root, target.frame_id)
+            except TransformException as error:
+                raise _Refused(f"The target is refused: {error}") from error
+            target = Target(0, model.root, point)
+        self._begin_sending(mode, lambda: target, stops)
 
     def _start(self, name: str, ended: Callable[[], str]) -> None:
         """Start a node and wait until it can be disabled again."""
@@ -384,7 +381,7 @@ class HeadModes:
 
     def _is_enabled(self, name: str) -> bool:
         """Return whether a node exists and has not published that it is disabled."""
-        return self._exists(name) and self._topics.enabled(name) is not False
+        return self._topics.enabled(name) is not False and self._exists(name)
 
     def _disable(self, names: Iterable[str]) -> None:
         for name in names:
@@ -424,11 +421,14 @@ class HeadModes:
         """Set a parameter of a node of this robot."""
         return self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
 
-    def _keep_sending(self, mode: Mode, target: Callable[[], Target | None], stops: int) -> None:
+    def _begin_sending(self, mode: Mode, target: Callable[[], Target | None], stops: int) -> None:
+        """Send targets, the first one at once or when the next one is due: never more often."""
         with self._send_lock:
-            self._sending = _Sending(mode, target, stops)
-            self._timer.reset()
-        self._send_next()
+            is_idle, self._sending = self._timer.is_canceled(), _Sending(mode, target, stops)
+            if is_idle:
+                self._timer.reset()
+        if is_idle:
+            self._send_next()
 
     def _frame_target(self, frame: str) -> Callable[[], Target | None]:
         """Return a function that returns a frame as a target; None while it is not measured."""
@@ -471,6 +471,8 @@ class HeadModes:
             target = sending.target()
             if target is not None:
                 self._targets.publish(target_message(target))
+            if sending.mode is Mode.POINT:
+                self._sending = None
 
 
 def _wait(

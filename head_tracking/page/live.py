@@ -18,7 +18,7 @@ from PIL import Image
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.calibrating import CameraCalibration
-from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
+from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES, Mode
 from head_tracking.page.motion import Motion, number
 from head_tracking.page.other_topics import Picture
 from head_tracking.page.robot import Robot
@@ -114,6 +114,7 @@ class Live:
         self._prediction_due = self._slow_due = 0.0
         self._encoded: dict[str, EncodedPicture] = {}
         self._notices: list[str] = []
+        self._mode = Mode.OFF
         self._camera_requested = False
         self.robot_text = ""
         self.slow_text = ""
@@ -250,7 +251,7 @@ class Live:
             for name, transform in self.observation.frames.items()
             if "person" in name and latest.get(name, 0) > oldest
         }
-        mode = self._robot.modes.mode()
+        mode = self._mode
         region = self._robot.topics.region() if mode in FOUND_IN_PICTURES else None
         picture = self.latest_picture() if people or region is not None else None
         if picture is None or self._model is None:
@@ -275,6 +276,7 @@ class Live:
     def _slow(self) -> dict[str, Any]:
         robot, live = self._robot, self.observation
         self._start_camera()
+        self._mode = robot.modes.mode()
         status, outcome, health = robot.status(live), robot.stop.outcome, robot.topics.health()
         values = {one.values.get("joint"): dict(one.values) for one in health}
         servos = robot.joints.servos()
@@ -287,7 +289,7 @@ class Live:
             "word": str(status.word),
             "text": status.reason,
             "error": number(live.error),
-            "mode": str(robot.modes.mode()),
+            "mode": str(self._mode),
             "modes": [str(mode) for mode in robot.modes.possible()],
             "target_text": live.target_text,
             "stopped": robot.stop.stopped,
@@ -308,7 +310,10 @@ class Live:
             "movable": movable,
             "free": robot.joints.free,
             "can_recover": robot.joints.can_recover,
-            "faults": [one._asdict() for one in faults(health, live)],
+            "faults": [
+                one._asdict()
+                for one in faults(health, robot.modes.missing(), robot.silent_joints())
+            ],
             "health": [
                 {
                     "name": one.name,
@@ -339,24 +344,23 @@ class Live:
         threading.Thread(target=lambda: robot.modes.start(CAMERA), daemon=True).start()
 
     def _encode(self, topic: str) -> EncodedPicture | None:
-        picture = self.latest_picture(topic)
-        if picture is None:
+        picture, before = self.latest_picture(topic), self._encoded.get(topic)
+        if picture is None or (before is not None and before.number == picture.number):
+            return before if picture is not None else None
+        pixels = picture.pixels()
+        if pixels is None:
             return None
-        encoded = self._encoded.get(topic)
-        if encoded is None or encoded.number != picture.number:
-            factor = max(1, -(-picture.pixels.shape[1] // _WIDEST))
-            data = io.BytesIO()
-            image = Image.fromarray(np.ascontiguousarray(picture.pixels))
-            (image.reduce(factor) if factor > 1 else image).save(data, "JPEG", quality=_QUALITY)
-            header = _HEADER.pack(picture.stamp, time.monotonic())
-            encoded = EncodedPicture(picture.number, header + data.getvalue())
-            self._encoded[topic] = encoded
+        factor = max(1, -(-picture.width // _WIDEST))
+        data = io.BytesIO()
+        image = Image.fromarray(np.ascontiguousarray(pixels))
+        (image.reduce(factor) if factor > 1 else image).save(data, "JPEG", quality=_QUALITY)
+        header = _HEADER.pack(picture.stamp, time.monotonic())
+        encoded = self._encoded[topic] = EncodedPicture(picture.number, header + data.getvalue())
         return encoded
 
     def _camera(self, picture: Picture) -> Camera:
-        height, width = picture.pixels.shape[:2]
         camera = self._robot.topics.camera(picture)
-        return camera or camera_with_view(width, height, self._view.horizontal_view)
+        return camera or camera_with_view(picture.width, picture.height, self._view.horizontal_view)
 
 
 def _box(

@@ -62,16 +62,36 @@ class Picture(NamedTuple):
     Attributes:
         topic: of the image.
         number: differs for each image.
-        stamp: when it was taken [ns].
-        frame_id: the camera's optical frame.
-        pixels: shape (height, width, 3), RGB.
+        message: the image.
     """
 
     topic: str
     number: int
-    stamp: int
-    frame_id: str
-    pixels: npt.NDArray[np.uint8]
+    message: Image
+
+    @property
+    def stamp(self) -> int:
+        """When it was taken [ns]."""
+        return stamp_to_ns(self.message.header.stamp)
+
+    @property
+    def frame_id(self) -> str:
+        """The camera's optical frame."""
+        return str(self.message.header.frame_id)
+
+    @property
+    def width(self) -> int:
+        """Width [pixels]."""
+        return int(self.message.width)
+
+    @property
+    def height(self) -> int:
+        """Height [pixels]."""
+        return int(self.message.height)
+
+    def pixels(self) -> npt.NDArray[np.uint8] | None:
+        """Return RGB, shape (height, width, 3); None if it is damaged or not supported."""
+        return pixels_of(self.message)
 
 
 class OtherTopics:
@@ -207,13 +227,11 @@ class OtherTopics:
         return self._images
 
     def picture(self, topic: str) -> Picture | None:
-        """Return the latest image of a topic; None without one that can be shown."""
+        """Return the latest image of a topic; None without one."""
         received = self._request(Image, topic, MEASUREMENT)
-        pixels = None if received is None else pixels_of(received.message)
-        if received is None or pixels is None:
+        if received is None:
             return None
-        header, number = received.message.header, round(received.at * 1e9)
-        return Picture(topic, number, stamp_to_ns(header.stamp), header.frame_id, pixels)
+        return Picture(topic, round(received.at * 1e9), received.message)
 
     def camera(self, picture: Picture) -> Camera | None:
         """Return the calibration of an image; None: no usable one has been received."""
@@ -229,7 +247,10 @@ class OtherTopics:
                 with contextlib.suppress(CameraError):
                     camera = camera_of(received.message)
                 self._cameras[name] = calibration, camera
-            if camera is not None and (camera.height, camera.width) == picture.pixels.shape[:2]:
+            if camera is not None and (camera.width, camera.height) == (
+                picture.width,
+                picture.height,
+            ):
                 return camera
         return None
 

@@ -174,14 +174,17 @@ class Robot:
             status.get("detail", ""),
             status.get("refusal", ""),
             None if target is None else target.stamp,
-            self._silent_joints(),
-            self.modes.missing(),
         )
 
     def status(self, live: Observation) -> Status:
         """Return what the robot does; see `head_status`."""
-        servos = self.joints.servos()
-        return head_status(live, self.topics.health(), servos, stopped=self.stop.stopped)
+        return head_status(
+            live,
+            self.topics.health(),
+            self.joints.servos(),
+            self.silent_joints(),
+            stopped=self.stop.stopped,
+        )
 
     def stop_everything(self) -> Outcome:
         """Relax all servos and disable what turns the head; return the result within 0.5 s."""
@@ -202,7 +205,7 @@ class Robot:
     def _now(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)
 
-    def _silent_joints(self) -> tuple[str, ...]:
+    def silent_joints(self) -> tuple[str, ...]:
         """Return joints of the head whose measurements should come and do not."""
         head = self._head
         joints = () if head is None or self.joints.free else (head.pan_joint, head.tilt_joint)

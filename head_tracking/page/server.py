@@ -42,6 +42,7 @@ _LARGEST_REQUEST = 64 * 1024  # bytes
 _LARGEST_RECORDING = 256 * 1024 * 1024  # bytes that may be uploaded
 _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
+_PACE = 0.005  # s between two requests; eight browsers send one in 0.008 s at most
 _UNWATCHED = 0.2  # s between samples while no browser watches
 
 Answer = Callable[[dict[str, Any]], Any]
@@ -107,6 +108,7 @@ class Page:
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._state, self._sampled = "", asyncio.Event()
         self._pictures: dict[str, EncodedPicture] = {}
+        self._next_turn = 0.0
         self._stopping = ThreadPoolExecutor(4, "stop")
         self._working = ThreadPoolExecutor(8, "command")
         self._sampling = ThreadPoolExecutor(1, "sample")
@@ -222,6 +224,8 @@ class Page:
         """Return the route of requests that are answered in one of these threads."""
 
         async def respond(request: Request) -> Response:
+            if threads is self._working:
+                await self._turn()
             try:
                 fields = {**request.query_params, **await _fields(request), **request.path_params}
                 return await _respond(threads, answer, fields)
@@ -231,6 +235,12 @@ class Page:
                 return _refused(error, 404 if method == "GET" else 400)
 
         return Route(f"/head/{path}", respond, methods=[method])
+
+    async def _turn(self) -> None:
+        """Wait so that a flood of requests leaves the processor to STOP."""
+        now = time.monotonic()
+        self._next_turn = max(self._next_turn + _PACE, now)
+        await asyncio.sleep(self._next_turn - now)
 
     def _recording(self, name: str) -> Path:
         """Return one of the listed recordings by its name.

@@ -56,6 +56,7 @@ def head_status(
     live: Observation,
     health: Sequence[Health],
     servos: Sequence[Servo],
+    silent: Sequence[str] = (),
     *,
     stopped: bool,
 ) -> Status:
@@ -65,11 +66,12 @@ def head_status(
         live: the robot now.
         health: the latest diagnostics.
         servos: with their torque.
+        silent: joints of the head that are expected and not measured.
         stopped: a STOP is in force.
     """
-    if not live.joints or live.silent_joints:
-        silent = ", ".join(live.silent_joints) or "the robot"
-        return Status(Word.DISCONNECTED, f"no measurement of {silent} is received")
+    if silent or not live.joints:
+        joints = ", ".join(silent) or "the robot"
+        return Status(Word.DISCONNECTED, f"no measurement of {joints} is received")
     if stopped:
         return Status(Word.STOPPED, "nothing moves before Resume")
     for one in health:
@@ -133,24 +135,27 @@ class ShownFault(NamedTuple):
     command: str = ""
 
 
-def faults(health: Sequence[Health], live: Observation) -> list[ShownFault]:
+def faults(
+    health: Sequence[Health], missing: Sequence[str] = (), silent: Sequence[str] = ()
+) -> list[ShownFault]:
     """Return the faults of a robot.
 
     Args:
         health: the latest diagnostics.
-        live: the robot now.
+        missing: enabled nodes that have gone.
+        silent: joints of the head that are expected and not measured.
     """
     found = [
         ShownFault(
             f"{node} has gone, although it was enabled",
             f"Start {node} again, or choose another mode (tab Live).",
         )
-        for node in live.missing_nodes
+        for node in missing
     ]
-    if live.silent_joints:
+    if silent:
         found.append(
             ShownFault(
-                f"no joint states of {', '.join(live.silent_joints)}; the last ones are shown",
+                f"no joint states of {', '.join(silent)}; the last ones are shown",
                 "Does their publisher run (servo_bus, joint_state_publisher)? Have the servos "
                 "power?",
             )
@@ -158,7 +163,7 @@ def faults(health: Sequence[Health], live: Observation) -> list[ShownFault]:
     for one in health:
         name, node = one.values.get(FAULT, ""), node_of(one.name)
         # the bus calls a servo that misses more than one cycle lost
-        if one.level >= Level.ERROR and node not in live.missing_nodes and name != FaultName.LATE:
+        if one.level >= Level.ERROR and node not in missing and name != FaultName.LATE:
             found.append(ShownFault(f"{one.name}: {one.message}", *advice(name, node)))
     return found
 

@@ -42,8 +42,6 @@ class Observation:
         detail: the reason for the state.
         refusal: why the latest target is refused; empty: it is not.
         target_stamp: when the target was there [ns]; None: not known.
-        silent_joints: joints of the head that are expected and not measured.
-        missing_nodes: enabled nodes that have gone.
     """
 
     stamp: int
@@ -57,8 +55,6 @@ class Observation:
     detail: str = ""
     refusal: str = ""
     target_stamp: int | None = None
-    silent_joints: tuple[str, ...] = ()
-    missing_nodes: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:

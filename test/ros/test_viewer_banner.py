@@ -39,21 +39,21 @@ def seen(threads) -> Any:
 
 def test_joint_states_that_stop_are_missed_until_they_come_again(threads, seen):
     wait_for(lambda: seen.joints.free, PATIENCE)
-    assert not seen.observe().silent_joints, "nobody has promised any"
+    assert not seen.silent_joints(), "nobody has promised any"
     measuring = Node("encoders")
     publisher = measuring.create_publisher(JointState, "joint_states", 10)
     wait_for(lambda: not seen.joints.free, PATIENCE)
-    wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)  # never came
+    wait_for(lambda: list(seen.silent_joints()) == JOINTS, PATIENCE)  # never came
 
     def speaking() -> bool:
         message = JointState(name=JOINTS, position=[0.1, 0.2])
         message.header.stamp = measuring.get_clock().now().to_msg()
         publisher.publish(message)
-        return seen.observe().silent_joints == ()
+        return seen.silent_joints() == ()
 
     wait_for(speaking, PATIENCE)
-    assert not seen.observe().silent_joints
-    wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)  # stopped
+    assert not seen.silent_joints()
+    wait_for(lambda: list(seen.silent_joints()) == JOINTS, PATIENCE)  # stopped
     measuring.destroy_node()
 
 
@@ -64,17 +64,17 @@ def test_with_servos_the_page_never_says_itself_where_the_joints_are(threads, se
     wait_for(lambda: not seen.joints.free, PATIENCE)
     bus.destroy_node()
     wait_for(lambda: not seen.joints.servos(), PATIENCE)
-    wait_for(lambda: list(seen.observe().silent_joints) == JOINTS, PATIENCE)
+    wait_for(lambda: list(seen.silent_joints()) == JOINTS, PATIENCE)
     assert not seen.joints.free
 
 
 def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(threads, seen):
-    assert seen.observe().missing_nodes == (), "there was none"
+    assert seen.modes.missing() == (), "there was none"
     node = ControllerStandIn("head_tracker")
     wait_for(lambda: seen.modes.mode() is Mode.TRACK, PATIENCE)
-    assert seen.observe().missing_nodes == ()
+    assert seen.modes.missing() == ()
     node.destroy_node()
-    wait_for(lambda: seen.observe().missing_nodes == ("head_tracker",), PATIENCE)
+    wait_for(lambda: seen.modes.missing() == ("head_tracker",), PATIENCE)
     node = ControllerStandIn("head_tracker")
-    wait_for(lambda: seen.observe().missing_nodes == (), PATIENCE)
+    wait_for(lambda: seen.modes.missing() == (), PATIENCE)
     node.destroy_node()

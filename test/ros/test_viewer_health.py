@@ -18,7 +18,6 @@ from head_tracking.dynamixel import (
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.page.robot import SilenceWatch
 from head_tracking.page.status import advice, faults
-from head_tracking.recording.recording import Observation
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, health_from_message
 from head_tracking.ros.kit.diagnostics import Health as PageHealth
@@ -56,9 +55,9 @@ def test_there_is_a_value_for_every_gauge_of_the_page():
 
 def test_what_can_be_cleared_comes_with_its_button():
     faulted = servo(health=Health.FAULTED, errors=HardwareErrors.OVERLOAD)
-    assert [one.command for one in faults([faulted], Observation(0))] == ["recover"]
+    assert [one.command for one in faults([faulted])] == ["recover"]
     lost = servo(health=Health.LOST)
-    assert [one.command for one in faults([lost], Observation(0))] == [""]
+    assert [one.command for one in faults([lost])] == [""]
 
 
 @pytest.mark.parametrize(
@@ -78,11 +77,11 @@ def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(changes):
 
 
 def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
-    stale, live = servo(health=Health.STALE), Observation(0)
+    stale = servo(health=Health.STALE)
     assert stale.level is Level.STALE
-    assert not faults([stale], live)
+    assert not faults([stale])
     silent = replace(stale, values={FAULT: FaultName.SILENT})
-    assert faults([silent], live)
+    assert faults([silent])
 
 
 def test_there_is_advice_for_a_port_that_has_gone():
