@@ -237,10 +237,10 @@ class _PointedHead:
                 time.sleep(_POLL)
                 self._check_mode()
                 continue
-            number, pixels = picture.number, picture.pixels()
-            if pixels is not None:
-                heard = time.monotonic()
-                yield picture.stamp * 1e-9, np.ascontiguousarray(pixels[:, :, ::-1])
+            number, image = picture.number, picture.image()
+            if image is not None:
+                heard, rgb = time.monotonic(), np.asarray(image.convert("RGB"))
+                yield picture.stamp * 1e-9, np.ascontiguousarray(rgb[:, :, ::-1])
 
     def _check_mode(self) -> None:
         """Raise CalibrationEndedError after a STOP, or in another mode."""

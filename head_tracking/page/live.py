@@ -13,9 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-import numpy as np
-from PIL import Image
-
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES, Mode
@@ -347,12 +344,10 @@ class Live:
         picture, before = self.latest_picture(topic), self._encoded.get(topic)
         if picture is None or (before is not None and before.number == picture.number):
             return before if picture is not None else None
-        pixels = picture.pixels()
-        if pixels is None:
+        image, data = picture.image(), io.BytesIO()
+        if image is None:
             return None
         factor = max(1, -(-picture.width // _WIDEST))
-        data = io.BytesIO()
-        image = Image.fromarray(np.ascontiguousarray(pixels))
         (image.reduce(factor) if factor > 1 else image).save(data, "JPEG", quality=_QUALITY)
         header = _HEADER.pack(picture.stamp, time.monotonic())
         encoded = self._encoded[topic] = EncodedPicture(picture.number, header + data.getvalue())

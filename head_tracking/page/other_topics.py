@@ -11,25 +11,26 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from PIL import Image
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, RegionOfInterest
+from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Bool, Float64
 
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
 from head_tracking.ros.kit.graph import Graph
-from head_tracking.ros.kit.images import camera_of, raw_image
+from head_tracking.ros.kit.images import camera_of, picture_of
 from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.polled_node import PolledNode
 from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision.camera import Camera, CameraError
-from head_tracking.vision.images import ImageError, decode_picture
+from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError
 
 _CAN_BE_DISABLED = (*ERRORS, "fictitious_target", "visual_target", "target_mux", "frame_target")
@@ -67,7 +68,7 @@ class Picture(NamedTuple):
 
     topic: str
     number: int
-    message: Image
+    message: ImageMsg
 
     @property
     def stamp(self) -> int:
@@ -89,9 +90,9 @@ class Picture(NamedTuple):
         """Height [pixels]."""
         return int(self.message.height)
 
-    def pixels(self) -> npt.NDArray[np.uint8] | None:
-        """Return RGB, shape (height, width, 3); None if it is damaged or not supported."""
-        return pixels_of(self.message)
+    def image(self) -> Image.Image | None:
+        """Return it in colour or grey; see `image_of`."""
+        return image_of(self.message)
 
 
 class OtherTopics:
@@ -228,7 +229,7 @@ class OtherTopics:
 
     def picture(self, topic: str) -> Picture | None:
         """Return the latest image of a topic; None without one."""
-        received = self._request(Image, topic, MEASUREMENT)
+        received = self._request(ImageMsg, topic, MEASUREMENT)
         if received is None:
             return None
         return Picture(topic, round(received.at * 1e9), received.message)
@@ -301,18 +302,21 @@ def node_of(name: str) -> str:
     return name.partition(":")[0]
 
 
-def pixels_of(message: Image) -> npt.NDArray[np.uint8] | None:
-    """Return an image message as RGB; None if it is damaged or its encoding is not supported."""
-    image = raw_image(message)
+_MODES = {
+    "rgb8": ("RGB", "RGB"), "bgr8": ("RGB", "BGR"),
+    "rgba8": ("RGBA", "RGBA"), "bgra8": ("RGBA", "BGRA"), "mono8": ("L", "L"),
+}  # fmt: skip
+"""The encodings that need no OpenCV: the mode of the image and that of the data, for Pillow."""
+
+
+def image_of(message: ImageMsg) -> Image.Image | None:
+    """Return an image in colour or grey; None if it is damaged or its encoding not supported."""
+    modes, size = _MODES.get(message.encoding), (message.width, message.height)
     try:
-        match image.encoding:
-            case "rgb8" | "rgba8":  # the usual ones need no OpenCV
-                return image.rows("u1", len(image.encoding) - 1)[..., :3]
-            case "bgr8" | "bgra8":
-                return image.rows("u1", len(image.encoding) - 1)[..., 2::-1]
-            case "mono8":
-                return np.repeat(image.rows("u1", 1), 3, axis=2)
-            case _:
-                return decode_picture(image).bgr[..., ::-1]
-    except (ImageError, OpenCVMissingError):
+        if modes is not None and min(size) > 0:
+            mode, raw = modes
+            image = Image.frombuffer(mode, size, message.data, "raw", raw, message.step, 1)
+            return image.convert("RGB") if mode == "RGBA" else image
+        return Image.fromarray(np.ascontiguousarray(picture_of(message).bgr[..., ::-1]))
+    except (ImageError, OpenCVMissingError, ValueError):
         return None

@@ -55,7 +55,7 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
     def ball() -> bool:
         picture = seen.topics.picture("/image")
         # a ball of 6 cm at 1 m, in a picture with 293 pixels per rad: a head that looks at it
-        return picture is not None and magenta(picture.pixels()[70:170, 110:210]) > 300
+        return picture is not None and magenta(np.asarray(picture.image())[70:170, 110:210]) > 300
 
     wait_for(ball, PATIENCE)
     assert drawn
