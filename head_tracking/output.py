@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import io
 import os
 import sys
@@ -10,17 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO
 
-_ASCII = {"°": "deg", "±": "+-", "→": "->", "µ": "u"}
-
 
 @contextmanager
 def tolerate_output_errors() -> Iterator[None]:
     """Discard output that cannot be written, until the end of the block.
 
     A closed pipe (`| head -1`) and a full disk raise no error. Characters that the encoding of the
-    terminal lacks are replaced by ASCII ones.
+    terminal lacks become question marks.
     """
-    codecs.register_error("replace_by_ascii", _replace_by_ascii)
     sys.stdout, sys.stderr = _tolerant(sys.stdout), _tolerant(sys.stderr)
     try:
         yield
@@ -48,7 +44,7 @@ def _tolerant(stream: TextIO | None) -> TextIO:
     return _TolerantStream(
         stream.detach(),
         encoding,
-        "replace_by_ascii",
+        "replace",
         line_buffering=by_line,
         write_through=through,
     )
@@ -63,10 +59,3 @@ def _discard_unwritten(stream: TextIO) -> None:
             null = os.open(os.devnull, os.O_WRONLY)
             os.dup2(null, stream.fileno())
             os.close(null)
-
-
-def _replace_by_ascii(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    characters = error.object[error.start : error.end]
-    return "".join(_ASCII.get(character, "?") for character in characters), error.end

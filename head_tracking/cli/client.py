@@ -15,8 +15,7 @@ from std_srvs.srv import Trigger
 
 from head_tracking.command_line import exit_code
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.kit.start import start_ros, without_ros_arguments
+from head_tracking.ros.kit.spinning import NodeThreads, start_ros, without_ros_arguments
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.tf import listening_buffer
 from head_tracking.transforms import RobotModel, TransformBuffer

@@ -12,8 +12,8 @@ from ament_index_python.packages import get_package_share_directory
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
-from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import ClosingNode
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer
 

@@ -20,8 +20,7 @@ from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
 from head_tracking.ros.kit.joint_owners import resume_report, stop_report
 from head_tracking.ros.kit.kept_stop import KeptStop
-from head_tracking.ros.kit.spinning import NodeThreads, describe
-from head_tracking.ros.kit.start import start_ros
+from head_tracking.ros.kit.spinning import NodeThreads, describe, start_ros
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.run.child import SupervisorLink
 from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
@@ -36,14 +35,6 @@ from head_tracking.transforms.urdf import parse_in_child_process
 
 _START_TIMEOUT = 30.0  # s for a node of another process, on a busy machine
 _POLL = 0.1  # s
-
-
-class ArgumentError(HeadTrackingError):
-    """A mistake on the command line that is found when the servos are known."""
-
-
-class NodeNotStartedError(HeadTrackingError):
-    """A node of another process cannot start; the message has the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +88,6 @@ def compose(
 
     Raises:
         EndRequestedError: `stop` was set.
-        ArgumentError: a joint of `--reverse` does not exist.
         Exception: a node cannot start.
     """
     buffer = Buffer()
@@ -109,9 +99,8 @@ def compose(
         return simulated[0].port_name
 
     def true_position(joint: str) -> float | None:
-        direction = -1.0 if joint in plan.reversed else 1.0
         try:
-            return direction * simulated[0].true_position(joint)
+            return simulated[0].true_position(joint)
         except KeyError:  # no servo drives it
             return None
 
@@ -146,7 +135,6 @@ def compose(
             servo_bus = nodes[spec.name]
             on_servos(servo_bus)
             driven = [servo.joint_name for servo in servo_bus.status().statistics.servos]
-            _check_reversed(plan.reversed, driven)
             if all(other.name != FEEDS_BUFFER for other in plan.nodes):
                 TransformListener(buffer, servo_bus)
             if plan.simulated and start_elsewhere is not None:
@@ -154,14 +142,6 @@ def compose(
     return Composition(
         nodes, buffer, loop, simulated[0] if simulated else None, available["true_position"]
     )
-
-
-def _check_reversed(joints: Sequence[str], driven: Sequence[str]) -> None:
-    unknown = ", ".join(joint for joint in joints if joint not in driven)
-    if unknown:
-        raise ArgumentError(
-            f"--reverse: no servo drives {unknown}; the joints are {', '.join(driven)}"
-        )
 
 
 class OtherProcesses:
@@ -181,7 +161,7 @@ class OtherProcesses:
         """Start a node and wait until it runs; the supervisor has already started the page.
 
         Raises:
-            NodeNotStartedError: the node cannot start.
+            HeadTrackingError: the node cannot start.
             EndRequestedError: `stop` was set meanwhile.
         """
         if spec.process == PAGE:
@@ -196,7 +176,7 @@ class OtherProcesses:
                     break
             problem = self._reports.get(spec.name, f"no answer within {_START_TIMEOUT:g} s")
         if problem:
-            raise NodeNotStartedError(problem)
+            raise HeadTrackingError(problem)
 
     def on_report(self, report: Mapping[str, Any]) -> None:
         """Record whether a node of another process runs."""
@@ -245,7 +225,7 @@ class ControlProcess:
         get_logger("head_tracking").info(threads.executor)
         head_node = head.nodes.get(plan.head_node)
         monitor = RunMonitor(
-            head_node.interface.control if head_node else None,
+            head_node.control if head_node else None,
             head.nodes["servo_bus"].status,
             head.true_position,
             lambda: head.loop.owners.stopped,
@@ -322,7 +302,7 @@ def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink
         status.end("stopped during the start")
     except Exception as error:
         status.end(f"head_tracking: {describe(error)}")
-        return 2 if isinstance(error, ArgumentError) else 1
+        return 1
     finally:
         link.send(servos=[])  # they are relaxed, or the output names those that are not
         rclpy.try_shutdown()

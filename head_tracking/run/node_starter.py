@@ -9,8 +9,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from head_tracking.ros.kit.closing_node import ClosingNode
-from head_tracking.ros.kit.spinning import describe
+from head_tracking.ros.kit.spinning import ClosingNode, describe
 from head_tracking.ros.kit.urgent_services import UrgentServices
 
 

@@ -48,7 +48,6 @@ class Run:
         is_local: whether other machines cannot discover it.
         hold_on_crash: whether the servos hold, instead of relaxing, if the control process dies.
         keeps_stop: whether a STOP persists when the run crashes and is started again.
-        reversed: joints whose simulated servos are mounted in the opposite direction.
     """
 
     nodes: tuple[NodeSpec, ...]
@@ -61,7 +60,6 @@ class Run:
     is_local: bool
     hold_on_crash: bool
     keeps_stop: bool
-    reversed: tuple[str, ...]
 
     @property
     def ros_arguments(self) -> list[str]:
@@ -144,13 +142,6 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         help="start stopped if the last run was stopped when it crashed; for automatic restarts, "
         "such as by systemd",
     )
-    parser.add_argument(
-        "--reverse",
-        action="append",
-        default=[],
-        metavar="JOINT",
-        help="with --sim: simulate a servo that is mounted in the opposite direction",
-    )
     parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="serve a page that shows and steers the head"
@@ -158,8 +149,6 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     options = parser.parse_args(with_negative_values(list(_without_ros_arguments(arguments))))
     if options.viewer and not installed():
         parser.error(MISSING)
-    if options.reverse and not options.sim:
-        parser.error("--reverse is for simulated servos: add --sim")
     if options.target is None:
         options.target = _target(
             "fictitious" if options.sim and options.mode == "track" else "none"
@@ -194,7 +183,6 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         options.sim and not options.network,
         options.on_crash == "hold",
         options.keep_stop,
-        tuple(options.reverse),
     )
 
 

@@ -55,8 +55,8 @@ def target_path() -> str:
         message.header.stamp = now.to_msg()
         last = k == 99
         sys.setprofile(on_event if last else None)
-        node.interface.control.accept(target_from_message(message))
-        node.interface.control.update()
+        node.control.accept(target_from_message(message))
+        node.control.update()
         sys.setprofile(None)
     node.destroy_node()
     rclpy.try_shutdown()

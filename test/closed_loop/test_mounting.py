@@ -164,14 +164,14 @@ def test_the_node_says_so_and_gives_the_head_up_until_it_is_enabled(world, kinec
     world.run(2.5)
     assert states[-1][1].data.startswith("disabled: head_pan_joint turns in")
     assert not enabled[-1][1].data
-    assert set(world.loop.owners.of(node.interface.control.joints).values()) == {""}
+    assert set(world.loop.owners.of(node.control.joints).values()) == {""}
     newest = diagnoses[-1][1].status[0]
     assert newest.level == DiagnosticStatus.ERROR
     assert "servo calibrate" in newest.message
     stood = world.true_position("head_pan_joint")
     world.run(1.0)
     assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.001)
-    world.loop.owners.take_over(node.interface.control.name, node.interface.control.joints)
+    world.loop.owners.take_over(node.control.name, node.control.joints)
     world.run(2.0)
     assert enabled[-2][1].data
     assert sum(message.data.startswith("disabled: head_pan") for _, message in states) == 2

@@ -13,7 +13,7 @@ from test.support.ros_domain import own_domain
 PROGRAM = """
 import sys
 from rclpy.node import Node
-from head_tracking.ros.kit.start import start_ros
+from head_tracking.ros.kit.spinning import start_ros
 start_ros(["program"])
 node = Node("announced")
 sys.stdin.read()

@@ -73,7 +73,7 @@ def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, jump, rat
 def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(make):
     head = make(simulated=True)
     head.until_logged("ready to point")
-    interface = head.node.interface.control
+    interface = head.node.control
     owners = interface._loop.owners
     owners.stop(dict)
     owners.resume(owners.epoch.value)
@@ -119,7 +119,7 @@ def test_joint_states_from_the_future_are_not_fresh(make):
     head = make()
     head.stamped_ahead = 5.0
     head.target = TARGET
-    wait_for(lambda: head.node.interface.control.trouble == FUTURE)
+    wait_for(lambda: head.node.control.trouble == FUTURE)
     assert head.commands == 0
     assert head.positions == [0.0, 0.0]
 
@@ -129,7 +129,7 @@ def test_old_joint_states_are_not_used_after_the_clock_jumps_back(make):
     head.target = TARGET
     on_target(head)
     head.measured = False
-    wait_for(lambda: head.node.interface.control.trouble == NOT_MEASURED)
+    wait_for(lambda: head.node.control.trouble == NOT_MEASURED)
     commands = head.commands
     head.offset -= 0.7 + 0.5  # the last sample lies a little before the time as it is now
     head.states.clear()

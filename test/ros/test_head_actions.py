@@ -31,7 +31,7 @@ def running(make_module_robot):
 @pytest.fixture
 def robot(running):
     """Awake, and looking about straight on."""
-    interface = running.composition.nodes["point_head"].interface.control
+    interface = running.composition.nodes["point_head"].control
     if interface.off:
         running.call("resume")
         running.call("point_head/enable", True)

@@ -141,7 +141,7 @@ def test_frames_that_move_with_the_head_are_found_while_the_base_moves(make, mon
 
     monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
     carried = {
-        frame: head.node.interface.control.frames.moves_with_head(frame)
+        frame: head.node.control.frames.moves_with_head(frame)
         for frame in ("odom", "base_link", "camera_link", "nowhere")
     }
     assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}

@@ -11,7 +11,7 @@ from head_tracking.parameters import ParameterError
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit import parameter_sources
 from head_tracking.ros.kit.parameter_sources import Given, UnknownParametersError
-from head_tracking.ros.kit.start import StartError, start_ros
+from head_tracking.ros.kit.spinning import StartError, start_ros
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 
 
@@ -111,12 +111,12 @@ def test_a_mistake_on_the_command_line_is_named_too(started):
 
 
 def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
-    make = started("head_tracker: {ros__parameters: {law: 3, camera_link: 7}}")
+    make = started("head_tracker: {ros__parameters: {law: 3, servo_learning: 7}}")
     with pytest.raises(ParameterError) as error:
         make()
     where = f"{tmp_path / 'mine.yaml'}: /head_tracker: "
     assert f"{where}law is 3; it must be a str" in str(error.value)
-    assert f"{where}camera_link is 7" in str(error.value)
+    assert f"{where}servo_learning is 7" in str(error.value)
 
 
 def test_a_value_out_of_range_is_named_with_node_and_file(started, tmp_path):

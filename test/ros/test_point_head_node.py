@@ -154,7 +154,7 @@ def test_a_motion_that_replaces_tracking_does_not_stop_the_head(kinectbot, threa
     """As `Head.look_at` after `Head.follow`."""
     world = World(kinectbot)
     node = world.make(HeadTrackerNode, {}, buffer=world.buffer, loop=world.loop)
-    control, bearing = node.interface.control, 0.0
+    control, bearing = node.control, 0.0
     head = PanTiltHead(kinectbot, *JOINTS, "camera_link")
 
     def target(bearing):
@@ -193,7 +193,7 @@ def test_point_head_alone_in_a_process_executes_goals(kinectbot):
         owners = JointOwners()
         owners.take_over("/somebody", joints)
         owners_topic.publish(control_message(owners, joints))
-        control = head.node.interface.control
+        control = head.node.control
         wait_for(lambda: control.obstacle == Obstacle(Reason.OWNED, "/somebody"))
         assert not client.send(goal(1, 0, 0.3)).accepted
         owners.take_over("/point_head", joints)

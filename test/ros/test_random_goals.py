@@ -52,7 +52,7 @@ class Driven:
     def __init__(self, model):
         self.head = goals.PointedHead(model)
         self.world, self.node = self.head.world, self.head.node
-        self.control, self.actions = self.node.interface.control, self.node.actions
+        self.control, self.actions = self.node.control, self.node.actions
         self.sent = []
         self.owners = self.world.loop.owners
         self.stopped = self.off = False
@@ -151,7 +151,7 @@ class Driven:
 
     def switched(self, on):
         request, response = SetBool.Request(data=on), SetBool.Response()
-        self.node.interface._on_enable(request, response)
+        self.node._on_enable(request, response)
         return response.success
 
     def turn_on(self, _):
@@ -182,7 +182,7 @@ class Driven:
 
     def recenter(self, _):
         request, response = None, type("Response", (), {"success": False, "message": ""})()
-        self.node.interface._on_recenter(request, response)
+        self.node._on_recenter(request, response)
         if response.success:
             assert not self.under_way()
 

@@ -50,7 +50,7 @@ def torque(robot):
 
 def tracking(robot):
     tracker = robot.composition.nodes["head_tracker"]
-    wait_for(lambda: tracker.interface.control.frames.target and torque(robot) == [1, 1])
+    wait_for(lambda: tracker.control.frames.target and torque(robot) == [1, 1])
 
 
 def test_a_resumed_head_keeps_max_joint_speed(robot):
@@ -89,8 +89,8 @@ def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
     bus.say(False, 1)
     threads.start(tracker)
     threads.start(bus.node)
-    wait_for(lambda: tracker.interface.control.is_cautious)
-    assert not tracker.interface.control.off
+    wait_for(lambda: tracker.control.is_cautious)
+    assert not tracker.control.off
 
 
 def test_a_node_of_another_process_is_stopped_until_the_bus_resumes(threads):
@@ -113,7 +113,7 @@ def test_a_node_of_another_process_is_stopped_until_the_bus_resumes(threads):
         assert not future.result().success
     bus.say(False, 7)
     wait_for(lambda: enabled == [True, False, True])
-    assert tracker.interface.control.is_cautious
+    assert tracker.control.is_cautious
     assert not bus.claims
 
 
@@ -141,7 +141,7 @@ def test_commands_of_an_earlier_epoch_are_discarded(robot):
 def test_stop_waits_for_no_controller_that_hangs(robot):
     tracking(robot)
     going_on = threading.Event()
-    targets = robot.composition.nodes["head_tracker"].interface.control.targets
+    targets = robot.composition.nodes["head_tracker"].control.targets
     update = targets.update
     targets.update = lambda *given: (going_on.wait(10.0), update(*given))[1]
     time.sleep(0.2)
@@ -185,7 +185,7 @@ def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     tracking(robot)
     tracker = robot.composition.nodes["head_tracker"]
     stopped = latched(robot, "stopped", Bool)
-    tracker.interface.control.targets.restart = lambda *_: 1 // 0
+    tracker.control.targets.restart = lambda *_: 1 // 0
     answer = robot.composition.loop.stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
     assert eventually(lambda: stopped[-1].data)

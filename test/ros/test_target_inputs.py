@@ -48,16 +48,16 @@ def test_targets_are_received_from_publishers_of_any_qos(robot, number, topic):
     away = 2.0 + 0.1 * number + (0.05 if topic != "target_point" else 0.0)
     message = PointStamped(point=Point(x=away, y=0.0, z=0.0))
     message.header.frame_id = robot.fixed_frame
-    interface = robot.composition.nodes["head_tracker"].interface
+    tracker = robot.composition.nodes["head_tracker"]
 
     def heard() -> bool:
         publisher.publish(message)
-        target = interface.control.frames.target
+        target = tracker.control.frames.target
         return target is not None and target.point[0] == pytest.approx(away)
 
     try:
         wait_for(heard)
-        assert not interface.unheard
+        assert not tracker.unheard
     finally:
         robot.node.destroy_publisher(publisher)
 

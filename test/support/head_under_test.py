@@ -113,7 +113,7 @@ class Head:
     @property
     def buffer(self) -> TransformBuffer:
         """What the node knows of the frames."""
-        buffer: TransformBuffer = self.node.interface.control._buffer
+        buffer: TransformBuffer = self.node.control._buffer
         return buffer
 
     @property

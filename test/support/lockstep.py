@@ -23,7 +23,7 @@ from rclpy.time import Time
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal, JointConfiguration
-from head_tracking.ros.head import head_actions, head_interface
+from head_tracking.ros.head import head_actions, head_node
 from head_tracking.ros.targets import simulated_camera, visual_target
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
@@ -113,7 +113,7 @@ class World:
     def make(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
         """A node of this world; needs an rclpy that is initialised."""
         with (
-            mock.patch.object(head_interface, "ClockWatch", self._clock_watch),
+            mock.patch.object(head_node, "ClockWatch", self._clock_watch),
             mock.patch.object(head_actions, "serve_goals"),  # goals are handed over as objects
             mock.patch.object(simulated_camera, "Worker", self._worker),
             mock.patch.object(visual_target, "Worker", self._worker),

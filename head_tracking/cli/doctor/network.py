@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from head_tracking.cli.doctor.findings import Finding, Grade
-from head_tracking.ros.kit.start import in_short
+from head_tracking.ros.kit.spinning import in_short
 
 _TOPICS: Final = {
     "servo_states": JointState,

@@ -39,14 +39,13 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.bus.joint_configuration import declare_joint
-from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.diagnostics import diagnostics
 from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.ros.kit.topics import Output
 

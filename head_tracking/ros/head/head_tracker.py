@@ -10,8 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from head_tracking.control import ControlLoop
 from head_tracking.head.motions import Tracking, TrackingSettings
 from head_tracking.parameters import parameter
-from head_tracking.ros.head.head_interface import HeadInterface
-from head_tracking.ros.kit.closing_node import ClosingNode
+from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
@@ -54,7 +53,7 @@ class HeadTrackerParameters:
     )
 
 
-class HeadTrackerNode(ClosingNode):
+class HeadTrackerNode(HeadNode):
     """Keeps the head on `target_point`.
 
     Args:
@@ -76,23 +75,14 @@ class HeadTrackerNode(ClosingNode):
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
         self._tracking = Tracking(self._settings)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.interface = HeadInterface(
-            self,
-            "~/tracking_error",
-            buffer,
-            loop,
-            self._tracking,
-            1.0 / own.value.rate,
-            self.get_logger().info,
-        )
-        self.closing.callback(self.interface.close)
+        period = 1.0 / own.value.rate
+        self.create_control("~/tracking_error", buffer, loop, self._tracking, period)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
-        self.interface.begin()
+        self.begin()
 
-    @property
-    def failure(self) -> Exception | None:
-        """The exception that has ended its part in the loop."""
-        return self.interface.control.failure
+    def on_state(self, text: str) -> None:
+        """See `HeadNode`."""
+        self.get_logger().info(text)
 
     def _settings(self) -> TrackingSettings:
         own = self._own.value
@@ -108,7 +98,7 @@ class HeadTrackerNode(ClosingNode):
         )
 
     def _tune(self, _: object) -> None:
-        with self.interface.control.lock:
+        with self.control.lock:
             self._tracking.tune()
 
     def _measured(self) -> dict[str, str]:
@@ -116,7 +106,7 @@ class HeadTrackerNode(ClosingNode):
         tracker = self._tracking.tracker
         if tracker is None:
             return {}
-        delays, now = tracker.delays, self.interface.control.now
+        delays, now = tracker.delays, self.control.now
         return {
             "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
             "age of a target (ms)": f"{1e3 * delays.message:.1f}",
@@ -126,11 +116,7 @@ class HeadTrackerNode(ClosingNode):
 
     def _publish_diagnostics(self) -> None:
         """Publish the state, the law, and the measured delays."""
-        control, tracker, unheard = (
-            self.interface.control,
-            self._tracking.tracker,
-            self.interface.unheard,
-        )
+        control, tracker, unheard = self.control, self._tracking.tracker, self.unheard
         with control.lock:
             values = {"law": self._own.value.law, **self._measured()}
             state, text = control.state()

@@ -10,8 +10,7 @@ from head_tracking.gaze import PointingParameters
 from head_tracking.head.motions import Pointing
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_actions import HeadActions
-from head_tracking.ros.head.head_interface import HeadInterface
-from head_tracking.ros.kit.closing_node import ClosingNode
+from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.tf import Buffer
 
@@ -30,7 +29,7 @@ class PointHeadParameters:
     )
 
 
-class PointHeadNode(ClosingNode):
+class PointHeadNode(HeadNode):
     """Points a frame of the head at `target_point`, or executes the goals of its actions.
 
     While a goal is in progress, `target_point` is ignored.
@@ -46,21 +45,9 @@ class PointHeadNode(ClosingNode):
         super().__init__("point_head", **options)
         p = NodeParameters(self, PointHeadParameters).value
         pointing = NodeParameters(self, PointingParameters)
-        self.interface = HeadInterface(
-            self,
-            "~/pointing_error",
-            buffer,
-            loop,
-            Pointing(lambda: pointing.value),
-            _PERIOD,
+        self.create_control(
+            "~/pointing_error", buffer, loop, Pointing(lambda: pointing.value), _PERIOD
         )
-        self.closing.callback(self.interface.close)
-        self.actions = HeadActions(
-            self, p.controller_name or "~", self.interface.control, lambda: pointing.value
-        )
-        self.interface.begin()
-
-    @property
-    def failure(self) -> Exception | None:
-        """The exception that has ended its part in the loop."""
-        return self.interface.control.failure
+        name = p.controller_name or "~"
+        self.actions = HeadActions(self, name, self.control, lambda: pointing.value)
+        self.begin()

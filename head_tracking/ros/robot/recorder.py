@@ -7,11 +7,10 @@ from importlib.util import find_spec
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.other_parameters import OtherParameters
-from head_tracking.ros.kit.spinning import run_node, steady_timer
+from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 from head_tracking.tf import listening_buffer
 
 _DISCOVERY_PERIOD = 1.0  # s

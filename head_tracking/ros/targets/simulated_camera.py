@@ -12,11 +12,10 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.kit.closing_node import ClosingNode
 from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import OVERRIDABLE
-from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.worker import Worker
 from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target

@@ -1,13 +1,11 @@
-"""Topics, services and parameters of a node that controls a head."""
+"""The base class of the nodes that control a head: topics, services, parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
-from rclpy.node import Node
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
@@ -24,7 +22,7 @@ from head_tracking.ros.head.trajectory_backend import TrajectoryBackend
 from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.qos import LATCHED
-from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.ros.kit.topics import Output, TopicListener, unheard
 from head_tracking.tf import Buffer, TransformListener
@@ -61,22 +59,11 @@ class DriveParameters:
     )
 
 
-class HeadInterface:
-    """Gives a node the control of a head, and offers its topics and services.
+class HeadNode(ClosingNode):
+    """A node that controls a head.
 
-    Args:
-        node: subscribes to `target_point`, offers `~/enable` and `~/recenter`, and publishes
-            `~/enabled`, `~/state` and `~/status`.
-        error_topic: where the angle between pointing axis and target is published [rad].
-        buffer: updated by another node of this process; None: this node listens itself.
-        loop: of this process; None: this node runs its own.
-        targets: what the head does with targets.
-        period: minimum time between two updates [s].
-        on_state: called with the text when the state has changed.
-
-    Raises:
-        ValueError: a parameter is not allowed.
-        HeadTrackingError: what is to drive the joints is missing.
+    It subscribes to `target_point`, offers `~/enable` and `~/recenter`, and publishes `~/enabled`,
+    `~/state` and `~/status`.
 
     Attributes:
         control: controls the head.
@@ -84,70 +71,90 @@ class HeadInterface:
         text: the latest text of `~/state`.
     """
 
-    def __init__(
+    control: HeadControl
+
+    @property
+    def failure(self) -> Exception | None:
+        """The exception that has ended its part in the loop."""
+        return self.control.failure
+
+    def on_state(self, text: str) -> None:
+        """Is called with the text when the state has changed."""
+
+    def create_control(
         self,
-        node: Node,
         error_topic: str,
         buffer: Buffer | None,
         loop: ControlLoop | None,
         targets: TargetMotion,
         period: float,
-        on_state: Callable[[str], object] = lambda _: None,
     ) -> None:
+        """Create control, topics and services; `begin` starts them.
+
+        Args:
+            error_topic: where the angle between pointing axis and target is published [rad].
+            buffer: updated by another node of this process; None: this node listens itself.
+            loop: of this process; None: this node runs its own.
+            targets: what the head does with targets.
+            period: minimum time between two updates [s].
+
+        Raises:
+            ValueError: a parameter is not allowed.
+            HeadTrackingError: what is to drive the joints is missing.
+        """
         self.unheard = self.text = ""
-        self._on_state = on_state
-        self._node = node
-        self._errors = Output(node, Float64, error_topic)
-        self._enabled_topic = node.create_publisher(Bool, "~/enabled", LATCHED)
-        self._state_topic = node.create_publisher(String, "~/state", LATCHED)
-        self._status_topic = node.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._errors = Output(self, Float64, error_topic)
+        self._enabled_topic = self.create_publisher(Bool, "~/enabled", LATCHED)
+        self._state_topic = self.create_publisher(String, "~/state", LATCHED)
+        self._status_topic = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._fields: dict[str, str] = {}
         if loop is None:
-            buffer = buffer or Buffer(node=node)
+            buffer = buffer or Buffer(node=self)
             own = loop = ControlLoop(buffer.core)
-            TransformListener(buffer, node, on_joints=lambda message: own.heard(message.name))
-        clock = node.get_clock()
+            TransformListener(buffer, self, on_joints=lambda message: own.heard(message.name))
+        clock = self.get_clock()
         self.control = HeadControl(
             loop,
-            str(node.get_fully_qualified_name()),
-            NodeParameters(node, HeadParameters).value,
+            str(self.get_fully_qualified_name()),
+            NodeParameters(self, HeadParameters).value,
             targets,
             ClockWatch(lambda: float(clock.now().nanoseconds) * 1e-9),
             is_simulated=lambda: bool(clock.ros_time_is_active),
             period=period,
-            log=node.get_logger(),
+            log=self.get_logger(),
             observer=self._publish,
         )
-        self._backend = self._make_backend(NodeParameters(node, DriveParameters).value, loop)
+        self._backend = self._make_backend(NodeParameters(self, DriveParameters).value, loop)
         if self._backend is not None:
             loop.attach(self._backend)
+        self.closing.callback(self._end_control)
         TopicListener(
-            node,
+            self,
             PointStamped,
             "target_point",
             lambda message: self.control.accept(target_from_message(message)),
         )
-        node.create_service(SetBool, "~/enable", self._on_enable)
-        node.create_service(Trigger, "~/recenter", self._on_recenter)
-        steady_timer(node, _WATCH_PERIOD, self._watch)
-        steady_timer(node, _UNHEARD_PERIOD, self._check_publishers)
+        self.create_service(SetBool, "~/enable", self._on_enable)
+        self.create_service(Trigger, "~/recenter", self._on_recenter)
+        steady_timer(self, _WATCH_PERIOD, self._watch)
+        steady_timer(self, _UNHEARD_PERIOD, self._check_publishers)
 
     def _make_backend(self, p: DriveParameters, loop: ControlLoop) -> JointBackend | None:
         """Return what drives the joints; None: the servo bus of this process does."""
-        node, control = self._node, self.control
+        control = self.control
         if p.command_interface == "joint_commands":
             if loop.backend is not None:
                 return None
-            return JointTopics(node, control.name, control.joints, loop)
+            return JointTopics(self, control.name, control.joints, loop)
         if loop.backend is not None:
-            name = node.get_name()
+            name = self.get_name()
             raise HeadTrackingError(
                 "command_interface is joint_trajectory, but the servo bus runs in this process; "
                 f"start {name} alone (ros2 run head_tracking {name}), or do not set "
                 "command_interface"
             )
         return TrajectoryBackend(
-            node, p.command_topic, control.name, control.joints, p.time_from_start, loop
+            self, p.command_topic, control.name, control.joints, p.time_from_start, loop
         )
 
     def begin(self) -> None:
@@ -157,8 +164,7 @@ class HeadInterface:
             self._backend.start()
         self._publish(None)
 
-    def close(self) -> None:
-        """Save what was learned, and close the backend if this node has created it."""
+    def _end_control(self) -> None:
         self.control.save()
         if self._backend is not None:
             self._backend.close()
@@ -168,7 +174,7 @@ class HeadInterface:
         self._publish(None)
 
     def _check_publishers(self) -> None:
-        self.unheard = unheard(self._node, PointStamped, "target_point")
+        self.unheard = unheard(self, PointStamped, "target_point")
         if self.unheard:
             self.control.warn("unheard", self.unheard)
 
@@ -225,4 +231,4 @@ class HeadInterface:
             if is_new:
                 self._state_topic.publish(String(data=text))
             if state != before.get("state"):
-                self._on_state(text)
+                self.on_state(text)
