@@ -274,18 +274,29 @@ def test_a_port_in_use_and_a_servo_that_is_missing_are_errors(bench):
 # a terminal
 
 
-def test_keys_stop_and_resume_a_run(bench, monkeypatch):
+def test_keys_stop_and_resume_a_run_in_the_foreground(bench, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
     monkeypatch.chdir(SOURCE)
     with closing(Terminal()) as terminal:
-        terminal.start(f"-m head_tracking --port {bench.servos.name} --target smooth")
+
+        def press(key, torque):
+            """Keys are read soon after the program has the terminal again."""
+            wait_for(lambda: terminal.type(key) or bench.servos.torque == torque)
+
+        terminal.start(f"-m head_tracking --port {bench.servos.name} --target smooth &")
         moves(bench)
-        terminal.type(" ")
-        wait_for(lambda: bench.servos.torque == [0, 0])
+        assert terminal.is_as_before()  # its keys are the shell's
+        terminal.type("echo sss\n")
+        terminal.waits_for("\r\nsss\r")
+        assert bench.servos.torque == [1, 1]
+        terminal.type("fg\n")
+        press("\x1b[A\x1bOS ", [0, 0])
         assert bench.person.stopped
-        terminal.type("x")
-        terminal.type("r")
-        moves(bench)
+        terminal.type("x\x1a")
+        terminal.waits_for("Stopped")
+        assert terminal.is_as_before()
+        terminal.type("fg\n")
+        press("r", [1, 1])
         assert not bench.person.stopped
         terminal.type("\x03")
         terminal.waits_for(r"bus cycles.*\$ ")

@@ -68,21 +68,6 @@ def test_a_goal_succeeds_when_the_measured_joints_have_arrived(robot):
     assert len(times) > 10 * (times[-1] - times[0])
 
 
-def test_a_newer_goal_preempts_the_older(robot):
-    first = robot.client.send(goal(1, 2, 0.2, velocity=0.5))
-    wait_for(lambda: robot.pan > 0.1)
-    goals = robot.goals()
-    sent = time.monotonic()
-    second = robot.client.send(goal(1, -2, 0.2))
-    status, _ = first.ended()
-    assert status == ABORTED
-    assert first.ended_at - sent < 0.5  # 0.04 on a machine that has time: see the benchmark
-    wait_for(lambda: any(told["head_pan_joint"].position < 0 for told in goals))
-    assert second.ended()[0] == SUCCEEDED
-    assert robot.pan < -1.0
-    assert "preempted by a newer goal" in robot.logged("aborted: preempted")
-
-
 def test_cancel_holds(robot):
     sent = robot.client.send(goal(1, 2, 0.2, velocity=0.5))
     wait_for(lambda: robot.pan > 0.2)
@@ -111,27 +96,6 @@ def test_invalid_goals_are_rejected(robot):
         wait_for(lambda: robot.states and robot.states[-1].startswith("rejected: "))
     # a valid goal afterwards shows that only the goals were wrong, not the head
     assert robot.client.send(goal(3, 0, 0.4)).ended()[0] == SUCCEEDED
-
-
-def test_stop_aborts_a_goal_and_a_stopped_head_rejects_goals(robot):
-    sent = robot.client.send(goal(1, 2, 0.2, velocity=0.3))
-    wait_for(lambda: robot.pan > 0.1)
-    assert robot.call("stop").success
-    assert sent.ended()[0] == ABORTED
-    assert not robot.client.send(goal(1, 0, 0.3)).accepted
-    assert "stopped" in robot.logged("is rejected")
-
-
-def test_a_target_point_does_not_disturb_a_goal_and_recentring_ends_it(robot):
-    sent = robot.client.send(goal(1, 1, 0.2, velocity=0.5))
-    robot.look_at(1, -1, 0, "base_link")
-    assert sent.ended()[0] == SUCCEEDED
-    robot.look_at(1, -1, 0, "base_link")
-    wait_for(lambda: robot.pan < -0.6)
-    sent = robot.client.send(goal(1, 1, 0.2, velocity=0.5))
-    assert robot.call("point_head/recenter").success
-    assert sent.ended()[0] == ABORTED
-    wait_for(lambda: abs(robot.pan) < 0.02)
 
 
 @pytest.fixture

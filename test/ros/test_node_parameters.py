@@ -56,12 +56,6 @@ def test_defaults_and_given_values(make):
     assert given == Example(speed=2.0, axis=(0.0, 1.0, 0.0))
 
 
-def test_a_prefix_and_other_defaults(make):
-    node = make(**{"pan.speed": 0.5})
-    value = NodeParameters(node, Example, "pan.", {"count": 5}).value
-    assert (value.speed, value.count) == (0.5, 5)
-
-
 @pytest.mark.parametrize(
     "bad", [{"speed": 9.0}, {"speed": "fast"}, {"count": 0}, {"law": "x"}, {"axis": [1.0]}]
 )

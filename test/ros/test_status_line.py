@@ -72,14 +72,6 @@ def test_on_a_terminal_the_line_is_overwritten(terminal):
     assert os.environ["RCUTILS_COLORIZED_OUTPUT"] == "0"
 
 
-def test_a_printed_line_is_above_the_status(terminal):
-    line = StatusLine(terminal.stream)
-    line.show(["status"])
-    line.print("said")
-    line.end("done")
-    assert terminal.written("done\r\n") == "\r\x1b[Kstatus\r\x1b[Ksaid\r\nstatus\r\x1b[Kdone\r\n"
-
-
 @pytest.mark.parametrize(
     ("columns", "shown"),
     [(0, (0, 1, 2, 3)), (100, (0, 1, 2, 3)), (60, (0, 1, 3)), (39, (0, 1)), (30, (0, 3))],
