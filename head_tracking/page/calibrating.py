@@ -13,7 +13,7 @@ from head_tracking.exceptions import HeadTrackingError, UnreachableError
 from head_tracking.page.head_modes import POINTER, Mode
 from head_tracking.page.other_topics import Picture
 from head_tracking.page.robot import Robot
-from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.others import Outcome
 from head_tracking.share import state_folder
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera

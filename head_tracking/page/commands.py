@@ -11,7 +11,7 @@ from head_tracking.page.live import Live
 from head_tracking.page.path import Path, path_ahead
 from head_tracking.page.robot import Robot
 from head_tracking.page.tuning import Tuning
-from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.others import Outcome
 
 Fields = dict[str, Any]
 

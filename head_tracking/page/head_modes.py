@@ -17,9 +17,7 @@ from head_tracking.compatibility import StrEnum
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.path import Path
 from head_tracking.page.stop import Stop
-from head_tracking.ros.kit.graph import Graph
-from head_tracking.ros.kit.other_parameters import OtherParameters
-from head_tracking.ros.kit.other_services import OtherServices, Outcome
+from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices, Outcome
 from head_tracking.ros.kit.target_point import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tracking import Target, TargetState

@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
 from head_tracking.page.head_modes import HeadModes, Mode, OtherNodes
-from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.others import Outcome
 from head_tracking.transforms import JointState, JointStates
 
 _PERIOD = 0.05  # s

@@ -23,11 +23,11 @@ from std_msgs.msg import Bool, Float64
 
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
-from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.images import camera_of, picture_of
 from head_tracking.ros.kit.joint_owners import control_from_message
-from head_tracking.ros.kit.polled_node import PolledNode
-from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
+from head_tracking.ros.kit.others import Graph
+from head_tracking.ros.kit.threads import PolledNode
+from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError

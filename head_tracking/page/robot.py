@@ -20,11 +20,8 @@ from head_tracking.page.status import Status, head_status
 from head_tracking.page.stop import Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, known_joints, outer_frames
-from head_tracking.ros.kit.graph import Graph
-from head_tracking.ros.kit.node_thread import NodeThread
-from head_tracking.ros.kit.other_parameters import OtherParameters
-from head_tracking.ros.kit.other_services import OtherServices, Outcome
-from head_tracking.ros.kit.polled_node import PolledNode
+from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices, Outcome
+from head_tracking.ros.kit.threads import NodeThread, PolledNode
 from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms import RobotModel, RobotModelError, TransformException

@@ -34,7 +34,7 @@ from head_tracking.page.robot_shapes import FindPackage
 from head_tracking.page.tuning import PRESETS, Tuning
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.recording.recording import RecordingError
-from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.others import Outcome
 
 _STATIC = Path(__file__).with_name("static")
 

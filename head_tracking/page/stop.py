@@ -10,9 +10,9 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from head_tracking.ros.kit.node_thread import NodeThread
-from head_tracking.ros.kit.other_services import Outcome, wait_for_answer
-from head_tracking.ros.kit.qos import EVERY_CHANGE
+from head_tracking.ros.kit.others import Outcome, wait_for_answer
+from head_tracking.ros.kit.threads import NodeThread
+from head_tracking.ros.kit.topics import EVERY_CHANGE
 
 _ANSWER = 0.45  # s within which `stop` returns
 _HANGS = 0.12  # s without an answer until the other service is called as well

@@ -8,8 +8,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from head_tracking.ros.kit.other_parameters import OtherParameters, Setting
-from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.others import OtherParameters, Outcome, Setting
 from head_tracking.tracking import LAWS
 
 _DECADES = 99.0

@@ -32,8 +32,8 @@ from head_tracking.recording.bag_writer import (
 )
 from head_tracking.ros.kit.images import picture_of
 from head_tracking.ros.kit.message_types import message_class
-from head_tracking.ros.kit.other_services import Outcome
-from head_tracking.ros.kit.polled_node import take_message
+from head_tracking.ros.kit.others import Outcome
+from head_tracking.ros.kit.threads import take_message
 from head_tracking.transforms import RobotModel, TransformBuffer
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError, cv2

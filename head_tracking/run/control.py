@@ -16,10 +16,9 @@ from rclpy.node import Node
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.kit import parameter_sources
-from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, is_heard_elsewhere
+from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, KeptStop, is_heard_elsewhere
 from head_tracking.ros.kit.joint_owners import resume_report, stop_report
-from head_tracking.ros.kit.kept_stop import KeptStop
+from head_tracking.ros.kit.node_parameters import check_parameters
 from head_tracking.ros.kit.spinning import NodeThreads, describe, start_ros
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.run.child import SupervisorLink
@@ -221,7 +220,7 @@ class ControlProcess:
         head = self._head = compose(
             plan, threads, resources, self._stop, self._others.start, self._report_servos, owners
         )
-        parameter_sources.check(head.nodes.values())
+        check_parameters(head.nodes.values())
         get_logger("head_tracking").info(threads.executor)
         head_node = head.nodes.get(plan.head_node)
         monitor = RunMonitor(

@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.node_parameters import check_parameters
 from head_tracking.ros.kit.spinning import NodeThreads, describe, run_threads
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.child import SupervisorLink
@@ -49,7 +49,7 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
     def start(enabled: bool, **spec: Any) -> None:
         try:
             node = NodeSpec(**spec).make(resources)
-            parameter_sources.check([node], names=False)
+            check_parameters([node], names=False)
         except Exception as error:
             link.send(node=spec["name"], problem=describe(error), enabled=enabled)
             if running:  # the other nodes of the process continue

@@ -10,7 +10,7 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from head_tracking.ros.kit.spinning import ClosingNode, describe
-from head_tracking.ros.kit.urgent_services import UrgentServices
+from head_tracking.ros.kit.threads import UrgentServices
 
 
 class NodeStarterNode(ClosingNode):

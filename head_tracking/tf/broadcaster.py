@@ -9,7 +9,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from head_tracking.ros.kit.qos import LATCHED, TF
+from head_tracking.ros.kit.topics import LATCHED, TF
 from head_tracking.tf.tf2_messages import TFMessage
 
 Transforms: TypeAlias = TransformStamped | Iterable[TransformStamped]

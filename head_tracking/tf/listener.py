@@ -13,8 +13,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from head_tracking.ros.kit.node_thread import NodeThread
-from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT, TF, TF_STATIC
+from head_tracking.ros.kit.threads import NodeThread
+from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.tf2_messages import TFMessage

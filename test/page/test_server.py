@@ -21,7 +21,7 @@ from head_tracking.page import server
 from head_tracking.page.live import ViewParameters
 from head_tracking.page.server import Page, PageParameters
 from head_tracking.parameters import ParameterError
-from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.others import Outcome
 
 _MARK = {"X-Head-Tracking": "page"}
 

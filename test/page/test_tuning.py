@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from head_tracking.page.tuning import Tuning, described, label, sent_value, shown_value
-from head_tracking.ros.kit.other_parameters import Setting
-from head_tracking.ros.kit.other_services import Outcome
+from head_tracking.ros.kit.others import Outcome, Setting
 
 
 def setting(name: str, value: Any, unit: str = "") -> Setting:

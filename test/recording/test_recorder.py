@@ -26,7 +26,7 @@ from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
-from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
+from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
 from head_tracking.transforms import TransformBuffer
 
 PAN = "head_pan_joint"

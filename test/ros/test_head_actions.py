@@ -9,7 +9,7 @@ from std_msgs.msg import String
 from waiting import wait_for
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.topics import LATCHED
 
 goals = pytest.importorskip("goals")
 goal, trajectory, following = goals.point_goal, goals.trajectory, goals.following

@@ -18,7 +18,7 @@ from waiting import eventually, wait_for
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
 from head_tracking.ros.kit.head_lock import HeadLock, namespace
-from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.topics import LATCHED
 
 NAMED = ("--ros-args", "-r", "__ns:=/b")
 

@@ -9,8 +9,12 @@ from rclpy.node import Node
 
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
-from head_tracking.ros.kit import parameter_sources
-from head_tracking.ros.kit.parameter_sources import Given, UnknownParametersError
+from head_tracking.ros.kit.node_parameters import (
+    Given,
+    UnknownParametersError,
+    check_parameters,
+    source,
+)
 from head_tracking.ros.kit.spinning import StartError, start_ros
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 
@@ -53,7 +57,7 @@ def test_a_value_is_for_the_nodes_that_ros_gives_it_to(started, nodes, node, tak
     made = Node(name, namespace=namespace, automatically_declare_parameters_from_overrides=True)
     assert made.has_parameter("mine") is taken
     if taken:
-        assert parameter_sources.source(made, "mine") == str(tmp_path / "mine.yaml")
+        assert source(made, "mine") == str(tmp_path / "mine.yaml")
     made.destroy_node()
 
 
@@ -75,7 +79,7 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
 ):
     node = started(text)()
     with pytest.raises(UnknownParametersError) as error:
-        parameter_sources.check([node])
+        check_parameters([node])
     node.destroy_node()
     for word in [str(tmp_path / "mine.yaml"), *words]:
         assert word in str(error.value)
@@ -99,14 +103,14 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
 )
 def test_what_is_known_or_others_own_is_no_mistake(started, text):
     node = started(text)()
-    parameter_sources.check([node])
+    check_parameters([node])
     node.destroy_node()
 
 
 def test_a_mistake_on_the_command_line_is_named_too(started):
     node = started("", "-p", "head_tracker:rat:=3.0")()
     with pytest.raises(UnknownParametersError, match=r"command line: /head_tracker .*rat .is rate"):
-        parameter_sources.check([node])
+        check_parameters([node])
     node.destroy_node()
 
 

@@ -16,7 +16,7 @@ from head_tracking.head.obstacle import Obstacle, Reason
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit.joint_owners import control_message
-from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.tracking import Target
 from head_tracking.transforms import Rotation, Transform
 

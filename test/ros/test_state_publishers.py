@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
-from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.ros.robot.joint_state_publisher import JointStatePublisherNode
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.tf import Buffer

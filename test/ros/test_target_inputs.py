@@ -16,9 +16,8 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from waiting import wait_for
 
-from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.kit.topics import TopicListener
+from head_tracking.ros.kit.topics import LATCHED, TopicListener
 
 NO_SIGNALS = SignalHandlerOptions.NO
 PROMISES = list(

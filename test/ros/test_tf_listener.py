@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from transform_messages import shifted
 from waiting import wait_for
 
-from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,

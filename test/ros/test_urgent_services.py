@@ -9,7 +9,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 from waiting import wait_for
 
-from head_tracking.ros.kit.urgent_services import UrgentServices
+from head_tracking.ros.kit.threads import UrgentServices
 
 
 @pytest.fixture

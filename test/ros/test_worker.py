@@ -6,8 +6,8 @@ import pytest
 from rclpy.node import Node
 from waiting import wait_for
 
-from head_tracking.ros.kit import node_thread
-from head_tracking.ros.kit.worker import Worker
+from head_tracking.ros.kit import threads as kit_threads
+from head_tracking.ros.kit.threads import Worker
 
 
 @pytest.fixture
@@ -51,8 +51,8 @@ def test_an_error_ends_the_node_by_its_next_offer(make):
 
 
 def test_a_thread_of_its_own_ends_at_once_however_long_nothing_comes(threads, monkeypatch):
-    monkeypatch.setattr(node_thread, "_POLL", 1000.0)
-    own = node_thread.NodeThread.beside(Node("person"), "waiting")
+    monkeypatch.setattr(kit_threads, "_POLL", 1000.0)
+    own = kit_threads.NodeThread.beside(Node("person"), "waiting")
     own.start()
     for _ in range(2):
         own.close()

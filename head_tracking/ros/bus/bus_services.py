@@ -22,7 +22,7 @@ from head_tracking.dynamixel import (
     TorqueError,
 )
 from head_tracking.ros.kit.joint_owners import offer_stop
-from head_tracking.ros.kit.urgent_services import UrgentServices
+from head_tracking.ros.kit.threads import UrgentServices
 
 _TIMEOUT = 2.0  # s
 _RESTART = 3.0  # s that a servo may take to restart

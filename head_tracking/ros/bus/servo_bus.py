@@ -44,10 +44,9 @@ from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
-from head_tracking.ros.kit.topics import Output
+from head_tracking.ros.kit.topics import OVERRIDABLE, Output
 
 _ERRORS = (
     EventKind.LOST,

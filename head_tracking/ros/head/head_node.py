@@ -21,10 +21,9 @@ from head_tracking.ros.head.joint_topics import JointTopics
 from head_tracking.ros.head.trajectory_backend import TrajectoryBackend
 from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.target_point import target_from_message
-from head_tracking.ros.kit.topics import Output, TopicListener, unheard
+from head_tracking.ros.kit.topics import LATCHED, Output, TopicListener, unheard
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.tracking import ClockWatch
 

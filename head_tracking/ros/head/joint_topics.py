@@ -12,8 +12,8 @@ from std_srvs.srv import Trigger
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.kit.joint_owners import control_from_message, sender
-from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
 from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE
 
 _STOP_PERIOD = 0.1  # s
 

@@ -12,7 +12,7 @@ from head_tracking.dynamixel import Goal
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
 from head_tracking.ros.kit.joint_owners import OwnersOutput, offer_stop
-from head_tracking.ros.kit.urgent_services import UrgentServices
+from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.tracking import JointReading, SetpointStream
 
 try:

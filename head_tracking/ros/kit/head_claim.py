@@ -1,8 +1,4 @@
-"""One head for each ROS domain and namespace of several machines; `HeadLock` is for one machine.
-
-Each head publishes one latched message. One head continues: a real one before a simulated one, one
-that has begun to move before one that is still discovering others, the older before the younger.
-"""
+"""One head for each ROS domain and namespace of several machines, and its STOP over a restart."""
 
 from __future__ import annotations
 
@@ -11,16 +7,19 @@ import os
 import socket
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
+from head_tracking.control import JointOwners
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.kit.head_lock import CURES
-from head_tracking.ros.kit.qos import LATCHED
+from head_tracking.ros.kit.head_lock import CURES, domain_and_namespace
+from head_tracking.ros.kit.topics import LATCHED
+from head_tracking.share import state_folder
 
 # a depth of 1 would be one message of all publishers together
 _ALL: Final = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -76,3 +75,37 @@ def is_heard_elsewhere(environment: Mapping[str, str]) -> bool:
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET").upper()
     alone = reach in ("LOCALHOST", "OFF") or environment.get("ROS_LOCALHOST_ONLY") == "1"
     return not alone or bool(environment.get("ROS_STATIC_PEERS"))
+
+
+class KeptStop:
+    """Keeps the STOP of a real head in a file until `resume` or `forget`.
+
+    Args:
+        arguments: of ROS; they may set the namespace.
+    """
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self._file = state_folder("stopped") / f"domain_{domain_and_namespace(arguments)}"
+
+    def guard(self, owners: JointOwners) -> None:
+        """Stop the head if it was stopped before and not resumed; keep each STOP from now on."""
+        if self._file.exists():
+            get_logger("head_tracking").warning(
+                "the head was stopped before and not resumed: it is still stopped; call resume"
+            )
+            owners.stop(dict)
+        owners.observe(lambda: self._keep(owners.stopped))
+
+    def forget(self) -> None:
+        """Discard the STOP, because the run has ended normally."""
+        self._keep(False)
+
+    def _keep(self, stopped: bool) -> None:
+        try:
+            if stopped:
+                self._file.parent.mkdir(parents=True, exist_ok=True)
+                self._file.touch()
+            else:
+                self._file.unlink(missing_ok=True)
+        except OSError as error:
+            get_logger("head_tracking").warning(f"the STOP cannot be kept over a crash: {error}")

@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 from head_tracking.control import STOPPED, JointOwners
 from head_tracking.dynamixel import StoppedError
 from head_tracking.ros.kit.diagnostics import Level, status_message
-from head_tracking.ros.kit.qos import LATCHED
-from head_tracking.ros.kit.urgent_services import UrgentServices
+from head_tracking.ros.kit.threads import UrgentServices
+from head_tracking.ros.kit.topics import LATCHED
 
 _OWNER = "owner of "
 

@@ -31,7 +31,7 @@ from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Empty
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
-from head_tracking.ros.kit import parameter_sources
+from head_tracking.ros.kit.node_parameters import check_parameters, remember, rules_in_namespace
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.share import share_directory
 
@@ -274,7 +274,7 @@ def run_node(make: Callable[[], Node]) -> int:
 
     def begin() -> None:
         node = make()
-        parameter_sources.check([node])
+        check_parameters([node])
         threads.start(node)
 
     with StopSignal() as stop:
@@ -337,11 +337,11 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
         settings = str(share_directory() / "config/fastdds.xml")
         os.environ.update({_PROFILES[name]: settings for name in _fast_dds()})
     try:
-        with parameter_sources.rules_in_namespace(arguments) as accepted:
+        with rules_in_namespace(arguments) as accepted:
             rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
         raise StartError(in_short(error)) from error
-    parameter_sources.remember(arguments)
+    remember(arguments)
 
 
 def _fast_dds() -> list[str]:

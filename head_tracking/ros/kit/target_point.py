@@ -7,7 +7,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from head_tracking.ros.kit.qos import LATCHED, OVERRIDABLE
+from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.tracking import Target
 

@@ -1,4 +1,4 @@
-"""Publishers that know whether anybody listens, and subscriptions of any reliability."""
+"""Quality of service, publishers that know who listens, and subscriptions of any reliability."""
 
 from __future__ import annotations
 
@@ -6,9 +6,30 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from head_tracking.ros.kit.qos import MEASUREMENT, OVERRIDABLE
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For rare changes, such as robot_description: a later subscriber receives the last one."""
+
+EVERY_CHANGE = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For a subscription to such a topic that needs earlier messages, too."""
+
+TF = QoSProfile(depth=100)
+TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+MEASUREMENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""For a subscription to measurements of a publisher of any reliability."""
+
+OVERRIDABLE = QoSOverridingOptions.with_default_policies()
+"""Declares parameters such as `qos_overrides./servo_states.publisher.depth`."""
+
 
 try:
     from rclpy.event_handler import SubscriptionEventCallbacks

@@ -16,9 +16,8 @@ from std_msgs.msg import String
 from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import LATCHED, MEASUREMENT
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.topics import Output
+from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, Output
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.transforms import (
     LARGEST_POSITION,

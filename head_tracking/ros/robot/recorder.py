@@ -7,9 +7,8 @@ from importlib.util import find_spec
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.kit.graph import Graph
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.other_parameters import OtherParameters
+from head_tracking.ros.kit.others import Graph, OtherParameters
 from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 from head_tracking.tf import listening_buffer
 

@@ -18,8 +18,8 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,

@@ -14,9 +14,9 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import depth_of
 from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import MEASUREMENT
 from head_tracking.ros.kit.spinning import ClosingNode
-from head_tracking.ros.kit.worker import Worker
+from head_tracking.ros.kit.threads import Worker
+from head_tracking.ros.kit.topics import MEASUREMENT
 from head_tracking.ros.targets.detections import candidates, located, region_candidate
 from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer

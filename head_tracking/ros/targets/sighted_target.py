@@ -16,7 +16,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import camera_of, frame_pose
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import TargetOutput
-from head_tracking.ros.kit.worker import Worker
+from head_tracking.ros.kit.threads import Worker
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform, TransformBuffer
 from head_tracking.vision import (

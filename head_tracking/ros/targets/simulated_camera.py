@@ -14,9 +14,9 @@ from sensor_msgs.msg import CameraInfo, Image
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import OVERRIDABLE
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
-from head_tracking.ros.kit.worker import Worker
+from head_tracking.ros.kit.threads import Worker
+from head_tracking.ros.kit.topics import OVERRIDABLE
 from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, listening_buffer

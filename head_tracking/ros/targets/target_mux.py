@@ -13,10 +13,9 @@ from std_msgs.msg import String
 
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.qos import LATCHED
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import TargetOutput, target_from_message
-from head_tracking.ros.kit.topics import TopicListener
+from head_tracking.ros.kit.topics import LATCHED, TopicListener
 from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target

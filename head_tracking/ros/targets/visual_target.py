@@ -15,7 +15,7 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
-from head_tracking.ros.kit.worker import Worker
+from head_tracking.ros.kit.threads import Worker
 from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTarget
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.conversions import stamp_to_ns

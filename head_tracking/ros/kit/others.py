@@ -1,21 +1,135 @@
-"""Discovers, reads and sets the parameters of other nodes."""
+"""The other nodes of a robot: which there are, their services and their parameters."""
 
 from __future__ import annotations
 
 import math
 import re
+import threading
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
+from rclpy.node import NodeNameNonExistentError as NodeHasGone
 from rclpy.parameter import Parameter, parameter_value_to_python
+from std_srvs.srv import SetBool, Trigger
 
-from head_tracking.ros.kit.graph import Graph
-from head_tracking.ros.kit.other_services import Outcome, wait_for_answer
+
+class Graph:
+    """The nodes of a namespace and their services, as of the last `look`.
+
+    Args:
+        node: in that namespace; nodes whose names begin with its name are left out.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.namespace: str = node.get_namespace()
+        self._nodes: tuple[str, ...] = ()
+        self._services: Mapping[str, str] = {}
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Their names without the namespace, sorted."""
+        return self._nodes
+
+    @property
+    def services(self) -> Mapping[str, str]:
+        """The type of each service by its full name."""
+        return self._services
+
+    def look(self) -> None:
+        """Discover nodes and services."""
+        own = self._node.get_name()
+        nodes: set[str] = set()
+        services: dict[str, str] = {}
+        for name, namespace in self._node.get_node_names_and_namespaces():
+            if namespace != self.namespace or name.startswith(own):
+                continue
+            nodes.add(name)
+            try:
+                offered = self._node.get_service_names_and_types_by_node(name, namespace)
+            except NodeHasGone:
+                continue
+            services.update((service, types[0]) for service, types in offered)
+        self._nodes, self._services = tuple(sorted(nodes)), services
+
+    def is_own(self, node: str) -> bool:
+        """Return whether a node, given by its full name, is in the namespace."""
+        return "/" + node.lstrip("/").rpartition("/")[0] == self.namespace
+
+    def is_below(self, name: str) -> bool:
+        """Return whether a full name is in the namespace or in one below it."""
+        return name.startswith(self.namespace.rstrip("/") + "/")
+
+
+_PATIENCE = 5.0  # s
+
+
+class Outcome(NamedTuple):
+    """The result of a request: whether it succeeded, and a sentence for the user."""
+
+    done: bool
+    text: str
+
+
+class OtherServices:
+    """Calls services of other nodes.
+
+    Args:
+        node: has the clients; another thread must spin it.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._clients: dict[str, Any] = {}
+        self._lock = threading.Lock()
+
+    def know(self, kind: type[SetBool] | type[Trigger], *names: str) -> None:
+        """Create clients in advance, so that they have discovered their services when called."""
+        with self._lock:
+            for name in names:
+                if name not in self._clients:
+                    self._clients[name] = self._node.create_client(kind, name)
+
+    def offered(self, name: str) -> bool:
+        """Return whether a node offers a known service."""
+        client = self._clients.get(name)
+        return client is not None and bool(client.service_is_ready())
+
+    def trigger(self, name: str) -> Outcome:
+        """Call a Trigger service."""
+        return self._call(name, Trigger.Request())
+
+    def switch(self, name: str, on: bool) -> Outcome:
+        """Call a SetBool service."""
+        return self._call(name, SetBool.Request(data=on))
+
+    def _call(self, name: str, request: Any) -> Outcome:
+        if not self.offered(name):
+            return Outcome(False, f"no node offers {name}; is its node running?")
+        answer = wait_for_answer(self._clients[name], request)
+        if answer is None:
+            return Outcome(False, f"{name} did not answer within {_PATIENCE:.0f} s")
+        return Outcome(bool(answer.success), str(answer.message))
+
+
+def wait_for_answer(client: Any, request: Any, patience: float = _PATIENCE) -> Any:
+    """Call a service and return its response; None after `patience` [s].
+
+    Another thread must spin the client's node.
+    """
+    answered = threading.Event()
+    future = client.call_async(request)
+    future.add_done_callback(lambda _: answered.set())
+    if not answered.wait(patience):
+        client.remove_pending_request(future)
+        return None
+    return future.result()
+
 
 _SERVICES = {
     "list_parameters": ListParameters,
