@@ -45,7 +45,7 @@ NOT_MEASURED = Obstacle(Reason.NOT_MEASURED, "head_pan_joint")
 
 
 def on_target(head):
-    head.until_state("tracking:")
+    head.until("tracking")
     head.errors.clear()
     wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.1)
 
@@ -63,7 +63,7 @@ def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, jump, rat
     head.travel.clear()
     wait_for(lambda: len(head.travel) > 40)
     assert head.farthest() < 0.1
-    assert head.states[-1].startswith("idle:")
+    assert head.fields["state"] == "idle"
     head.target = TARGET
     head.travel.clear()
     on_target(head)
@@ -98,7 +98,7 @@ def test_a_paused_clock_is_reported_and_tracking_resumes(make):
     head.target = TARGET
     on_target(head)
     head.paused = True
-    head.until_state("idle: the clock stands still: /clock is paused or silent")
+    head.until("idle", Reason.CLOCK)
     head.travel.clear()
     head.paused = False
     on_target(head)
@@ -108,8 +108,8 @@ def test_a_paused_clock_is_reported_and_tracking_resumes(make):
 def test_a_missing_clock_is_reported(make):
     head = make(simulated=True)
     head.clock_rate = 0.0
-    head.until_state("idle: use_sim_time is set, but /clock is not published")
-    head.until_logged("use_sim_time is set, but /clock is not published")
+    head.until("idle", Reason.CLOCK)
+    head.until_logged("/clock")
     head.target = TARGET
     head.clock_rate = 10.0
     on_target(head)

@@ -11,6 +11,7 @@ from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
@@ -64,6 +65,7 @@ class Head:
         self.target: Any = None
         self.each_period: Callable[[], None] = lambda: None
         self.states: list[str] = []
+        self.fields: dict[str, str] = {}
         self.errors: list[float] = []
         self.log: list[str] = []
         self.positions = [0.0, 0.0]
@@ -84,7 +86,7 @@ class Head:
             self.robot.create_subscription(JointState, "joint_commands", self._on_command, 10)
             for name in ("head_tracker", "point_head"):
                 self.robot.create_subscription(
-                    String, f"{name}/state", lambda m: self.states.append(m.data), LATCHED
+                    DiagnosticStatus, f"{name}/status", self._on_status, LATCHED
                 )
             for topic in ("head_tracker/tracking_error", "point_head/pointing_error"):
                 self.robot.create_subscription(
@@ -131,17 +133,22 @@ class Head:
         wait_for(future.done)
         return future.result()
 
-    def until_state(self, *words: str, patience: float = 10.0) -> str:
-        """Waits until the newest state holds all these words."""
+    def until(self, state: str, reason: str | None = None, *facts: str) -> None:
+        """Wait for a state, its reason, and facts in the fields of `~/status`."""
 
-        def found() -> str:
-            newest = self.states[-1] if self.states else ""
-            return newest if all(word in newest for word in words) else ""
+        def found() -> bool:
+            fields = self.fields
+            said = " ".join(fields.values())
+            return (
+                fields.get("state") == state
+                and (reason is None or fields["reason"] == reason)
+                and all(fact in said for fact in facts)
+            )
 
         try:
-            return wait_for(found, patience)
+            wait_for(found)
         except AssertionError:
-            raise AssertionError(f"{words} is not the state; {self.states[-5:]}") from None
+            raise AssertionError(f"{state}, {reason}, {facts} are not in {self.fields}") from None
 
     def until_logged(self, words: str) -> str:
         try:
@@ -159,6 +166,10 @@ class Head:
         message.header.frame_id, message.header.stamp = frame, _stamp(stamp)
         message.point = Point(x=point[0], y=point[1], z=point[2])
         self._targets.publish(message)
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        self.fields = {each.key: each.value for each in message.values}
+        self.states.append(message.message)
 
     def _on_command(self, message: JointState) -> None:
         self.commands += 1
