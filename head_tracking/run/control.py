@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import rclpy
@@ -36,45 +36,8 @@ _START_TIMEOUT = 30.0  # s for a node of another process, on a busy machine
 _POLL = 0.1  # s
 
 
-@dataclass(frozen=True, slots=True)
 class Composition:
-    """Nodes of one process that run together.
-
-    Attributes:
-        nodes: by name.
-        buffer: the transforms that they use together.
-        loop: the control loop in the cycle of the servo bus.
-        simulated: the servos, if they are simulated in this process.
-        true_position: returns the true position of a joint [rad], or None if no servo drives it;
-            None if the servos are not simulated.
-    """
-
-    nodes: Mapping[str, Any]
-    buffer: Buffer
-    loop: ControlLoop
-    simulated: SimulatedJoints | None
-    true_position: Callable[[str], float | None] | None
-
-    def stop(self) -> list[str]:
-        """STOP; return a line for each joint."""
-        problems = self.loop.stop()
-        return [stop_report(joint, problem) for joint, problem in problems.items()]
-
-    def resume(self) -> list[str]:
-        """End a STOP; return a line with the active controller."""
-        return [resume_report(self.nodes["servo_bus"].backend.resume())]
-
-
-def compose(
-    plan: Run,
-    threads: NodeThreads,
-    resources: ExitStack,
-    stop: StopSignal,
-    start_elsewhere: Callable[[NodeSpec], None] | None = None,
-    on_servos: Callable[[Any], object] = lambda _: None,
-    owners: JointOwners | None = None,
-) -> Composition:
-    """Make and start the nodes of a run.
+    """The nodes of a run, which run together in this process.
 
     Args:
         plan: the run.
@@ -88,59 +51,86 @@ def compose(
     Raises:
         EndRequestedError: `stop` was set.
         Exception: a node cannot start.
+
+    Attributes:
+        nodes: by name.
+        buffer: the transforms that they use together.
+        loop: the control loop in the cycle of the servo bus.
+        simulated: the servos, if they are simulated in this process.
+        true_position: returns the true position of a joint [rad], or None if no servo drives it;
+            None if the servos are not simulated.
     """
-    buffer = Buffer()
-    loop = ControlLoop(buffer.core, owners or JointOwners(exclusive=not plan.allow_others))
-    simulated: list[SimulatedJoints] = []
 
-    def simulate(joints: Sequence[JointConfiguration]) -> str:
-        simulated.append(resources.enter_context(SimulatedJoints(joints)))
-        return simulated[0].port_name
+    def __init__(
+        self,
+        plan: Run,
+        threads: NodeThreads,
+        resources: ExitStack,
+        stop: StopSignal,
+        start_elsewhere: Callable[[NodeSpec], None] | None = None,
+        on_servos: Callable[[Any], object] = lambda _: None,
+        owners: JointOwners | None = None,
+    ) -> None:
+        self.nodes: dict[str, Any] = {}
+        self.buffer = Buffer()
+        owners = owners or JointOwners(exclusive=not plan.allow_others)
+        self.loop = ControlLoop(self.buffer.core, owners)
+        self.simulated: SimulatedJoints | None = None
+        self.true_position = self._true_position if plan.simulated else None
+        self._threads, self._resources, self._start_elsewhere = threads, resources, start_elsewhere
+        self._elsewhere: set[str] = set()
+        self._on_request = started_on_request(simulated=plan.simulated)
+        self._available: dict[str, Any] = {
+            "buffer": self.buffer,
+            "loop": self.loop,
+            "connect": self._simulate if plan.simulated else None,
+            "start": self._start_on_request,
+            "startable": tuple(self._on_request),
+            "true_position": self.true_position,
+        }
+        for spec in plan.nodes:
+            stop.check()
+            self._start(spec)
+            if spec is plan.nodes[0]:
+                servo_bus = self.nodes[spec.name]
+                on_servos(servo_bus)
+                if all(other.name != FEEDS_BUFFER for other in plan.nodes):
+                    TransformListener(self.buffer, servo_bus)
+                if plan.simulated and start_elsewhere is not None:
+                    joints = [servo.joint_name for servo in servo_bus.status().statistics.servos]
+                    TruePositionsOutput(servo_bus, joints, self._true_position)
 
-    def true_position(joint: str) -> float | None:
+    def stop(self) -> list[str]:
+        """STOP; return a line for each joint."""
+        problems = self.loop.stop()
+        return [stop_report(joint, problem) for joint, problem in problems.items()]
+
+    def resume(self) -> list[str]:
+        """End a STOP; return a line with the active controller."""
+        return [resume_report(self.nodes["servo_bus"].backend.resume())]
+
+    def _start(self, spec: NodeSpec) -> None:
+        if spec.process != CONTROL and self._start_elsewhere is not None:
+            self._elsewhere.add(spec.name)
+            self._start_elsewhere(spec)
+        else:
+            self.nodes[spec.name] = spec.make(self._available)
+            self._threads.start(self.nodes[spec.name])
+
+    def _start_on_request(self, name: str) -> None:
+        if name not in self.nodes and name not in self._elsewhere:
+            self._start(self._on_request[name])
+
+    def _simulate(self, joints: Sequence[JointConfiguration]) -> str:
+        self.simulated = self._resources.enter_context(SimulatedJoints(joints))
+        return self.simulated.port_name
+
+    def _true_position(self, joint: str) -> float | None:
+        assert self.simulated is not None
         try:
-            return simulated[0].true_position(joint)
+            return self.simulated.true_position(joint)
         except KeyError:  # no servo drives it
             return None
-
-    nodes: dict[str, Any] = {}
-    on_request = started_on_request(simulated=plan.simulated)
-    elsewhere: set[str] = set()
-
-    def start(spec: NodeSpec) -> None:
-        if spec.process != CONTROL and start_elsewhere is not None:
-            elsewhere.add(spec.name)
-            start_elsewhere(spec)
-            return
-        nodes[spec.name] = spec.make(available)
-        threads.start(nodes[spec.name])
-
-    def start_on_request(name: str) -> None:
-        if name not in nodes and name not in elsewhere:
-            start(on_request[name])
-
-    available: dict[str, Any] = {
-        "buffer": buffer,
-        "loop": loop,
-        "connect": simulate if plan.simulated else None,
-        "start": start_on_request,
-        "startable": tuple(on_request),
-        "true_position": true_position if plan.simulated else None,
-    }
-    for spec in plan.nodes:
-        stop.check()
-        start(spec)
-        if spec is plan.nodes[0]:
-            servo_bus = nodes[spec.name]
-            on_servos(servo_bus)
-            driven = [servo.joint_name for servo in servo_bus.status().statistics.servos]
-            if all(other.name != FEEDS_BUFFER for other in plan.nodes):
-                TransformListener(buffer, servo_bus)
-            if plan.simulated and start_elsewhere is not None:
-                TruePositionsOutput(servo_bus, driven, true_position)
-    return Composition(
-        nodes, buffer, loop, simulated[0] if simulated else None, available["true_position"]
-    )
 
 
 class OtherProcesses:
@@ -217,7 +207,7 @@ class ControlProcess:
         owners = JointOwners(exclusive=not plan.allow_others)
         if kept is not None:
             kept.guard(owners)
-        head = self._head = compose(
+        head = self._head = Composition(
             plan, threads, resources, self._stop, self._others.start, self._report_servos, owners
         )
         check_parameters(head.nodes.values())

@@ -24,7 +24,7 @@ from waiting import failing_waits, wait_for
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.kit.stop_signal import StopSignal
-from head_tracking.run.control import compose
+from head_tracking.run.control import Composition
 from head_tracking.run.node_sets import PAGE
 from head_tracking.run.options import parse_arguments
 
@@ -52,7 +52,7 @@ class Robot:
         servos = resources.enter_context(ExitStack())
         self.threads = resources.enter_context(closing(NodeThreads()))
         resources.enter_context(failing_waits(self.threads))
-        self.composition = compose(plan, self.threads, servos, StopSignal())
+        self.composition = Composition(plan, self.threads, servos, StopSignal())
         self.simulated = self.composition.simulated
         self.node: Node = rclpy.create_node("person")
         self._lock = threading.Lock()
