@@ -60,7 +60,7 @@ class TargetPath:
             return []
         moving = any(
             abs(speed) > max(_MOVING, _DEVIATIONS * estimate.speed_deviation(joint))
-            for joint, speed in enumerate(estimate.velocity(estimate.stamp))
+            for joint, speed in enumerate(estimate.velocities)
         )
         if not moving and abs(estimate.range.rate) < _RECEDING:
             return []

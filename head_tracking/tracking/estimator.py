@@ -131,22 +131,24 @@ class TargetEstimate:
     leads: tuple[float, float]
     reach: float
 
+    @property
+    def velocities(self) -> tuple[float, float]:
+        """The velocities of pan and tilt that look at the target, at `stamp` [rad/s]."""
+        pan, tilt = self.bearings
+        return pan.near.motion.speed, tilt.near.motion.speed
+
     def age(self, now: float) -> float:
-        """How long ago the newest point was measured [s]."""
+        """Return how long ago the latest point was measured [s]."""
         return now - self.stamp
 
     def bearing(self, time: float) -> tuple[float, float]:
         """Return pan and tilt that look at the target [rad] at a time [s], as predicted."""
-        return self._moved(0, time)[0], self._moved(1, time)[0]
-
-    def velocity(self, time: float) -> tuple[float, float]:
-        """Return the velocities of that pan and tilt [rad/s] at a time [s]."""
-        return self._moved(0, time)[1], self._moved(1, time)[1]
+        return self._position(0, time), self._position(1, time)
 
     def sight_at(self, time: float, tilt_time: float | None = None) -> Sight:
         """Return the predicted ray at a time [s]; its tilt, if given, at another."""
-        pan, _ = self._moved(0, time)
-        tilt, _ = self._moved(1, time if tilt_time is None else tilt_time)
+        pan = self._position(0, time)
+        tilt = self._position(1, time if tilt_time is None else tilt_time)
         return Sight(pan, tilt, self.range.distance(min(time - self.stamp, self.reach)))
 
     def deviation(self, joint: int, time: float) -> float:
@@ -169,33 +171,23 @@ class TargetEstimate:
         """Standard deviation of the velocity of pan (0) or tilt (1) at `stamp` [rad/s]."""
         return math.sqrt(self.bearings[joint].certainty[1])
 
-    def _moved(self, joint: int, time: float) -> tuple[float, float]:
-        """Return position [rad] and velocity [rad/s] of pan (0) or tilt (1) at a time [s].
+    def _position(self, joint: int, time: float) -> float:
+        """Return pan (0) or tilt (1) [rad] at a time [s].
 
         Beyond the lead time the far prediction takes over; the error of the far predictions until
         now shortens the way beyond the latest point.
         """
-        bearing, ahead = self.bearings[joint], min(time - self.stamp, self.reach)
-        lead, far = self.leads
+        bearing, (lead, far) = self.bearings[joint], self.leads
+        ahead = min(time - self.stamp, self.reach)
         here = bearing.near.motion.position
-        position, velocity = bearing.near.motion.after(ahead)
+        away = bearing.near.motion.after(ahead) - here
         if ahead > lead:
-            part = (ahead - lead) / (far - lead)
-            share, slope = part * part, 2.0 * part / (far - lead)
-            there, speed = bearing.far.motion.after(ahead)
-            velocity += share * (speed - velocity) + slope * (there - position)
-            position += share * (there - position)
-            away = position - here
+            share = ((ahead - lead) / (far - lead)) ** 2
+            away += share * (bearing.far.motion.after(ahead) - here - away)
             missed = bearing.far.error - max(bearing.near.error, bearing.variance)
-            missed = _CAUTION * max(missed, 0.0)
-            squares = away * away + share * missed + _FINEST
-            kept = away * away / squares
-            velocity = kept * ((3.0 - 2.0 * kept) * velocity - slope * missed * away / squares)
-            position = here + kept * away
-        away = position - here
-        if abs(away) > _FARTHEST_AHEAD:
-            position, velocity = position - away + math.copysign(_FARTHEST_AHEAD, away), 0.0
-        return position, 0.0 if ahead == self.reach else velocity
+            squares = away * away + share * _CAUTION * max(missed, 0.0) + _FINEST
+            away *= away * away / squares
+        return here + min(max(away, -_FARTHEST_AHEAD), _FARTHEST_AHEAD)
 
 
 class _Snapshot(NamedTuple):

@@ -95,12 +95,11 @@ class Motion(NamedTuple):
         """The velocity now [rad/s]."""
         return self.velocity + self.swing_velocity
 
-    def after(self, dt: float) -> tuple[float, float]:
-        """Return position [rad] and velocity [rad/s] a time `dt` [s] later."""
-        x, v, u, b, w = self
-        sine, cosine = math.sin(w * dt), math.cos(w * dt)
-        position = x + dt * v + (u * sine + b * (1.0 - cosine) / w) / w
-        return position, v + u * cosine + b * sine / w
+    def after(self, dt: float) -> float:
+        """Return the position [rad] a time `dt` [s] later."""
+        position, velocity, u, b, w = self
+        swing = (u * math.sin(w * dt) + b * (1.0 - math.cos(w * dt)) / w) / w
+        return position + dt * velocity + swing
 
 
 class Oscillation(NamedTuple):

@@ -60,7 +60,7 @@ def test_one_point_is_a_target_that_stands_still():
     estimator = TargetEstimator(EstimatorParameters())
     assert estimator.add(1.0, seen((1.0, 2.0, 3.0)), 1.0) is Verdict.NEW_TARGET
     assert place(estimator.estimate.sight_at(1.2)) == pytest.approx((1.0, 2.0, 3.0))
-    assert estimator.estimate.velocity(1.2) == pytest.approx((0.0, 0.0))
+    assert estimator.estimate.velocities == (0.0, 0.0)
 
 
 def test_a_straight_motion_is_predicted():
@@ -75,7 +75,7 @@ def test_a_swing_is_predicted_where_a_straight_line_is_far_off():
     assert miss(estimator, path, 0.17) < 0.01
     estimate = estimator.estimate
     pan, tilt = estimate.bearing(estimate.stamp)
-    speed, _ = estimate.velocity(estimate.stamp)
+    speed, _ = estimate.velocities
     straight = place(Sight(pan + 0.17 * speed, tilt, 2.0))
     assert math.dist(straight, path(estimate.stamp + 0.17)) > 0.03
 
@@ -186,18 +186,8 @@ def test_a_target_that_is_not_seen_any_more_comes_to_a_stop():
     estimator = fed(lambda t: (2.0, t, 0.0))
     estimate = estimator.estimate
     stopped = estimate.stamp + estimator.horizon + estimator.parameters.target_timeout
-    assert math.hypot(*estimate.velocity(stopped)) == pytest.approx(0.0, abs=1e-9)
     end = estimate.sight_at(stopped)
     assert estimate.sight_at(estimate.stamp + 60.0) == pytest.approx(end)
-
-
-def test_velocity_is_the_derivative_of_position():
-    estimate = fed(lambda t: (2.0, math.sin(3.0 * t), 0.2 * t), noise=0.002).estimate
-    for ahead in (-0.1, 0.0, 0.1, 0.24, 0.3, 0.45, 0.6):
-        t, h = estimate.stamp + ahead, 1e-5
-        before, after = estimate.bearing(t - h), estimate.bearing(t + h)
-        slope = [(b - a) / (2 * h) for a, b in zip(before, after, strict=True)]
-        assert estimate.velocity(t) == pytest.approx(slope, abs=1e-4)
 
 
 def test_it_can_be_forgotten():
