@@ -86,7 +86,7 @@ class Gaze:
         return self.reached or (clamp and out_of_reach)
 
 
-class Sight(NamedTuple):
+class Ray(NamedTuple):
     """A point as the head sees it, limits aside.
 
     Attributes:
@@ -201,7 +201,7 @@ class PanTiltHead:
             return Gaze(*nearest, GazeStatus.REACHED, miss)
         return Gaze(*nearest, GazeStatus.OUT_OF_REACH, miss, self._out_of_reach(wanted, miss))
 
-    def sight(self, target: Sequence[float], pan: float, tilt: float) -> Sight | None:
+    def ray(self, target: Sequence[float], pan: float, tilt: float) -> Ray | None:
         """Return the ray to a point, limits aside; None if no turn brings it before the camera.
 
         How far away a point on the camera's axis is makes no difference to pan and tilt.
@@ -218,25 +218,25 @@ class PanTiltHead:
         angle = None if direction is None else geometry.tilt(point, direction)
         if direction is None or angle is None:
             return None
-        return Sight(
+        return Ray(
             pan + math.remainder(direction - pan, math.tau),
             tilt + math.remainder(angle - tilt, math.tau),
             geometry.distance(point, direction, angle),
         )
 
-    def look(self, sight: Sight, pan: float, tilt: float) -> Gaze:
+    def gaze_along(self, ray: Ray, pan: float, tilt: float) -> Gaze:
         """Return the gaze at a point, given by its ray; see `gaze`."""
         positions = (
-            turn_near(sight.pan, pan, self.pan_limits),
-            turn_near(sight.tilt, tilt, self.tilt_limits),
+            turn_near(ray.pan, pan, self.pan_limits),
+            turn_near(ray.tilt, tilt, self.tilt_limits),
         )
         if self._allowed(positions):
             return Gaze(*positions, GazeStatus.REACHED, 0.0)
-        return self.gaze(self.point(sight), pan, tilt)
+        return self.gaze(self.point(ray), pan, tilt)
 
-    def point(self, sight: Sight) -> Vector3:
+    def point(self, ray: Ray) -> Vector3:
         """Return the point of a ray, shape (3,) [m], in `base_frame`."""
-        return self._geometry.ahead(*sight)
+        return self._geometry.ahead(*ray)
 
     def seen(self, target: Sequence[float], pan: float, tilt: float) -> Vector3:
         """Return a point of `base_frame` as seen from the camera at these joint positions.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from head_tracking.gaze import Sight
+from head_tracking.gaze import Ray
 from head_tracking.tracking import EstimatorParameters, TargetEstimator
 from head_tracking.transforms import Vector3
 
@@ -30,7 +30,7 @@ class TargetPath:
         self._head = head
         self._last: int | None = None
         self._estimator = TargetEstimator(EstimatorParameters())
-        self._estimator.horizon = ahead
+        self._estimator.lead_time = ahead
         self._now = 0
 
     def add(self, now: int, point: Vector3 | None, stamp: int | None = None) -> None:
@@ -48,9 +48,9 @@ class TargetPath:
         self._now = now
         if point is not None and (self._last is None or stamp > self._last):
             self._last = stamp
-            sight = self._sight(point)
-            if sight is not None:
-                self._estimator.add(stamp * 1e-9, sight, now * 1e-9)
+            ray = self._ray(point)
+            if ray is not None:
+                self._estimator.add(stamp * 1e-9, ray, now * 1e-9)
 
     def predicted(self) -> list[Vector3]:
         """Return the path from the last position on [m]; empty if the target may be at rest."""
@@ -66,24 +66,24 @@ class TargetPath:
             return []
         step = (now + self._ahead - estimate.stamp) / _STEPS
         times = (estimate.stamp + number * step for number in range(_STEPS + 1))
-        return [self._point(estimate.sight_at(time)) for time in times]
+        return [self._point(estimate.ray_at(time)) for time in times]
 
-    def _sight(self, point: Vector3) -> Sight | None:
+    def _ray(self, point: Vector3) -> Ray | None:
         """Return azimuth, angle below the horizon and distance of a point, from the head."""
         x, y, z = (a - b for a, b in zip(point, self._head, strict=True))
         distance = math.hypot(x, y, z)
         if distance < _CLOSE:
             return None
         last = self._estimator.estimate
-        before = 0.0 if last is None else last.sight.pan
+        before = 0.0 if last is None else last.ray.pan
         azimuth = before + math.remainder(math.atan2(y, x) - before, math.tau)
-        return Sight(azimuth, -math.asin(z / distance), distance)
+        return Ray(azimuth, -math.asin(z / distance), distance)
 
-    def _point(self, sight: Sight) -> Vector3:
+    def _point(self, ray: Ray) -> Vector3:
         x, y, z = self._head
-        flat = sight.distance * math.cos(sight.tilt)
+        flat = ray.distance * math.cos(ray.tilt)
         return (
-            x + flat * math.cos(sight.pan),
-            y + flat * math.sin(sight.pan),
-            z - sight.distance * math.sin(sight.tilt),
+            x + flat * math.cos(ray.pan),
+            y + flat * math.sin(ray.pan),
+            z - ray.distance * math.sin(ray.tilt),
         )

@@ -14,7 +14,7 @@ _MANOEUVRE: Array = np.array([0.05, 0.05, 2.0, 2.0, 40.0, 40.0])[:, None]
 """Spectral density of the target's acceleration in each filter [rad^2/s^3]."""
 _JITTER: Array = np.tile([0.003, 0.012], 3)[:, None]
 """Standard deviation of the stamps in each filter [s]."""
-_CALM = 4  # filters; the others are for targets that manoeuvre
+_STEADY = 4  # filters; the others are for targets that manoeuvre
 _FIRST_SPEED = 1.0  # rad/s; standard deviation before the second point
 _DEGREES = 4.0  # of freedom of the t distribution: outliers count little
 _GATE = 30.0  # squared deviations from the nearest prediction: more is another target
@@ -34,18 +34,18 @@ class HypothesisBank:
 
     Args:
         count: of hypotheses, N.
-        calm: hypotheses that are explained by the calm filters only, shape (N,).
+        steady: hypotheses that are explained by the steady filters only, shape (N,).
 
     Attributes:
         scores: log likelihoods, relative to the best and forgotten over 3 s, shape (N,). Points
             that do not tell the hypotheses apart make nothing forgotten.
     """
 
-    def __init__(self, count: int, calm: npt.NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, count: int, steady: npt.NDArray[np.bool_] | None = None) -> None:
         self.scores = np.zeros(count)
         self._allowed = np.zeros((len(_JITTER), count))
-        if calm is not None:
-            self._allowed[_CALM:, calm] = _NEVER
+        if steady is not None:
+            self._allowed[_STEADY:, steady] = _NEVER
         self._stamp = -math.inf
         self._position: Array
         self._velocity: Array

@@ -217,7 +217,7 @@ class PositionLaw(TrackingLaw):
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`."""
-        gaze = self._head.look(target.sight, *joints.positions)
+        gaze = self._head.gaze_along(target.ray, *joints.positions)
         return self.go_to((gaze.pan, gaze.tilt), self.fastest, joints, now), gaze
 
     def go_to(
@@ -240,7 +240,7 @@ class SpeedLaw(TrackingLaw):
         self, target: TargetEstimate, joints: JointReading, now: float
     ) -> tuple[HeadCommand, Gaze]:
         """See `TrackingLaw`."""
-        gaze = self._head.look(target.sight, *joints.positions)
+        gaze = self._head.gaze_along(target.ray, *joints.positions)
         if gaze.status in (GazeStatus.REACHED, GazeStatus.ON_PAN_AXIS):
             self._held = None
             return self.step((gaze.pan, gaze.tilt), joints.positions), gaze
@@ -393,7 +393,7 @@ class PredictiveLaw(TrackingLaw):
         The head does not turn all the way round to a target that has just come into reach at the
         other end of the pan range.
         """
-        gaze = self._head.look(target.sight_at(*times), *near)
+        gaze = self._head.gaze_along(target.ray_at(*times), *near)
         if self._aimed is None:
             return gaze
         pan, tilt = self._aimed

@@ -68,7 +68,7 @@ class LearnedValue:
             return "saved"
         return "learned" if self.deviation < self.known else "not observable"
 
-    def told(self, now: float) -> str:
+    def described(self, now: float) -> str:
         """Return it for a person, with its deviation and its age at the time `now` [s]."""
         if self.source not in ("learned", "saved"):
             return f"{self.value:.3g} {self.unit}, {self.source}"

@@ -45,7 +45,7 @@ MODELS = (
 
 _USUAL_NOISE = 0.003  # rad; until the points have shown their own
 _SPEED = 0.5  # rad/s; standard deviation of a target's velocity before anything is known
-_ACCELERATION = 2.0  # rad/s^2; the same of its acceleration
+ACCELERATION = 2.0  # rad/s^2; standard deviation of its acceleration then
 _MEMORY = 0.8  # s; over which the models are judged
 _LARGEST_SHARE = 0.12  # of one point in that judgement
 _ERROR_MEMORY = 0.9  # s; over which the mixture is judged: a kink now and then is remembered
@@ -135,18 +135,18 @@ class Oscillation(NamedTuple):
         """
         if len(stamps) < 5:
             return self
-        newest = stamps[-1]
+        latest = stamps[-1]
         intervals = sorted(b - a for a, b in pairwise(stamps[-5:]))
         lag = math.ceil(_LAG / intervals[1] - 0.1) * intervals[1]
         if not _LAGS[0] * lag < self.lag < _LAGS[1] * lag:
             return Oscillation(0.0, 0.0, 0.0, lag)
         lag = self.lag
-        if stamps[0] > newest - 3.0 * lag:
+        if stamps[0] > latest - 3.0 * lag:
             return self
-        places = [_place(stamps, newest - times * lag) for times in (1.0, 2.0, 3.0)]
+        places = [_place(stamps, latest - times * lag) for times in (1.0, 2.0, 3.0)]
         if any(stamps[i + 1] - stamps[i] > _LONGEST for i, _ in places):
             return self
-        dt = newest - stamps[-2]
+        dt = latest - stamps[-2]
         kept = math.exp(-dt / _RATE_MEMORY)
         squares, products = kept * self.squares, kept * self.products
         noise = sum((1.0 - share) ** 2 + share**2 for _, share in places[:2])
@@ -282,7 +282,7 @@ class Bearings(NamedTuple):
         """
         pan, tilt = self.joints
         variance = 0.5 * (pan.variance + tilt.variance)
-        priors = (_SPEED**2 / variance, _ACCELERATION**2 / variance)
+        priors = (_SPEED**2 / variance, ACCELERATION**2 / variance)
         covariances = tuple(
             (
                 1.0,

@@ -310,15 +310,15 @@ class ServoModel:
     def _judge(self) -> None:
         """Compare the shaft's displacement in a window with the one of every hypothesis."""
         cell = min(int((self.reading[0] - self._grid_start) / _CELL), self._filled - 1)
-        newest = self._grid_start + cell * _CELL
+        latest = self._grid_start + cell * _CELL
         first = cell + 1 - _CELLS - _WINDOW
-        if first < 0 or newest < self._judged + _EVERY or not self.is_learning:
+        if first < 0 or latest < self._judged + _EVERY or not self.is_learning:
             return  # the first cells after the buffer was shifted have no window before them
-        position = self._at(newest)
-        before = self._at(newest - _WINDOW * _CELL)
+        position = self._at(latest)
+        before = self._at(latest - _WINDOW * _CELL)
         if position is None or before is None:
             return
-        elapsed, self._judged = newest - self._judged, newest
+        elapsed, self._judged = latest - self._judged, latest
         recent = self._grid[:, first : cell + 1]
         followed = (recent[:, _WINDOW:] - recent[:, :-_WINDOW])[:, ::-1]
         spread = float(np.ptp(followed))
@@ -328,7 +328,7 @@ class ServoModel:
         unexplained = np.zeros_like(expected)
         if spread > _LIVELY:
             limited = slice(len(_BANDS), None)
-            expected[limited], unexplained[limited] = self._limited(recent[0], before, newest)
+            expected[limited], unexplained[limited] = self._limited(recent[0], before, latest)
         moved = position - before
         share = min(elapsed / (_WINDOW * _CELL), 1.0)
         weight = share / (_NOISE**2 + (_MODEL_ERROR * moved) ** 2)
@@ -337,7 +337,7 @@ class ServoModel:
         self._xy = kept * self._xy + (weight * moved) * expected
         self._yy = kept * self._yy + weight * (moved * moved + unexplained * unexplained)
         self._windows = kept * self._windows + share
-        self.learned = newest
+        self.learned = latest
         self._posterior()
 
     def _limited(self, setpoints: Array, start: float, stamp: float) -> tuple[Array, Array]:

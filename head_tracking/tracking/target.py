@@ -190,7 +190,7 @@ class HeadBase:
         self._buffer = buffer
         self._frames = fixed_frame, base_frame
         self._stamp = 0.0
-        self._newest = Transform.identity()
+        self._latest = Transform.identity()
         self._motion: tuple[_Motion, _Motion] | None = None
         self._rotations: deque[tuple[int, float, float, float, float]] = deque()
 
@@ -198,14 +198,14 @@ class HeadBase:
         """Update pose and motion; return the error, or an empty string."""
         self._motion = None
         try:
-            newest = self._buffer.lookup_transform(*self._frames)
-            self._stamp, self._newest = newest.stamp * 1e-9, newest.transform
-            if newest.stamp != LATEST:
+            latest = self._buffer.lookup_transform(*self._frames)
+            self._stamp, self._latest = latest.stamp * 1e-9, latest.transform
+            if latest.stamp != LATEST:
                 older, oldest = (
-                    self._buffer.lookup_transform(*self._frames, newest.stamp - ago).transform
+                    self._buffer.lookup_transform(*self._frames, latest.stamp - ago).transform
                     for ago in (_WINDOW, 2 * _WINDOW)
                 )
-                self._motion = _motion_between(older, self._newest), _motion_between(oldest, older)
+                self._motion = _motion_between(older, self._latest), _motion_between(oldest, older)
         except ExtrapolationException:
             return ""  # the motion is not known yet
         except TransformException as error:
@@ -242,7 +242,7 @@ class HeadBase:
     def pose(self, time: float) -> Transform:
         """Return `T_fixed_base` at a time [s] near now, extrapolated with constant acceleration."""
         if self._motion is None:
-            return self._newest
+            return self._latest
         last, before = self._motion
         windows = min(time - self._stamp, _AHEAD) / (_WINDOW * 1e-9)
         bend = 0.5 * windows * (windows + 1.0)
@@ -255,7 +255,7 @@ class HeadBase:
             if angle > 0.0
             else Rotation(0.0, 0.0, 0.0, 1.0)
         )
-        return self._newest @ Transform((x, y, z), turn)
+        return self._latest @ Transform((x, y, z), turn)
 
 
 _Motion = tuple[float, float, float, float, float, float]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
-from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Sight
+from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Ray
 from head_tracking.tracking.estimator import (
     EstimatorParameters,
     TargetEstimate,
@@ -98,7 +98,7 @@ class Tracker:
     ) -> None:
         self.head = head
         self.law = law
-        ahead = head.sight((_FAR_AHEAD, 0.0, 0.0), 0.0, 0.0)
+        ahead = head.ray((_FAR_AHEAD, 0.0, 0.0), 0.0, 0.0)
         self.estimator = TargetEstimator(estimator, 0.0 if ahead is None else ahead.tilt)
         self.machine = TargetStateMachine(head, state)
         self.at_most = math.inf
@@ -195,7 +195,7 @@ class Tracker:
         """Pass a point in the fixed frame to the estimator."""
         estimate, latest = self.estimator.estimate, self._readings.latest
         if estimate is not None:
-            pan, tilt, _ = estimate.sight
+            pan, tilt, _ = estimate.ray
         else:
             pan, tilt = latest.positions if latest is not None else (0.0, 0.0)
         if self._base is not None:
@@ -204,8 +204,8 @@ class Tracker:
                 self._upright = place.rotation
             x, y, z = (a - b for a, b in zip(point, place.translation, strict=True))
             point = self._upright.inverse() @ (x, y, z)
-        sight = self.head.sight(point, pan, tilt)
-        return Verdict.TOO_CLOSE if sight is None else self.estimator.add(stamp, sight, now)
+        ray = self.head.ray(point, pan, tilt)
+        return Verdict.TOO_CLOSE if ray is None else self.estimator.add(stamp, ray, now)
 
     def step(self, now: float) -> TrackingStep:
         """Return the command for now; none before the joints were measured."""
@@ -229,11 +229,11 @@ class Tracker:
             if target is None:
                 return TrackingStep()
             command, gaze = self.law.follow(target, joints, now)
-            there = self.head.point(target.sight_at(joints.stamp))
+            there = self.head.point(target.ray_at(joints.stamp))
             error = self.head.miss(there, *joints.positions)
             self.machine.followed(gaze, error, now)
             ahead = self._message_age + 0.5 * self._interval + 0.5 * sum(self.law.lead_times)
-            self.estimator.horizon += _SMOOTHING * (ahead - self.estimator.horizon)
+            self.estimator.lead_time += _SMOOTHING * (ahead - self.estimator.lead_time)
             self._watch_servos(command, joints)
             return TrackingStep(command, gaze, error)
         goal = self.machine.goal(joints.positions, now)
@@ -332,19 +332,19 @@ class TargetFromBase(TargetEstimate):
         """Return the same target in the base frame."""
         values = {field.name: getattr(estimate, field.name) for field in fields(estimate)}
         target = TargetFromBase(**values, head=head, turn=turn)
-        return replace(target, sight=target.turned(estimate.sight, now))
+        return replace(target, ray=target.turned(estimate.ray, now))
 
-    def turned(self, sight: Sight, time: float) -> Sight:
+    def turned(self, ray: Ray, time: float) -> Ray:
         """Transform a ray into the base frame at a time [s]."""
-        point = self.turn(time) @ self.head.point(sight)
-        return self.head.sight(point, sight.pan, sight.tilt) or sight
+        point = self.turn(time) @ self.head.point(ray)
+        return self.head.ray(point, ray.pan, ray.tilt) or ray
 
-    def sight_at(self, time: float, tilt_time: float | None = None) -> Sight:
+    def ray_at(self, time: float, tilt_time: float | None = None) -> Ray:
         """Return the predicted ray at a time [s], in the base frame at that time."""
-        sight = self.turned(TargetEstimate.sight_at(self, time), time)
+        ray = self.turned(TargetEstimate.ray_at(self, time), time)
         if tilt_time is None or tilt_time == time:
-            return sight
-        return sight._replace(tilt=self.sight_at(tilt_time).tilt)
+            return ray
+        return ray._replace(tilt=self.ray_at(tilt_time).tilt)
 
 
 def stalled(

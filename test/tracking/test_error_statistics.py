@@ -14,10 +14,6 @@ def test_rms_and_maximum():
     assert statistics.count == 2
 
 
-def test_nothing_measured():
-    assert ErrorStatistics().rms == 0.0
-
-
 def test_every_moment_is_judged_by_where_the_target_was_then(head):
     trace = Trace()
     judge = TrackingJudge(head, settling=0.0, trace=trace)

@@ -22,12 +22,6 @@ def test_a_late_message_is_farther_along_the_path():
     assert other.advance(3.0) == pytest.approx(point)
 
 
-def test_without_amplitude_it_stands_still():
-    still = FictitiousTargetParameters(center=(1.0, 2.0, 3.0), amplitude=(0.0, 0.0, 0.0))
-    target = FictitiousTarget(still)
-    assert {target.advance() for _ in range(50)} == {(1.0, 2.0, 3.0)}
-
-
 def test_a_centre_needs_three_numbers():
     with pytest.raises(ValueError, match="center"):
         FictitiousTargetParameters(center=(1.0, 2.0))

@@ -26,12 +26,6 @@ def test_a_joint_that_stands_is_reported_with_facts_after_the_patience():
     assert problems[-1] is not None
 
 
-def test_patience_is_the_callers():
-    problems = watched(lambda t: 0.0, patience=0.3)
-    first = next(k for k, problem in enumerate(problems) if problem)
-    assert first * DT == pytest.approx(0.3, abs=2.1 * DT)
-
-
 @pytest.mark.parametrize("share", [0.4, 1.0])
 def test_a_joint_that_comes_after_follows(share):
     assert not any(watched(lambda t: share * 0.5 * t))

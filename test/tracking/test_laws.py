@@ -1,15 +1,41 @@
-"""A law is added by an entry in LAWS: its parameters come with it."""
+"""The simple laws; a law is added by an entry in LAWS: its parameters come with it."""
 
 from dataclasses import fields
 
 import pytest
 
+from head_tracking.gaze import together
 from head_tracking.parameters import parameter_info
-from head_tracking.tracking import LAWS, SpeedLimits
+from head_tracking.tracking import (
+    LAWS,
+    EstimatorParameters,
+    JointReading,
+    PositionLaw,
+    SpeedLaw,
+    SpeedLimits,
+    TargetEstimator,
+)
+
+READING = JointReading(0.0, (0.5, 0.1))
+
+
+@pytest.fixture
+def estimate(head):
+    def make(point):
+        estimator = TargetEstimator(EstimatorParameters())
+        estimator.add(0.0, head.ray(point, 0.0, 0.0), 0.0)
+        return estimator.estimate
+
+    return make
+
+
+@pytest.fixture
+def law(head):
+    return SpeedLaw(head, 0.1)
 
 
 @pytest.mark.parametrize("law", LAWS.values())
-def test_a_law_has_parameters_of_its_own_class_and_says_what_it_does(law, head):
+def test_a_law_has_parameters_of_its_own_and_a_description(law, head):
     assert law(head, 0.02).parameters == law.Parameters()
     assert law(head, 0.02, SpeedLimits(1.0)).limits.max_joint_speed == 1.0
     assert law.description
@@ -20,3 +46,72 @@ def test_no_two_parameters_of_the_laws_have_the_same_name():
     names = [field.name for kind in kinds for field in fields(kind)]
     assert len(names) == len(set(names))
     assert all(parameter_info(field).description for kind in kinds for field in fields(kind))
+
+
+@pytest.mark.parametrize("make", LAWS.values())
+def test_a_law_stops_the_head_where_it_is(make, head):
+    command = make(head, 0.02).stop(READING)
+    assert (command.pan, command.tilt) == READING.positions
+
+
+def test_both_joints_arrive_together_at_speeds_above_zero():
+    command = together((0.0, 0.0), (1.0, -0.25), 2.0)
+    assert (command.pan_speed, command.tilt_speed) == (2.0, 0.5)
+    for goal in ((1.0, 0.3), (0.0, 0.3)):
+        assert together((0.0, 0.3), goal, 2.0).tilt_speed > 0
+
+
+def test_the_law_position_goes_to_the_latest_point(head, estimate):
+    law = PositionLaw(head, 0.02, SpeedLimits(max_joint_speed=2.0))
+    command, gaze = law.follow(estimate((1.0, 1.0, 0.5)), READING, 0.0)
+    assert command == together(READING.positions, (gaze.pan, gaze.tilt), 2.0)
+
+
+def test_the_law_position_goes_along_the_limit_to_a_target_out_of_reach(head, estimate):
+    command, gaze = PositionLaw(head, 0.02).follow(estimate((-2.0, 0.5, 0.0)), READING, 0.0)
+    assert not gaze.reached
+    assert command.pan == head.pan_limits.upper
+
+
+def test_names_and_defaults_of_the_law_speed_are_the_tutorials(law):
+    p = law.parameters
+    assert (p.k_pan, p.k_tilt) == (1.5, 1.5)
+    assert (p.pan_threshold, p.tilt_threshold) == (0.01, 0.01)
+    assert law.limits.lead_target_angle == 0.5
+
+
+def test_the_law_speed_aims_at_the_latest_point(law, head, estimate):
+    command, gaze = law.follow(estimate((1.0, 0.2, 0.2)), JointReading(0.0, (0.0, 0.0)), 0.0)
+    exact = head.gaze((1.0, 0.2, 0.2), 0.0, 0.0)
+    assert (gaze.pan, gaze.tilt) == pytest.approx((exact.pan, exact.tilt))
+    assert command.pan_speed == pytest.approx(1.5 * gaze.pan)
+
+
+def test_a_target_out_of_reach_stops_the_law_speed_where_it_was(law, estimate):
+    behind = estimate((-2.0, 0.0, 0.0))
+    first, _ = law.follow(behind, READING, 0.0)
+    again, _ = law.follow(behind, JointReading(0.1, (0.6, 0.0)), 0.1)
+    assert (first.pan, again.pan) == (0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("limit", "wanted", "present", "goals", "speeds"),
+    [
+        (0.0, (0.2, -0.1), (0.0, 0.0), (0.5, -0.5), (0.3, 0.15)),
+        (0.0, (2.0, -2.0), (0.0, 0.0), (0.5, -0.5), (0.5, 0.5)),
+        (0.2, (2.0, -2.0), (0.0, 0.0), (0.5, -0.5), (0.2, 0.2)),
+        (0.0, (2.5, 1.3), (2.4, 1.2), (2.6, 1.47), (0.15, 0.15)),
+    ],
+)
+def test_speeds_of_the_law_speed_follow_the_errors(head, limit, wanted, present, goals, speeds):
+    command = SpeedLaw(head, 0.1, SpeedLimits(max_joint_speed=limit)).step(wanted, present)
+    assert (command.pan, command.tilt) == pytest.approx(goals)
+    assert (command.pan_speed, command.tilt_speed) == pytest.approx(speeds)
+
+
+def test_inside_the_threshold_the_joint_stays_where_it_stopped(law):
+    law.step((0.2, 0.2), (0.0, 0.0))
+    assert law.step((0.2, 0.2), (0.195, 0.195)).pan == 0.195
+    # it sags by less than the threshold: the goal does not follow the sag
+    assert law.step((0.2, 0.2), (0.191, 0.191)).pan == 0.195
+    assert law.step((0.2, 0.2), (0.1, 0.191)).pan == pytest.approx(0.6)

@@ -79,23 +79,6 @@ def test_before_it_has_moved_nothing_is_known():
     assert model.mean == pytest.approx(fresh.mean)
 
 
-def test_a_delay_given_by_hand_counts():
-    model = ServoModel()
-    model.known_delay = 0.2
-    for k in range(1, 300):
-        model.measured(k * DT, 0.0)
-        model.command(k * DT, 0.0, 0.0)
-    assert model.delay == pytest.approx(0.2)
-
-
-def test_what_was_learned_survives_a_restart():
-    model, t = swing(Servo(0.1))
-    mean, deviation = model.mean, model.deviation
-    model.restart(t + 5.0, 0.7)
-    assert (model.mean, model.deviation) == (mean, deviation)
-    assert model.setpoint(t + 5.0) == 0.7
-
-
 def test_a_new_mean_is_applied_without_a_jump():
     servo, model = Servo(0.25), ServoModel()
     model.restart(0.0, 0.0)
@@ -128,14 +111,6 @@ def test_one_small_step_of_the_encoder_changes_nothing(step):
     assert other.mean == pytest.approx(one.mean, abs=0.003)
 
 
-def test_a_wall_stops_the_setpoint():
-    model = ServoModel()
-    model.restart(0.0, 0.0)
-    model.command(0.0, 1.0, 0.3)
-    assert model.setpoint(0.1) == pytest.approx(0.1)
-    assert model.setpoint(5.0) == pytest.approx(0.3)
-
-
 def test_a_held_servo_stays():
     model = ServoModel()
     model.restart(0.0, 0.0)
@@ -152,13 +127,6 @@ def test_a_blocked_shaft_tells_no_delay_for_certain():
         speed = 1.0 + 0.5 * math.sin(k)
         model.command(DT * k, speed, 10.0)
     assert model.deviation > 0.03
-
-
-def test_old_readings_are_ignored():
-    model = ServoModel()
-    model.restart(1.0, 0.5)
-    model.measured(0.5, 9.0)
-    assert model.reading == (1.0, 0.5)
 
 
 class LimitedServo(Servo):

@@ -91,12 +91,6 @@ def test_after_the_timeout_it_recentres_and_then_is_silent(make):
     assert life.goal(HERE, last + 14.0) is None  # somebody else moves the head now
 
 
-def test_recentring_can_be_switched_off(make):
-    life = make(recenter_timeout=0.0)
-    last = seen(life)
-    assert life.goal(HERE, last + 1000.0) == HERE
-
-
 def test_a_search_begins_and_any_target_interrupts_it(make):
     life = make(enable_target_search=True)
     last = seen(life)
@@ -107,15 +101,6 @@ def test_a_search_begins_and_any_target_interrupts_it(make):
     assert life.follows(last + 11.1, 0.5)
 
 
-def test_recentring_may_come_before_the_search(make):
-    life = make(enable_target_search=True, recenter_timeout=3.0)
-    last = seen(life)
-    assert life.goal(HERE, last + 4.0) == (0.0, 0.0)
-    assert life.goal((0.0, 0.0), last + 6.0) is None
-    assert life.goal((0.0, 0.0), last + 10.5) is not None
-    assert life.state is TargetState.SEARCHING
-
-
 def test_recentring_on_request(make):
     life = make()
     seen(life)
@@ -124,37 +109,6 @@ def test_recentring_on_request(make):
     assert life.goal(HERE, 2.0) == (0.0, 0.0)
     assert life.goal((0.0, 0.0), 3.0) is None
     assert life.state is TargetState.IDLE
-
-
-def test_a_target_interrupts_the_way_to_the_centre(make):
-    life = make()
-    life.recenter()
-    life.seen(1.0, new=True)
-    assert life.follows(1.1, 0.5)
-
-
-def test_switched_off_and_on(make):
-    life = make()
-    seen(life)
-    life.enable(False)
-    assert (life.state, life.enabled) == (TargetState.DISABLED, False)
-    life.enable(True)
-    assert (life.state, life.enabled) == (TargetState.IDLE, True)
-    assert not life.follows(1.1, 0.5)
-
-
-def test_every_state_has_a_reason(make):
-    life = make(enable_target_search=True)
-    reasons = {life.state: life.reason}
-    last = seen(life)
-    reasons[life.state] = life.reason
-    for away in (0.6, 10.0):
-        life.goal(HERE, last + away)
-        reasons[life.state] = life.reason
-    life.enable(False)
-    reasons[life.state] = life.reason
-    assert len(reasons) == 5
-    assert all(reasons.values())
 
 
 @pytest.mark.parametrize("error", [0.2, 1.5])

@@ -31,12 +31,6 @@ def test_figures_of_a_swing():
     assert recording.within(0.2) == 1.0
 
 
-def test_a_part_of_it():
-    part = swing().between(2.0, 3.0)
-    assert part.times[0] == pytest.approx(2.0, abs=0.005)
-    assert part.times[-1] == pytest.approx(3.0, abs=0.005)
-
-
 def test_when_it_settled():
     samples = [
         Sample(t, (0, 0), (0, 0), error) for t, error in enumerate((0.5, 0.1, 0.3, 0.1, 0.1))

@@ -4,6 +4,7 @@ import math
 import random
 
 import pytest
+from ideal_head import DT, IdealHead
 
 from head_tracking.tracking import (
     LAWS,
@@ -14,7 +15,6 @@ from head_tracking.tracking import (
     Verdict,
 )
 
-DT = 0.02
 TARGET = (1.0, 0.6, -0.2)
 
 
@@ -36,40 +36,10 @@ def make(head):
     return make
 
 
-class Bench:
-    """An ideal servo: each joint moves at the commanded speed towards its goal."""
-
-    def __init__(self, tracker):
-        self.tracker, self.now, self.positions = tracker, 100.0, (0.0, 0.0)
-        self.step = None
-        self.command = None
-
-    def run(self, seconds, target=None, command=None):
-        for _ in range(round(seconds / DT)):
-            self.now += DT
-            self.tracker.joints_read(self.now, self.positions)
-            if target is not None:
-                self.tracker.target_seen(self.now, target, self.now)
-            self.step = self.tracker.step(self.now)
-            self.obey(self.step.command)
-        return self
-
-    def obey(self, command):
-        self.command = command or self.command
-        if self.command is None:
-            return
-        goals = (self.command.pan, self.command.tilt)
-        speeds = (self.command.pan_speed, self.command.tilt_speed)
-        self.positions = tuple(
-            here + math.copysign(min(abs(goal - here), speed * DT), goal - here)
-            for here, goal, speed in zip(self.positions, goals, speeds, strict=True)
-        )
-
-
 def test_nothing_moves_before_a_target_comes(make, law):
-    bench = Bench(make(law)).run(1.0)
-    assert bench.step.command is None
-    assert bench.tracker.state is TargetState.IDLE
+    ideal = IdealHead(make(law)).run(1.0)
+    assert ideal.step.command is None
+    assert ideal.tracker.state is TargetState.IDLE
 
 
 def test_nothing_is_commanded_before_the_joints_are_known(make):
@@ -80,113 +50,100 @@ def test_nothing_is_commanded_before_the_joints_are_known(make):
 
 
 def test_it_turns_to_the_target_and_stays(make, law):
-    bench = Bench(make(law)).run(4.0, TARGET)
-    assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
-    assert bench.tracker.state is TargetState.TRACKING
-    assert bench.step.error == pytest.approx(
-        bench.tracker.head.miss(TARGET, *bench.positions), abs=5e-3
+    ideal = IdealHead(make(law)).run(4.0, TARGET)
+    assert ideal.tracker.head.miss(TARGET, *ideal.positions) < 0.02
+    assert ideal.tracker.state is TargetState.TRACKING
+    assert ideal.step.error == pytest.approx(
+        ideal.tracker.head.miss(TARGET, *ideal.positions), abs=5e-3
     )
 
 
 def test_a_target_behind_the_head_is_no_reason_to_hunt(make):
-    bench = Bench(make()).run(4.0, (-2.0, 0.3, 0.0))
-    assert bench.tracker.state is TargetState.AT_LIMIT
-    assert "out of reach" in bench.tracker.machine.reason
-    assert bench.positions[0] == pytest.approx(bench.tracker.head.pan_limits.upper, abs=0.02)
+    ideal = IdealHead(make()).run(4.0, (-2.0, 0.3, 0.0))
+    assert ideal.tracker.state is TargetState.AT_LIMIT
+    assert "out of reach" in ideal.tracker.machine.reason
+    assert ideal.positions[0] == pytest.approx(ideal.tracker.head.pan_limits.upper, abs=0.02)
     # it wanders across to the other side of the back, and the head stays
-    bench.run(2.0, (-2.0, -0.1, 0.0))
-    assert bench.positions[0] == pytest.approx(bench.tracker.head.pan_limits.upper, abs=0.02)
+    ideal.run(2.0, (-2.0, -0.1, 0.0))
+    assert ideal.positions[0] == pytest.approx(ideal.tracker.head.pan_limits.upper, abs=0.02)
 
 
 def test_one_that_flickers_at_the_far_edge_is_not_chased_all_the_way_round(make):
-    bench = Bench(make()).run(4.0, (-2.0, 0.3, 0.0))
-    edge = bench.tracker.head.pan_limits.lower
+    ideal = IdealHead(make()).run(4.0, (-2.0, 0.3, 0.0))
+    edge = ideal.tracker.head.pan_limits.lower
     for k in range(60):
         angle = edge + (0.02 if k % 2 else -0.02)
-        bench.run(DT, (2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.0))
-    assert bench.positions[0] > 2.0
-    bench.run(6.0, (2.0 * math.cos(edge + 0.3), 2.0 * math.sin(edge + 0.3), 0.0))
-    assert bench.positions[0] == pytest.approx(edge + 0.3, abs=0.03)
-
-
-def test_a_target_that_comes_back_into_reach_is_picked_up(make):
-    bench = Bench(make()).run(3.0, (-2.0, 0.3, 0.0)).run(4.0, TARGET)
-    assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
-    assert bench.tracker.state is TargetState.TRACKING
+        ideal.run(DT, (2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.0))
+    assert ideal.positions[0] > 2.0
+    ideal.run(6.0, (2.0 * math.cos(edge + 0.3), 2.0 * math.sin(edge + 0.3), 0.0))
+    assert ideal.positions[0] == pytest.approx(edge + 0.3, abs=0.03)
 
 
 def test_a_lost_target_holds_the_head_and_comes_back(make, law):
-    bench = Bench(make(law)).run(0.5, TARGET).run(2.0)
-    held = bench.positions
-    assert bench.tracker.state is TargetState.HOLDING
-    assert bench.step.error is None
-    bench.run(1.0)
-    assert bench.positions == pytest.approx(held, abs=0.005)
+    ideal = IdealHead(make(law)).run(0.5, TARGET).run(2.0)
+    held = ideal.positions
+    assert ideal.tracker.state is TargetState.HOLDING
+    assert ideal.step.error is None
+    ideal.run(1.0)
+    assert ideal.positions == pytest.approx(held, abs=0.005)
     other = (1.0, -0.6, -0.2)
-    bench.run(5.0, other)
-    assert bench.tracker.head.miss(other, *bench.positions) < 0.02
+    ideal.run(5.0, other)
+    assert ideal.tracker.head.miss(other, *ideal.positions) < 0.02
 
 
 def test_a_target_lost_for_long_is_given_up(make, law):
-    bench = Bench(make(law)).run(2.0, TARGET).run(13.0)
-    assert bench.positions == pytest.approx((0.0, 0.0), abs=0.04)
-    assert bench.tracker.state is TargetState.IDLE
-    assert bench.step.command is None
+    ideal = IdealHead(make(law)).run(2.0, TARGET).run(13.0)
+    assert ideal.positions == pytest.approx((0.0, 0.0), abs=0.04)
+    assert ideal.tracker.state is TargetState.IDLE
+    assert ideal.step.command is None
 
 
 def test_the_search_covers_both_sides(make):
-    bench = Bench(
+    ideal = IdealHead(
         make(enable_target_search=True, search_target_timeout=1.0, default_joint_speed=2.0)
     )
-    bench.run(1.0, TARGET)
+    ideal.run(1.0, TARGET)
     reached = []
     for _ in range(60):
-        bench.run(0.25)
-        reached.append(bench.positions[0])
-    assert bench.tracker.state is TargetState.SEARCHING
+        ideal.run(0.25)
+        reached.append(ideal.positions[0])
+    assert ideal.tracker.state is TargetState.SEARCHING
     assert max(reached) > 2.4
     assert min(reached) < -2.4
-    bench.run(0.1, TARGET)
-    assert bench.tracker.state is TargetState.ACQUIRING
+    ideal.run(0.1, TARGET)
+    assert ideal.tracker.state is TargetState.ACQUIRING
 
 
 def test_switching_off_stops_at_once_and_ignores_targets(make, law):
-    bench = Bench(make(law)).run(0.3, TARGET)
-    command = bench.tracker.enable(False, bench.now)
-    assert (command.pan, command.tilt) == pytest.approx(bench.positions, abs=2.0 * DT)
-    bench.obey(command)
-    stopped = bench.positions
-    assert bench.tracker.target_seen(bench.now, TARGET, bench.now) is Verdict.IGNORED
-    bench.run(1.0, TARGET)
-    assert bench.step.command is None
-    assert bench.positions == pytest.approx(stopped, abs=2.0 * DT)
-    assert bench.tracker.state is TargetState.DISABLED
-    bench.tracker.enable(True, bench.now)
-    bench.run(4.0, TARGET)
-    assert bench.tracker.head.miss(TARGET, *bench.positions) < 0.02
-
-
-def test_switching_on_what_is_on_changes_nothing(make):
-    bench = Bench(make()).run(2.0, TARGET)
-    assert bench.tracker.enable(True, bench.now) is None
-    bench.run(0.1)
-    assert bench.tracker.state is not TargetState.IDLE
+    ideal = IdealHead(make(law)).run(0.3, TARGET)
+    command = ideal.tracker.enable(False, ideal.now)
+    assert (command.pan, command.tilt) == pytest.approx(ideal.positions, abs=2.0 * DT)
+    ideal.obey(command)
+    stopped = ideal.positions
+    assert ideal.tracker.target_seen(ideal.now, TARGET, ideal.now) is Verdict.IGNORED
+    ideal.run(1.0, TARGET)
+    assert ideal.step.command is None
+    assert ideal.positions == pytest.approx(stopped, abs=2.0 * DT)
+    assert ideal.tracker.state is TargetState.DISABLED
+    ideal.tracker.enable(True, ideal.now)
+    ideal.run(4.0, TARGET)
+    assert ideal.tracker.head.miss(TARGET, *ideal.positions) < 0.02
 
 
 def test_recentring_forgets_the_target(make, law):
-    bench = Bench(make(law)).run(2.0, TARGET)
-    bench.tracker.recenter()
-    bench.run(4.0)
-    assert bench.positions == pytest.approx((0.0, 0.0), abs=0.04)
-    assert bench.tracker.state is TargetState.IDLE
+    ideal = IdealHead(make(law)).run(2.0, TARGET)
+    ideal.tracker.recenter()
+    ideal.run(4.0)
+    assert ideal.positions == pytest.approx((0.0, 0.0), abs=0.04)
+    assert ideal.tracker.state is TargetState.IDLE
 
 
 def test_the_law_can_be_changed_on_the_way(make, head):
-    bench = Bench(make("speed")).run(0.4, TARGET)
+    ideal = IdealHead(make("speed")).run(0.4, TARGET)
     for name in ("predictive", "position", "speed", "predictive"):
-        bench.tracker.law = LAWS[name](head, DT)
-        bench.run(1.0, TARGET)
-    assert head.miss(TARGET, *bench.positions) < 0.02
+        ideal.tracker.law = LAWS[name](head, DT)
+        ideal.run(1.0, TARGET)
+    assert head.miss(TARGET, *ideal.positions) < 0.02
 
 
 def test_delays_are_measured(make):
@@ -202,13 +159,6 @@ def test_delays_are_measured(make):
     assert delays.reading == pytest.approx(0.005, abs=1e-3)
     assert delays.interval == pytest.approx(0.04, rel=0.1)
     assert all(0.0 < delay < 0.15 for delay in delays.servos)
-
-
-def test_velocities_are_told_from_the_readings(make):
-    tracker = make()
-    for k in range(10):
-        tracker.joints_read(0.02 * k, (0.03 * k, -0.01 * k))
-    assert tracker._readings.latest.velocities == pytest.approx((1.5, -0.5))
 
 
 BAD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e12, 1e-300, 0.0)
@@ -247,9 +197,9 @@ def test_no_message_makes_a_command_that_is_no_number(head, law, seed):
 
 
 def test_joints_that_are_not_measured_are_not_taken_for_stalled(make, law):
-    bench = Bench(make(law)).run(0.04, TARGET)
+    ideal = IdealHead(make(law)).run(0.04, TARGET)
     for _ in range(100):
-        bench.now += DT
-        bench.tracker.target_seen(bench.now, TARGET, bench.now)
-        bench.tracker.step(bench.now)
-        assert bench.tracker.state is not TargetState.STALLED
+        ideal.now += DT
+        ideal.tracker.target_seen(ideal.now, TARGET, ideal.now)
+        ideal.tracker.step(ideal.now)
+        assert ideal.tracker.state is not TargetState.STALLED

@@ -111,7 +111,7 @@ class HeadTrackerNode(HeadNode):
             "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
             "age of a target (ms)": f"{1e3 * delays.message:.1f}",
             "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
-            **{name: value.told(now) for name, value in tracker.learned.items()},
+            **{name: value.described(now) for name, value in tracker.learned.items()},
         }
 
     def _publish_diagnostics(self) -> None:
