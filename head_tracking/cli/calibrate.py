@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from head_tracking.calibration import Calibration, summary
-from head_tracking.command_line import DONE, REFUSED, between, exit_code
+from head_tracking.calibration import summary
+from head_tracking.cli.terminal import Terminal
+from head_tracking.command_line import DONE, between, exit_code
 from head_tracking.head.head import Head
 from head_tracking.transforms import Rotation, Transform
 
@@ -30,57 +31,38 @@ exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed; 130 Ctrl-C
 """
 
 
-def main(arguments: Sequence[str] | None = None, ask: Callable[[str], str] = input) -> int:
-    """Calibrate; return the exit code.
-
-    Args:
-        arguments: the command line.
-        ask: asks the user a question and returns the answer.
-    """
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Calibrate; return the exit code."""
     options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
-    return exit_code("calibrate", lambda: _calibrate(options, ask))
+    return exit_code("calibrate", lambda: _calibrate(options))
 
 
-def _calibrate(options: argparse.Namespace, ask: Callable[[str], str]) -> int:
+def _calibrate(options: argparse.Namespace) -> int:
     from head_tracking.vision import MarkerParameters, camera_with_view
 
-    output = Path(options.output)
     marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
-    with _open(options) as head:
-        if not options.yes and not _confirmed(ask):
-            print("calibrate: not confirmed; nothing has moved")
-            return REFUSED
-        source = _simulated_images(head) if options.sim else options.camera
+    open_head = Head.simulated if options.sim else partial(Head.open, options.port)
+    with open_head(robot=options.robot) as head:
+        Terminal(assume_yes=options.yes).confirm(
+            "The head will look around. Is its range free of obstacles?"
+        )
         width, height = (320, 240) if options.sim else options.size
         calibration = head.calibrate(
-            source,
+            _simulated_images(head) if options.sim else options.camera,
             marker=marker,
             model=camera_with_view(width, height, math.radians(options.view)),
             focal_length=options.focal_length,
             report=lambda text: print(text, file=sys.stderr),
         )
-    calibration.save(output)
-    _show(calibration)
+    calibration.save(options.output)
+    for name, change, deviation in summary(calibration):
+        print(f"{name:<22} {change:>18}  +- {deviation}")
     print(
-        f"written: {output}\nuse it:  head_tracking --robot {options.robot} --calibration {output}"
+        f"{calibration.views} views used, {calibration.left_out} ignored; corner noise "
+        f"{calibration.noise:.2f} px\nwritten: {options.output}\n"
+        f"use it:  head_tracking --robot {options.robot} --calibration {options.output}"
     )
     return DONE
-
-
-def _open(options: argparse.Namespace) -> Head:
-    if options.sim:
-        return Head.simulated(robot=options.robot)
-    return Head.open(options.port, robot=options.robot)
-
-
-def _confirmed(ask: Callable[[str], str]) -> bool:
-    try:
-        return (
-            ask("The head will look around. Is its range free of obstacles? [y/N] ").strip().lower()
-            == "y"
-        )
-    except EOFError:
-        return False
 
 
 def _simulated_images(head: Head) -> Iterable[tuple[float, Pixels]]:
@@ -89,15 +71,6 @@ def _simulated_images(head: Head) -> Iterable[tuple[float, Pixels]]:
 
     pose = partial(head.pose, "camera_optical_frame", "base_link")
     return film("still marker", lambda stamp: pose(stamp=stamp) @ SIMULATED_MOUNTING)
-
-
-def _show(calibration: Calibration) -> None:
-    for name, change, deviation in summary(calibration):
-        print(f"{name:<22} {change:>18}  +- {deviation}")
-    print(
-        f"{calibration.views} views used, {calibration.left_out} ignored; corner noise "
-        f"{calibration.noise:.2f} px"
-    )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -112,48 +85,23 @@ def _parser() -> argparse.ArgumentParser:
     add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
     add("--sim", action="store_true", help="simulate servos and a camera whose pose is wrong")
     add("--robot", default="kinectbot", metavar="NAME|FILE", help="name of the robot, or its model")
+    add("--camera", default=0, type=_camera, help="number, device, file or URL (%(default)s)")
+    add("--size", nargs=2, type=int, default=(640, 480), metavar=("W", "H"), help="image size")
     add(
-        "--camera",
-        default=0,
-        type=_camera,
-        help="number, device, file or URL (%(default)s)",
-    )
-    add(
-        "--size",
-        nargs=2,
-        type=int,
-        default=(640, 480),
-        metavar=("W", "H"),
-        help="image size",
-    )
-    add(
-        "--view",
-        type=between(5.0, 170.0, "degrees"),
-        default=60.0,
-        metavar="DEG",
+        "--view", type=between(5.0, 170.0, "degrees"), default=60.0, metavar="DEG",
         help="its horizontal angle of view [degrees] (%(default)s)",
-    )
+    )  # fmt: skip
     add("--focal-length", action="store_true", help="measure the angle of view as well")
     add(
-        "--marker-size",
-        type=between(0.005, 2.0, "m"),
-        default=0.16,
-        metavar="M",
+        "--marker-size", type=between(0.005, 2.0, "m"), default=0.16, metavar="M",
         help="edge of the marker's black square [m] (%(default)s)",
-    )
+    )  # fmt: skip
     add("--marker-id", type=int, default=-1, metavar="N", help="number of the marker; -1: any")
+    add("--dictionary", default="4X4_50", metavar="NAME", help="of the marker (%(default)s)")
     add(
-        "--dictionary",
-        default="4X4_50",
-        metavar="NAME",
-        help="of the marker (%(default)s)",
-    )
-    add(
-        "--output",
-        default="calibration.yaml",
-        metavar="FILE",
+        "--output", default="calibration.yaml", type=Path, metavar="FILE",
         help="the file to write (%(default)s)",
-    )
+    )  # fmt: skip
     add("--yes", action="store_true", help="start without confirmation")
     return parser
 

@@ -20,8 +20,9 @@ from head_tracking.cli.servo.calibrate import (
     relax_for_hand,
     ticks_by_hand,
 )
-from head_tracking.cli.servo.overview import USUAL_BAUD_RATES, FoundServo, find_servos
-from head_tracking.cli.servo.session import Session, Terminal, ToolError, find_servo
+from head_tracking.cli.servo.overview import FoundServo, find_servos
+from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session, ToolError, find_servo
+from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, between, exit_code, servo_id, with_negative_values
 from head_tracking.configuration import configured_head
 from head_tracking.dynamixel.configuration import ServoCalibration
@@ -213,7 +214,7 @@ def _calibrate(
             motions = _by_hand(session.terminal, servos)
         margin = 0.0 if given else _MARGIN
         return rate, [
-            [calibration_of(name, *motion, margin) for motion in of_joint]
+            [calibration_of(name, motion, margin) for motion in of_joint]
             for name, of_joint in zip((_PAN, _TILT), motions, strict=True)
         ]
 

@@ -8,7 +8,6 @@ import sys
 import threading
 from collections.abc import Sequence
 from random import Random
-from typing import NamedTuple
 
 from head_tracking.command_line import between, named_id, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError
@@ -25,13 +24,6 @@ from head_tracking.simulation import (
 _model = read_by(servo_model, ConfigurationError)
 
 
-class ServoOption(NamedTuple):
-    """A servo of the command line."""
-
-    model: ServoModel
-    id: int
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the name of the port and serve it until SIGINT or SIGTERM; return the exit code."""
     options = _parser().parse_args(arguments)
@@ -39,18 +31,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     random = Random(options.seed)
-    servos = [ServoOption(options.model, number) for number in options.ids or ()]
-    servos += options.servo or ()
-    servos = servos or [ServoOption(options.model, 1), ServoOption(options.model, 2)]
+    ids = options.ids or (() if options.servo else (1, 2))
+    servos = [(options.model, number) for number in ids] + (options.servo or [])
     faults = Faults(random, options.faults / 100.0, options.kinds or tuple(Fault))
     try:
-        bus = SimulatedBus(
-            [_servo(option, options, random) for option in servos],
-            faults=faults,
-            echo=options.echo,
-        )
+        simulated = [_servo(model, number, options, random) for model, number in servos]
         with SimulatedPort(
-            bus,
+            SimulatedBus(simulated, faults=faults, echo=options.echo),
             link=options.link,
             paced=options.paced,
             latency=options.latency * 1e-3,
@@ -58,18 +45,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             spinning=options.exact,
             on_failure=stopped.set,
         ) as port:
+            rate = f"{options.baud} baud" if options.baud else "any baud rate"
+            listed = ", ".join(f"{model.name} {number}" for model, number in servos)
             print(port.port_name, flush=True)
-            print(_summary(servos, options.baud), file=sys.stderr)
+            print(f"servos: {listed}, at {rate}; Ctrl-C ends it", file=sys.stderr)
             _serve(port, stopped, options.unplug_every, random)
     except SimulationError as error:
         print(f"simulated_bus: {error}", file=sys.stderr)
         return 1
-    if port.overlaps:
-        times = ", ".join(f"{kind.value} {n}" for kind, n in port.overlaps.most_common())
-        print(f"two senders at once: {times}", file=sys.stderr)
-    if faults.counts:
-        counts = ", ".join(f"{kind.name.lower()} {n}" for kind, n in faults.counts.most_common())
-        print(f"faults: {counts}", file=sys.stderr)
+    overlaps = [f"{kind.value} {n}" for kind, n in port.overlaps.most_common()]
+    struck = [f"{kind.name.lower()} {n}" for kind, n in faults.counts.most_common()]
+    for title, counts in (("two senders at once", overlaps), ("faults", struck)):
+        if counts:
+            print(f"{title}: {', '.join(counts)}", file=sys.stderr)
     if port.failure is not None:
         print("simulated_bus: the simulator itself failed; the port has vanished", file=sys.stderr)
         return 1
@@ -85,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--ids", type=servo_id, nargs="+", metavar="ID", help="the servos' ids (default: 1 2)")
     add("--model", type=_model, default=servo_model("AX-12"), help="their model (default: AX-12)")
     add(
-        "--servo", type=_servo_option, action="append", metavar="MODEL:ID",
+        "--servo", type=_named_servo, action="append", metavar="MODEL:ID",
         help="one more servo, such as XL430-W250:3; may be repeated, models can be mixed",
     )  # fmt: skip
     add(
@@ -97,22 +85,14 @@ def _parser() -> argparse.ArgumentParser:
         "--baud", type=between(9_600, 4_500_000, "bits per second", int), metavar="RATE",
         help="baud rate of the servos (default: they accept any)",
     )  # fmt: skip
-    add(
-        "--paced",
-        action="store_true",
-        help="simulate the transmission time of bytes",
-    )
-    add(
-        "--exact",
-        action="store_true",
-        help="exact timing; uses a whole core",
-    )
+    add("--paced", action="store_true", help="simulate the transmission time of bytes")
+    add("--exact", action="store_true", help="exact timing; uses a whole core")
     add(
         "--latency", type=between(0.0, 255.0, "ms"), default=0.0, metavar="MS",
         help="latency timer of the adapter; the default of FTDI is 16",
     )  # fmt: skip
     add(
-        "--return-delay", type=between(0, 508, "us", int), default=None, metavar="US",
+        "--return-delay", type=between(0, 508, "us", int), metavar="US",
         help="the servos' return delay (default: the factory's 500)",
     )  # fmt: skip
     add("--realistic", action="store_true", help="start delay, encoder noise, slow EEPROM")
@@ -131,16 +111,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _servo(option: ServoOption, options: argparse.Namespace, random: Random) -> SimulatedServo:
-    rates = {rate: code for code, rate in option.model.baud_rates.items()}
-    if options.baud is not None and options.baud not in rates:
-        raise SimulationError(
-            f"{option.model.name} has no baud rate {options.baud}; it has "
-            f"{', '.join(map(str, sorted(rates)))}"
-        )
+def _servo(
+    model: ServoModel, number: int, options: argparse.Namespace, random: Random
+) -> SimulatedServo:
     servo = SimulatedServo(
-        option.id,
-        option.model,
+        number,
+        model,
         firmware=options.firmware,
         start_delay=0.03 if options.realistic else 0.0,
         position_noise=0.3 if options.realistic else 0.0,
@@ -148,7 +124,11 @@ def _servo(option: ServoOption, options: argparse.Namespace, random: Random) -> 
         random=Random(random.random()),
     )
     if options.baud is not None:
-        servo.set_register("Baud Rate", rates[options.baud])
+        codes = {rate: code for code, rate in model.baud_rates.items()}
+        if options.baud not in codes:
+            rates = ", ".join(map(str, sorted(codes)))
+            raise SimulationError(f"{model.name} has no baud rate {options.baud}; it has {rates}")
+        servo.set_register("Baud Rate", codes[options.baud])
     if options.return_delay is not None:
         servo.set_register("Return Delay Time", options.return_delay // 2)
     return servo
@@ -167,18 +147,9 @@ def _serve(
         print(port.port_name, flush=True)
 
 
-def _summary(servos: Sequence[ServoOption], baud_rate: int | None) -> str:
-    ids: dict[str, list[str]] = {}
-    for model, number in servos:
-        ids.setdefault(model.name, []).append(str(number))
-    words = "; ".join(f"{name} servos with ids {', '.join(own)}" for name, own in ids.items())
-    rate = "any baud rate" if baud_rate is None else f"{baud_rate} baud"
-    return f"{words} at {rate}; Ctrl-C ends it"
-
-
-def _servo_option(text: str) -> ServoOption:
+def _named_servo(text: str) -> tuple[ServoModel, int]:
     name, number = named_id(text)
-    return ServoOption(_model(name), number)
+    return _model(name), number
 
 
 def _fault(text: str) -> Fault:

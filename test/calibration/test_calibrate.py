@@ -45,11 +45,7 @@ def test_a_wrong_mounting_is_corrected(quick, tmp_path):
 
 def test_nothing_moves_without_confirmation(tmp_path):
     output = tmp_path / "camera.yaml"
-
-    def ask(question):
-        return "no"
-
-    refused = calibrate.main(["camera", "--sim", "--output", str(output)], ask)
+    refused = calibrate.main(["camera", "--sim", "--output", str(output)])
     assert refused == REFUSED
     assert not output.exists()
 

@@ -13,7 +13,8 @@ from simulated_device import Bench
 
 from head_tracking import Head
 from head_tracking.cli import new_robot
-from head_tracking.cli.servo.session import Session, Terminal
+from head_tracking.cli.servo.session import Session
+from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 

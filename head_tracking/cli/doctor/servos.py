@@ -8,8 +8,7 @@ from statistics import median
 from typing import Final
 
 from head_tracking.cli.doctor.findings import Finding, Grade
-from head_tracking.cli.servo.overview import USUAL_BAUD_RATES
-from head_tracking.cli.servo.session import patient_port
+from head_tracking.cli.servo.session import USUAL_BAUD_RATES, patient_port
 from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
     BusSettings,

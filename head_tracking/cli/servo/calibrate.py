@@ -8,7 +8,8 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from head_tracking.cli.servo.session import Session, Terminal, ToolError, find_servo
+from head_tracking.cli.servo.session import Session, ToolError, find_servo
+from head_tracking.cli.terminal import Terminal
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
 from head_tracking.dynamixel.models import ServoModel
@@ -40,10 +41,6 @@ def calibrate(
         model: model of a servo that answers no reads.
         output: file to write; None: print.
         margin: distance of the limits from the lowest and highest pose [rad].
-
-    Raises:
-        RefusedError: a name or an id occurs twice, or the poses are not possible.
-        ToolError: a servo does not answer, or the file cannot be written.
     """
     for values in zip(*named, strict=True):
         if len(set(values)) < len(values):
@@ -59,10 +56,8 @@ def calibrate(
         relax_for_hand(terminal, servos)
         for (name, servo_id), servo in zip(named, servos, strict=True):
             terminal.print(f"\n{name}: servo {servo_id}, {servo.model.name}")
-            zero, low, high = (
-                ticks_by_hand(terminal, [servo], prompt)[servo_id] for prompt in _PROMPTS
-            )
-            calibrations.append(calibration_of(name, servo, zero, low, high, margin))
+            ticks = [ticks_by_hand(terminal, [servo], prompt)[servo_id] for prompt in _PROMPTS]
+            calibrations.append(calibration_of(name, Motion(servo, *ticks), margin))
     text = configuration([[each] for each in calibrations], session.port_name, session.baud_rate)
     if output is None:
         terminal.show(text)
@@ -79,11 +74,7 @@ def calibrate(
 
 
 def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:
-    """Switch torque off after a question, so that the servos can be moved by hand.
-
-    Raises:
-        RefusedError: the user did not confirm.
-    """
+    """Switch torque off after a question, so that the servos can be moved by hand."""
     held = [servo for servo in servos if servo.get("Torque Enable")]
     if held:
         ids = ", ".join(str(servo.id) for servo in held)
@@ -93,7 +84,14 @@ def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:
 
 
 class Motion(NamedTuple):
-    """The servo of a joint, and its tick at three poses; see `calibration_of`."""
+    """The servo of a joint, and its tick at three poses.
+
+    Attributes:
+        servo: the servo.
+        zero: tick at position 0.
+        low: tick at the lowest position; above `high` for a servo mounted in reverse.
+        high: tick at the highest position.
+    """
 
     servo: Servo
     zero: int
@@ -101,24 +99,20 @@ class Motion(NamedTuple):
     high: int
 
 
-def calibration_of(
-    name: str, servo: Servo, zero: int, low: int, high: int, margin: float
-) -> ServoCalibration:
+def calibration_of(name: str, motion: Motion, margin: float) -> ServoCalibration:
     """Return the calibration of a servo from its ticks at three poses.
 
     It includes offset and direction in the servo's memory; the bus refuses a servo with others.
 
     Args:
         name: name of the joint in the configuration.
-        servo: the servo.
-        zero: tick at position 0.
-        low: tick at the lowest position; above `high` for a servo mounted in reverse.
-        high: tick at the highest position.
+        motion: the servo and its ticks.
         margin: distance of the limits from the ends [rad].
 
     Raises:
         RefusedError: the poses are not possible.
     """
+    servo, zero, low, high = motion
     model = servo.model
     span = abs(high - low) * model.radians_per_tick
     if span - 2.0 * margin < _SMALLEST_RANGE:
@@ -147,14 +141,7 @@ def configuration(
     baud_rate: int,
     program: str = "servo calibrate",
 ) -> str:
-    """Return the parameters of servo_bus as YAML.
-
-    Args:
-        joints: for each joint its servo, or its two servos.
-        port_name: serial port.
-        baud_rate: its baud rate [bit/s].
-        program: the program that writes the file.
-    """
+    """Return the parameters of servo_bus as YAML; each joint has one servo or two."""
     joints = tuple(joints)
     lines = [
         f"# Written by `{program}`.",

@@ -6,13 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
-from head_tracking.cli.servo.register_values import (
-    UNLIMITED,
-    as_text,
-    asks_for_full_speed,
-    find_register,
-    parse_value,
-)
+from head_tracking.cli.servo.register_values import as_text, find_register, parse_value
 from head_tracking.cli.servo.session import (
     Session,
     ToolError,
@@ -57,7 +51,7 @@ def set_register(
             _check_memory(servo)
         shown = f"{name} = {value} {as_text(servo.model, register, value)}".strip()
         if name not in ("ID", "Baud Rate"):
-            _write(session, servo, register, value, text, shown)
+            _write(session, servo, register, value, shown)
     if name in ("ID", "Baud Rate"):
         _readdress(session, servo, name, value, shown)
     session.terminal.show(f"servo {servo_id}: {shown}")
@@ -67,17 +61,19 @@ def set_register(
 def set_baud_rate(session: Session, servo_id: int, rate: int, model: ServoModel | None) -> int:
     """Change the baud rate of a servo and return the exit code."""
     with session.port() as port:
-        rates = find_servo(port, servo_id, model).model.baud_rates
-    codes = [code for code, known in rates.items() if known == rate]
-    if not codes:
-        known = ", ".join(map(str, sorted(rates.values())))
-        raise ToolError(f"servo {servo_id} has no baud rate {rate}; it has {known}")
-    return set_register(session, servo_id, "Baud Rate", str(codes[0]), model)
+        known = find_servo(port, servo_id, model).model
+    codes = {rate: code for code, rate in known.baud_rates.items()}
+    if rate not in codes:
+        raise _no_rate(known, rate)
+    return set_register(session, servo_id, "Baud Rate", str(codes[rate]), known)
 
 
-def _write(
-    session: Session, servo: Servo, register: Register, value: int, text: str, shown: str
-) -> None:
+def _no_rate(model: ServoModel, value: int) -> ToolError:
+    rates = ", ".join(f"{code} ({rate})" for code, rate in sorted(model.baud_rates.items()))
+    return ToolError(f"{value} is not a baud rate of the {model.name}; it has {rates}")
+
+
+def _write(session: Session, servo: Servo, register: Register, value: int, shown: str) -> None:
     name = register.name
     if name == "Status Return Level":
         _set_return_level(session, servo, register, value)
@@ -89,12 +85,6 @@ def _write(
     else:
         if name == "Lock":
             _ask(session, servo, shown)
-        if name in UNLIMITED and not value and not asks_for_full_speed(text):
-            raise RefusedError(
-                f"{name} 0 is not a stop but full speed; the slowest is 1, "
-                f"{as_text(servo.model, register, 1)}. For full speed: servo set {servo.id} "
-                f"'{name}' full"
-            )
         if name in _GOALS:
             _check_goal(session, servo, name, value)
         servo.set(name, value)
@@ -102,12 +92,10 @@ def _write(
 
 def _readdress(session: Session, servo: Servo, name: str, value: int, shown: str) -> None:
     """Change the id or the baud rate of a servo, and check that it answers."""
-    new_id = value if name == "ID" else servo.id
-    rates = servo.model.baud_rates
-    rate = rates.get(value) if name == "Baud Rate" else session.baud_rate
-    if rate is None:
-        known = ", ".join(f"{code} ({rate})" for code, rate in sorted(rates.items()))
-        raise ToolError(f"{value} is not a baud rate of the {servo.model.name}; it has {known}")
+    new_id, rate = (value, session.baud_rate) if name == "ID" else (servo.id, 0)
+    rate = rate or servo.model.baud_rates.get(value, 0)
+    if not rate:
+        raise _no_rate(servo.model, value)
     with session.port(rate):
         pass  # the adapter supports it
     _ask(session, servo, shown)
@@ -117,29 +105,32 @@ def _readdress(session: Session, servo: Servo, name: str, value: int, shown: str
         servo.write(servo.model.control_table.block(name), value)
         session.pause(EEPROM_PAUSE)
     with session.port(rate) as port:
-        if protocol_of(port, new_id) is not None:
-            run(Servo(port, new_id, servo.model).lock_eeprom(True))
-        else:
+        if protocol_of(port, new_id) is None:
             raise ToolError(
                 f"id {new_id} does not answer at {rate} baud; find the servo with: servo scan "
                 f"--bauds {session.baud_rate} {rate}"
             )
+        run(Servo(port, new_id, servo.model).lock_eeprom(True))
 
 
 def _set_return_level(session: Session, servo: Servo, register: Register, value: int) -> None:
     """Set the Status Return Level, also of a servo that answers pings only."""
-    kept = register.eeprom
-    _ask(session, servo, f"{register.name} = {value}" + (", and relax it" if kept else ""))
+    _ask(
+        session,
+        servo,
+        f"{register.name} = {value}" + (", and relax it" if register.eeprom else ""),
+    )
     servo.acknowledges_writes = False  # the new level decides whether this write is answered
-    if kept:
-        servo.write(servo.model.control_table.block("Torque Enable"), 0)
     table = servo.model.control_table
-    if "EEPROM Lock" in table:
-        servo.write(table.block("EEPROM Lock"), 0)
+    lock = "EEPROM Lock" if "EEPROM Lock" in table else ""
+    if register.eeprom:
+        servo.write(table.block("Torque Enable"), 0)
+    if lock:
+        servo.write(table.block(lock), 0)
     servo.write(table.block(register.name), value)
     session.pause(EEPROM_PAUSE)
-    if "EEPROM Lock" in table:
-        servo.write(table.block("EEPROM Lock"), 1)
+    if lock:
+        servo.write(table.block(lock), 1)
     if value == 0:
         session.terminal.print(
             f"servo {servo.id} answers pings only from now on; give this tool --model "

@@ -37,9 +37,6 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Servo, model_name, run
 
-USUAL_BAUD_RATES: Final = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
-"""Baud rates of the factories and other common ones; the most common first."""
-
 _FEW: Final = 30  # ids; more are found faster by a broadcast ping
 _NEAR: Final = 0.1  # relative difference of baud rates by rounding
 _FIRST_IDS: Final = range(0, 30)
@@ -71,28 +68,23 @@ def scan(session: Session, baud_rates: Sequence[int], ids: Sequence[int]) -> int
     terminal = session.terminal
     found = find_servos(session, baud_rates, ids)
     if not found:
-        rates = ", ".join(map(str, baud_rates))
-        terminal.print(
-            f"no servo answers on {session.port_name} at {rates} baud; check power and cables, or "
-            "give other baud rates with --bauds"
+        raise ToolError(
+            f"no servo answers on {session.port_name} at {', '.join(map(str, baud_rates))} baud; "
+            "check power and cables, or give other baud rates with --bauds"
         )
-        return 1
     order = {rate: number for number, rate in enumerate(baud_rates)}
     found.sort(key=lambda servo: (order.get(servo.baud_rate, len(order)), servo.id))
     table = Table("baud rate", "id", "model", "protocol", box=None)
     for servo in found:
         table.add_row(str(servo.baud_rate), str(servo.id), servo.model, f"{servo.protocol}.0")
     terminal.show(table)
-    for servo_id, times in Counter(servo.id for servo in found).items():
-        if times > 1:
-            problem = f"is used {times} times"
-        elif any(servo.is_corrupt and servo.id == servo_id for servo in found):
-            problem = "is probably used twice, because its answers are corrupt"
-        else:
-            continue
+    times = Counter(servo.id for servo in found)
+    corrupt = {servo.id for servo in found if servo.is_corrupt}
+    for servo_id in (number for number in times if times[number] > 1 or number in corrupt):
+        certainty = "is" if times[servo_id] > 1 else "answers corruptly: it is probably"
         terminal.print(
-            f"id {servo_id} {problem}; each servo needs its own id: connect one of them alone and "
-            "use `servo set-id`"
+            f"id {servo_id} {certainty} used twice; each servo needs its own id: connect one of "
+            "them alone and use `servo set-id`"
         )
     return 0
 
@@ -162,29 +154,24 @@ def info(session: Session, servo_id: int, model: ServoModel | None, *, all_of_th
     with session.port() as port:
         servo = find_servo(port, servo_id, model)
         registers = servo.registers()
-    name = servo.model.name
-    session.terminal.show(f"servo {servo_id}: {name}, protocol {servo.model.protocol}.0")
+    session.terminal.show(
+        f"servo {servo_id}: {servo.model.name}, protocol {servo.model.protocol}.0"
+    )
     table = Table("address", "register", "value", "meaning", "kept", "access", box=None)
     for register, value in registers:
-        if register.name.startswith("Indirect") and not all_of_them:
-            continue
-        meaning = as_text(servo.model, register, value)
-        kept = "EEPROM" if register.eeprom else "RAM"
-        access = "RW" if register.writable else "R"
-        table.add_row(str(register.address), register.name, str(value), meaning, kept, access)
+        if all_of_them or not register.name.startswith("Indirect"):
+            meaning = as_text(servo.model, register, value)
+            kept = "EEPROM" if register.eeprom else "RAM"
+            access = "RW" if register.writable else "R"
+            table.add_row(str(register.address), register.name, str(value), meaning, kept, access)
     session.terminal.show(table)
     return 0
 
 
 def monitor(
-    session: Session,
-    ids: Sequence[int],
-    model: ServoModel | None,
-    *,
-    rate: float,
-    count: int | None,
+    session: Session, ids: Sequence[int], model: ServoModel | None, *, rate: float, count: int
 ) -> int:
-    """Show the measured values of servos until Ctrl-C or `count` times; return the exit code."""
+    """Show the measured values of servos `count` times, 0: until Ctrl-C; return the exit code."""
     with session.port() as port:
         present = ids or [i for i in _FIRST_IDS if protocol_of(port, i, attempts=1) is not None]
         servos = [find_servo(port, servo_id, model) for servo_id in present]
@@ -210,7 +197,7 @@ def monitor(
                     _add_row(table, servo, measured)
                 update(table)
                 if shown == count:
-                    break
+                    return 0
                 session.pause(max(0.0, due - session.clock()))
     return 0
 

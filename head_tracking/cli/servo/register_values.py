@@ -8,14 +8,11 @@ from enum import IntFlag
 from typing import Final
 
 from head_tracking.cli.servo.session import ToolError
-from head_tracking.dynamixel.control_table import (
-    NUMBER,
-    ControlTable,
-    Register,
-)
+from head_tracking.dynamixel.control_table import NUMBER, ControlTable, Register
 from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.protocol import describe_errors
+from head_tracking.exceptions import RefusedError
 
 _QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(\S*)\s*", re.I)
 _OTHER_UNITS: Final = {
@@ -29,13 +26,8 @@ _OTHER_UNITS: Final = {
 }
 """Other units that are accepted, by the unit of the register."""
 
-UNLIMITED: Final = ("Moving Speed", "Profile Velocity")
+_UNLIMITED: Final = ("Moving Speed", "Profile Velocity")
 """Registers in which 0 means full speed."""
-
-
-def asks_for_full_speed(text: str) -> bool:
-    """Return whether a value is the word for full speed."""
-    return text.strip().lower() in ("full", "full speed")
 
 
 def find_register(table: ControlTable, text: str) -> Register:
@@ -58,8 +50,10 @@ def parse_value(register: Register, text: str) -> int:
 
     Raises:
         ToolError: the text is none of them, or outside the register's range.
+        RefusedError: the value 0 would mean full speed.
     """
-    if register.name in UNLIMITED and asks_for_full_speed(text):
+    is_speed = register.name in _UNLIMITED
+    if is_speed and text.strip().lower() in ("full", "full speed"):
         return 0
     match = _QUANTITY.fullmatch(text)
     if match is None:
@@ -67,24 +61,25 @@ def parse_value(register: Register, text: str) -> int:
     number, unit = float(match[1]), match[2]
     own = register.unit.symbol
     scales = {own: 1.0} | _OTHER_UNITS.get(own, {}) if own else {}
+    if unit and unit not in scales:
+        units = ", ".join(scales) or "none"
+        raise ToolError(f"{register.name} has no unit {unit!r}; its units: {units}")
+    if not unit and number != int(number):
+        raise ToolError(f"{register.name} needs a whole number; {_allowed(register)}")
     try:
-        if unit in scales:
+        if unit:
             value = register.from_unit(number * scales[unit])
-        elif unit:
-            units = ", ".join(scales) or "none"
-            raise ToolError(f"{register.name} has no unit {unit!r}; its units: {units}")
-        elif number != int(number):
-            raise ToolError(f"{register.name} needs a whole number; {_allowed(register)}")
         else:
             value = register.from_counts(int(number))
-    except (RangeError, OverflowError) as error:
-        raise ToolError(
-            f"{text} does not fit into {register.name}; {_allowed(register)}"
-        ) from error
-    if not register.writable:
-        raise ToolError(f"{register.name} is read-only")
-    if not register.admits(value):
+    except (RangeError, OverflowError):
+        value = None
+    if value is None or not register.writable or not register.admits(value):
         raise ToolError(f"{register.name} cannot be {text}; {_allowed(register)}")
+    if is_speed and not value:
+        raise RefusedError(
+            f"{register.name} 0 is not a stop but full speed; the slowest is 1, "
+            f"{register.in_unit(1):.4g} {own}. For full speed give the value `full`"
+        )
     return value
 
 
@@ -97,7 +92,7 @@ def as_text(model: ServoModel, register: Register, value: int) -> str:
         return describe_errors(errors)
     if register.unit == NUMBER:
         return ""
-    if register.name in UNLIMITED and value == 0:
+    if register.name in _UNLIMITED and value == 0:
         return "full speed"
     try:
         quantity = register.in_unit(value)

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import select
-import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
 
-from rich.console import Console, RenderableType
-from rich.live import Live
-from rich.progress import track
-
+from head_tracking.cli.terminal import Terminal
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -23,86 +17,18 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.servo import Servo
-from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.exceptions import HeadTrackingError
 
-T = TypeVar("T")
+USUAL_BAUD_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
+"""Baud rates of the factories and other common ones; the most common first."""
 
-_RATE = 10.0  # Hz
-_PLAIN_WIDTH = 120  # columns of the output without a terminal
 _ATTEMPTS = 3
 _FEETECH_BYTE_ORDER = 2  # address; the id is three bytes after it
-_TIMEOUT = (
-    0.03  # s; long, because the id of a servo that is not found could be given to another one
-)
+_TIMEOUT = 0.03  # s; long: the id of a servo that is not found could be given to another one
 
 
 class ToolError(HeadTrackingError):
     """The command cannot be carried out."""
-
-
-class Terminal:
-    """Standard input; standard output for results; standard error for messages.
-
-    Args:
-        assume_yes: answer every question with yes.
-    """
-
-    def __init__(self, *, assume_yes: bool = False) -> None:
-        width = None if sys.stdout.isatty() else _PLAIN_WIDTH
-        self._output = Console(file=sys.stdout, highlight=False, width=width)
-        self._messages = Console(file=sys.stderr, highlight=False, soft_wrap=True)
-        self._input = sys.stdin
-        self._assume_yes = assume_yes
-
-    def show(self, content: RenderableType) -> None:
-        """Print a result."""
-        self._output.print(content, markup=False)
-
-    def print(self, text: str) -> None:
-        """Print a message."""
-        self._messages.print(text, markup=False)
-
-    def confirm(self, question: str) -> None:
-        """Ask a question; raise RefusedError unless the answer is yes."""
-        if self._assume_yes:
-            return
-        if not self._input.isatty():
-            raise RefusedError(
-                f"{question} Confirmation is needed, but stdin is not a terminal; add --yes"
-            )
-        self._messages.print(f"{question} [y/N] ", end="", markup=False)
-        if self._input.readline().strip().lower() not in ("y", "yes"):
-            raise RefusedError("nothing was changed")
-
-    def ask(self, question: str, default: str) -> str:
-        """Return the answer to a question; the default after Enter or without a terminal."""
-        if self._assume_yes or not self._input.isatty():
-            self.print(f"{question}: {default}")
-            return default
-        self._messages.print(f"{question} [{default}]: ", end="", markup=False)
-        return self._input.readline().strip() or default
-
-    def wait_for_enter(self, prompt: str, read: Callable[[], str]) -> None:
-        """Wait until Enter is pressed, and show the result of `read` meanwhile."""
-        self.print(prompt)
-        with Live(console=self._messages, auto_refresh=False, transient=True) as live:
-            while not select.select([self._input], [], [], 1.0 / _RATE)[0]:
-                live.update(read(), refresh=True)
-        if not self._input.readline():
-            raise RefusedError("the input has ended; nothing was written")
-
-    def track(self, items: Sequence[T], description: str) -> Iterable[T]:
-        """Iterate with a progress bar."""
-        return track(items, description, console=self._messages, transient=True)
-
-    @contextmanager
-    def screen(self) -> Iterator[Callable[[RenderableType], None]]:
-        """Return a function that replaces the shown content; without a terminal it prints."""
-        if not self._output.is_terminal:
-            yield self.show
-            return
-        with Live(console=self._output, auto_refresh=False) as live:
-            yield lambda content: live.update(content, refresh=True)
 
 
 def patient_port(port_name: str, baud_rate: int) -> DynamixelPort:
@@ -151,9 +77,7 @@ class Session:
 def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -> int | None:
     """Return the protocol in which a servo answers pings, also with a corrupt answer; or None."""
     for attempt in range(attempts):
-        for protocol in (1, 2):
-            if protocol == 2 and servo_id > 252:
-                continue
+        for protocol in (1, 2) if servo_id <= 252 else (1,):
             try:
                 port.ping(servo_id, protocol)
             except ReplyTimeoutError:
