@@ -7,32 +7,8 @@ from collections.abc import Sequence
 
 from head_tracking.command_line import DONE, exit_code
 from head_tracking.share import robot_file
-from head_tracking.transforms import RobotModel, load_robot_model
+from head_tracking.transforms import load_robot_model
 from head_tracking.transforms.robot_model import walk
-
-
-def tree_text(model: RobotModel) -> str:
-    """Return the tree in the format of urdf's check_urdf."""
-    lines = [
-        f"robot name is: {model.name}",
-        "---------- Successfully Parsed XML ---------------",
-    ]
-    for entry in walk(model):
-        if entry.depth == 0:
-            lines.append(f"root Link: {entry.link} has {entry.children} child(ren)")
-        else:
-            lines.append(f"{'    ' * entry.depth}child({entry.rank}):  {entry.link}")
-    return "\n".join(lines)
-
-
-def summary(model: RobotModel) -> str:
-    """Return the number of links and joints."""
-    moving = [joint for joint in model.joints.values() if joint.moves]
-    mimics = sum(joint.mimic is not None for joint in moving)
-    return (
-        f"{len(model.links)} links, {len(model.joints)} joints: {len(moving)} move, "
-        f"{mimics} of them mimic another"
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,7 +22,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _check(name: str) -> int:
+    """Print the tree in the format of urdf's check_urdf, and the number of links and joints."""
     model = load_robot_model(robot_file(name))
-    print(tree_text(model))
-    print(summary(model))
+    print(f"robot name is: {model.name}\n---------- Successfully Parsed XML ---------------")
+    for entry in walk(model):
+        if entry.depth == 0:
+            print(f"root Link: {entry.link} has {entry.children} child(ren)")
+        else:
+            print(f"{'    ' * entry.depth}child({entry.rank}):  {entry.link}")
+    moving = [joint for joint in model.joints.values() if joint.moves]
+    mimics = sum(joint.mimic is not None for joint in moving)
+    print(
+        f"{len(model.links)} links, {len(model.joints)} joints: {len(moving)} move, "
+        f"{mimics} of them mimic another"
+    )
     return DONE

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
 import rclpy
@@ -40,12 +40,7 @@ class Client:
     stop: StopSignal
 
     def wait_for(self, condition: Callable[[], bool], seconds: float, error: str) -> None:
-        """Wait until a condition holds.
-
-        Raises:
-            ClientError: it does not hold in time; the message is `error`.
-            KeyboardInterrupt: the user has pressed Ctrl-C.
-        """
+        """Wait until a condition holds; else raise ClientError with the text `error`."""
         end = time.monotonic() + seconds
         while not condition():
             if self.stop():
@@ -66,11 +61,7 @@ class Client:
         return self.frames.model
 
     def call(self, services: Sequence[str], seconds: float) -> str:
-        """Call the first available service of type Trigger; return its message.
-
-        Raises:
-            ClientError: no service is available in time, it does not answer, or it fails.
-        """
+        """Call the first available service of type Trigger; return its message."""
         clients = [self.node.create_client(Trigger, name) for name in services]
         self.wait_for(
             lambda: any(client.service_is_ready() for client in clients),
@@ -84,22 +75,6 @@ class Client:
         if not answer.result().success:
             raise ClientError(answer.result().message)
         return str(answer.result().message)
-
-
-@contextmanager
-def running_client(name: str) -> Iterator[Client]:
-    """Start ROS and a node with this name, and end both.
-
-    Raises:
-        StartError: a ROS argument is malformed.
-    """
-    with StopSignal() as stop, ExitStack() as resources:
-        start_ros()
-        resources.callback(rclpy.try_shutdown)
-        node = Node(name, start_parameter_services=False)
-        buffer = listening_buffer(node)
-        resources.enter_context(closing(NodeThreads())).start(node)
-        yield Client(node, buffer.core, stop)
 
 
 def run_client(
@@ -117,7 +92,12 @@ def run_client(
 
     def run() -> int:
         options = parse(without_ros_arguments(sys.argv)[1:])
-        with running_client(name) as client:
-            return work(client, options)
+        with StopSignal() as stop, ExitStack() as resources:
+            start_ros()
+            resources.callback(rclpy.try_shutdown)
+            node = Node(name, start_parameter_services=False)
+            buffer = listening_buffer(node)
+            resources.enter_context(closing(NodeThreads())).start(node)
+            return work(Client(node, buffer.core, stop), options)
 
     return exit_code(name, run)

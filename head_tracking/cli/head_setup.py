@@ -18,7 +18,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from head_tracking.command_line import DONE, FAILED, REFUSED
+from head_tracking.command_line import DONE, FAILED, REFUSED, exit_code
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.share import PACKAGE, share_directory
 
 _RULES: Final = Path("/etc/udev/rules.d/99-dynamixel.rules")
@@ -43,7 +44,7 @@ _LIBRARIES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
 }  # fmt: skip
 
 
-class SetupError(Exception):
+class SetupError(HeadTrackingError):
     """A step is not possible on this machine; the message says what to do instead."""
 
 
@@ -71,15 +72,7 @@ def udev_steps(share: Path) -> list[Step]:
 
 
 def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
-    """Return the steps for a systemd service that runs the head.
-
-    Args:
-        share: share directory of the package.
-        arguments: of head_tracking, such as --port /dev/ttyUSB0.
-
-    Raises:
-        SetupError: no built workspace is sourced.
-    """
+    """Return the steps for a systemd service that runs `head_tracking ARGUMENTS`."""
     prefix = _workspace()
     above = prefix.parent / "setup.bash"
     text = (share / "machine" / _UNIT.name).read_text()
@@ -108,9 +101,6 @@ def library_steps(what: str) -> list[Step]:
 
     They are installed into the active virtual environment; else into the workspace, whose
     setup.bash adds them to the Python path (PEP 668 allows this).
-
-    Raises:
-        SetupError: there is neither.
     """
     content, words = _LIBRARIES[what]
     pip = (sys.executable, "-m", "pip", "install")
@@ -194,14 +184,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options, rest = parser.parse_known_args(arguments)
     if rest and options.what != "service":
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
-    try:
+
+    def run() -> int:
         if options.what in _LIBRARIES:
             steps = library_steps(options.what)
         elif options.what == "udev":
             steps = udev_steps(share_directory())
         else:
             steps = service_steps(share_directory(), rest)
-    except (SetupError, FileNotFoundError) as error:
-        print(f"head_setup: {error}", file=sys.stderr)
-        return FAILED
-    return carry_out(steps, dry_run=options.dry_run, yes=options.yes)
+        return carry_out(steps, dry_run=options.dry_run, yes=options.yes)
+
+    return exit_code("head_setup", run)

@@ -28,12 +28,7 @@ _SETTLE_TIME = 0.3  # s
 
 
 def look(client: Client, options: argparse.Namespace) -> int:
-    """Turn the head, wait until it has arrived, and print the miss.
-
-    Raises:
-        ClientError: the head did not arrive.
-        RobotModelError: the robot has no such head.
-    """
+    """Turn the head, wait until it has arrived, and print the miss."""
     joints, frames = (options.pan_joint, options.tilt_joint), client.frames
     head = PanTiltHead(client.model(options.wait), *joints, options.camera)
     client.wait_for(
@@ -51,8 +46,7 @@ def look(client: Client, options: argparse.Namespace) -> int:
     if options.centre:
         client.call(["head_tracker/recenter", "point_head/recenter"], options.wait)
         centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
-        return _wait(client, options, lambda: math.dist(positions(), centre), lambda: "")
-
+        return _wait(client, options, lambda: math.dist(positions(), centre))
     targets = client.node.create_publisher(PointStamped, options.topic, 10)
     client.wait_for(
         lambda: targets.get_subscription_count() > 0,
@@ -68,23 +62,23 @@ def look(client: Client, options: argparse.Namespace) -> int:
         gaze = head.gaze(point, *positions())
         if not gaze.reached:
             raise ClientError(f"the head does not move: {gaze.reason}")
+        targets.publish(target_message(Target(LATEST, options.frame, options.point)))
         return head.miss(point, *positions())
 
-    def send() -> str:
-        targets.publish(target_message(Target(LATEST, options.frame, options.point)))
-        others = client.node.count_publishers(targets.topic_name) - 1
-        return f"; {others} other publishers of {options.topic}" if others else ""
+    def others() -> str:
+        count = client.node.count_publishers(targets.topic_name) - 1
+        return f"; {count} other publishers of {options.topic}" if count else ""
 
-    return _wait(client, options, miss, send)
+    return _wait(client, options, miss, others)
 
 
 def _wait(
     client: Client,
     options: argparse.Namespace,
     miss: Callable[[], float],
-    send: Callable[[], str],
+    others: Callable[[], str] = str,
 ) -> int:
-    """Send the target until the head has arrived; with --follow until Ctrl-C."""
+    """Call `miss` until the head has arrived; with --follow until Ctrl-C."""
     arrival = Arrival(options.tolerance, _SETTLE_TIME)
     end = math.inf if options.follow else time.monotonic() + options.timeout
     while True:
@@ -94,9 +88,8 @@ def _wait(
         if is_stopped or (not options.follow and arrival.step(angle, time.monotonic())):
             print(f"{'stopped' if is_stopped else 'arrived'}: {text}")
             return 0
-        others = send()
         if client.stop() or time.monotonic() > end:
-            raise ClientError(f"did not arrive: {text}{others}")
+            raise ClientError(f"did not arrive: {text}{others()}")
         if options.follow and sys.stdout.isatty():
             print(f"\r{text}  ", end="", flush=True)
         client.stop.wait(_PERIOD)
@@ -128,15 +121,18 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--pan-joint", default="head_pan_joint", help="default: %(default)s")
     add("--tilt-joint", default="head_tilt_joint", help="default: %(default)s")
     options = parser.parse_intermixed_args(with_negative_values(arguments))
-    if options.centre == bool(options.where or options.frame):
+    where = options.where
+    if options.centre == bool(where or options.frame):
         parser.error("give a target: x,y,z@frame, or --frame FRAME, or --centre")
-    points = [one for one in options.where if isinstance(one, PointInFrame)]
-    if len(options.where) == len(points) == 1 and options.frame is None:
-        options.point, options.frame = points[0]
-        return options
-    if not options.centre and (points or options.frame is None or len(options.where) not in (0, 3)):
+    options.point = tuple(where) or (0.0, 0.0, 0.0)
+    if len(where) == 1 and isinstance(where[0], PointInFrame) and options.frame is None:
+        options.point, options.frame = where[0]
+    elif where and (
+        len(where) != 3
+        or options.frame is None
+        or any(isinstance(each, PointInFrame) for each in where)
+    ):
         parser.error("a point needs a frame, such as: look 1,1,0@base_link")
-    options.point = tuple(options.where) or (0.0, 0.0, 0.0)
     return options
 
 

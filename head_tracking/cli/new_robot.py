@@ -94,12 +94,13 @@ def _describe(
         f"written:   {urdf}, {parameters}\n"
         f"see it:    head_tracking --sim --viewer --robot {urdf}\n"
         f"turn it:   head_tracking --port {options.port} --robot {urdf} --viewer\n"
-        f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})"
+        f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})",
+        flush=True,
     )
-    if options.show:
-        return show(
-            [sys.executable, "-m", "head_tracking", "--sim", "--viewer", "--robot", str(urdf)]
-        )
+    question = "Show the model in the page now? Its servos are simulated; yours do not move."
+    if options.show or (not options.yes and terminal.agrees(question)):
+        program = [sys.executable, "-m", "head_tracking"]
+        return show([*program, "--sim", "--viewer", "--robot", str(urdf)])
     return DONE
 
 
@@ -144,7 +145,7 @@ def _parser() -> argparse.ArgumentParser:
         "--camera-roll", type=between(-180.0, 180.0, "degrees"), default=0.0, metavar="DEG",
         help="angle by which the camera is turned clockwise about its axis (0)",
     )  # fmt: skip
-    add("--show", action="store_true", help="show the simulated head in the page at the end")
+    add("--show", action="store_true", help="show the simulated head in the page (asked)")
     add("--yes", action="store_true", help="answer every question with yes or its default")
     return parser
 

@@ -55,7 +55,7 @@ class TrackRecording:
     @property
     def rate(self) -> float:
         """Targets per second."""
-        span = max(self.stamps) - min(self.stamps) if self.stamps else 0.0
+        span = max(self.stamps, default=0.0) - min(self.stamps, default=0.0)
         return (len(self.stamps) - 1) / span if span else 0.0
 
     def _on_target(self, message: PointStamped) -> None:

@@ -37,17 +37,14 @@ def echo(client: Client, options: argparse.Namespace) -> int:
 
 def tree(client: Client, options: argparse.Namespace) -> int:
     """Print the tree of all frames with rates and ages."""
-    _listen(client, options)
-    text = client.frames.tree_as_string(client.node.get_clock().now().nanoseconds)
+    text = client.frames.tree_as_string(_listen(client, options))
     print(text or "no frames")
     return 0 if text else 1
 
 
 def check(client: Client, options: argparse.Namespace) -> int:
     """Print the problems that make lookups fail."""
-    _listen(client, options)
-    now = client.node.get_clock().now().nanoseconds
-    problems = client.frames.problems(now, round(options.max_age * 1e9))
+    problems = client.frames.problems(_listen(client, options), round(options.max_age * 1e9))
     for problem in problems:
         print(problem)
     print(
@@ -60,29 +57,35 @@ def check(client: Client, options: argparse.Namespace) -> int:
 
 def echo_text(stamped: StampedTransform) -> str:
     """Return a transform as tf2_echo prints it."""
-    x, y, z = stamped.transform.translation
-    qx, qy, qz, qw = stamped.transform.rotation
-    rpy = stamped.transform.rotation.as_rpy()
-    degrees = [math.degrees(angle) for angle in rpy]
-    rows = "\n".join(
+
+    def listed(numbers: Sequence[float]) -> str:
+        return ", ".join(f"{number:.3f}" for number in numbers)
+
+    rotation = stamped.transform.rotation
+    rpy = rotation.as_rpy()
+    rows = (
         "  " + " ".join(f"{number:6.3f}" for number in row)
         for row in stamped.transform.as_matrix().tolist()
     )
-    return (
-        f"At time {stamped.stamp * 1e-9:.9f}\n"
-        f"- Translation: [{x:.3f}, {y:.3f}, {z:.3f}]\n"
-        f"- Rotation: in Quaternion (xyzw) [{qx:.3f}, {qy:.3f}, {qz:.3f}, {qw:.3f}]\n"
-        f"- Rotation: in RPY (radian) [{rpy[0]:.3f}, {rpy[1]:.3f}, {rpy[2]:.3f}]\n"
-        f"- Rotation: in RPY (degree) [{degrees[0]:.3f}, {degrees[1]:.3f}, {degrees[2]:.3f}]\n"
-        f"- Matrix:\n{rows}"
+    return "\n".join(
+        [
+            f"At time {stamped.stamp * 1e-9:.9f}",
+            f"- Translation: [{listed(stamped.transform.translation)}]",
+            f"- Rotation: in Quaternion (xyzw) [{listed(rotation)}]",
+            f"- Rotation: in RPY (radian) [{listed(rpy)}]",
+            f"- Rotation: in RPY (degree) [{listed([math.degrees(angle) for angle in rpy])}]",
+            "- Matrix:",
+            *rows,
+        ]
     )
 
 
-def _listen(client: Client, options: argparse.Namespace) -> None:
-    """Wait for the first frame, then listen to measure rates and ages."""
+def _listen(client: Client, options: argparse.Namespace) -> int:
+    """Wait for the first frame, listen to measure rates and ages; return the time [ns]."""
     with suppress(ClientError):
         client.wait_for(lambda: bool(client.frames.frames()), options.wait, "")
         client.stop.wait(options.listen)
+    return int(client.node.get_clock().now().nanoseconds)
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -102,11 +105,8 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     checks.add_argument("--max-age", type=positive, default=1.0, help="in seconds (%(default)s)")
     for command, work in ((echoes, echo), (trees, tree), (checks, check)):
         command.set_defaults(work=work)
-        command.add_argument(
-            "--wait", type=positive, default=10.0, help="for the first frame, in s (%(default)s)"
-        )
-        if command is not echoes:
-            command.add_argument(
-                "--listen", type=positive, default=2.0, help="in seconds (%(default)s)"
-            )
+        add = command.add_argument
+        add("--wait", type=positive, default=10.0, help="for the first frame, in s (%(default)s)")
+        if work is not echo:
+            add("--listen", type=positive, default=2.0, help="in seconds (%(default)s)")
     return parser.parse_args(arguments)

@@ -242,7 +242,7 @@ def _later(seconds: float) -> list[Times]:
     [
         (0.0003, Grade.GREEN, Grade.GREEN),
         (0.05, Grade.AMBER, Grade.GREEN),
-        (-0.005, Grade.AMBER, Grade.GREEN),
+        (-0.005, Grade.AMBER, Grade.AMBER),
         (0.5, Grade.RED, Grade.AMBER),
         (3.0, Grade.RED, Grade.RED),
         (-0.05, Grade.RED, Grade.RED),

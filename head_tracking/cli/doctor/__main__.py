@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None, **bus: Any) -> int:
     worst = Grade.GREEN
     try:
         for finding in _check(options, words[ros:], bus):
-            show(finding, sys.stdout)
+            show(finding)
             worst = max(worst, finding.level)
     except KeyboardInterrupt:
         return 130

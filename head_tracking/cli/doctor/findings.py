@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+import sys
 from enum import IntEnum
-from typing import Final, TextIO
+from typing import Final, NamedTuple
 
 
 class Grade(IntEnum):
@@ -17,15 +17,8 @@ class Grade(IntEnum):
     RED = 2
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """The result of a check.
-
-    Attributes:
-        check: name of the check.
-        level: severity.
-        text: what was found, and what to do about it.
-    """
+class Finding(NamedTuple):
+    """The result of a check: its name, severity, what was found, and what to do about it."""
 
     check: str
     level: Grade
@@ -35,10 +28,10 @@ class Finding:
 _COLOURS: Final = {Grade.GREEN: "32", Grade.AMBER: "33", Grade.RED: "31"}
 
 
-def show(finding: Finding, output: TextIO) -> None:
+def show(finding: Finding) -> None:
     """Print a finding, in colour on a terminal."""
     level, colour = finding.level, _COLOURS.get(finding.level)
     word = f"{'-' if level is Grade.SKIPPED else level.name.lower():5}"
-    if colour and output.isatty() and "NO_COLOR" not in os.environ:
+    if colour and sys.stdout.isatty() and "NO_COLOR" not in os.environ:
         word = f"\033[{colour}m{word}\033[0m"
-    print(f"{word}  {finding.check:17} {finding.text}", file=output, flush=True)
+    print(f"{word}  {finding.check:17} {finding.text}", flush=True)

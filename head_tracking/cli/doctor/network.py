@@ -26,7 +26,7 @@ _TOPICS: Final = {
     "/diagnostics": DiagnosticArray,
 }
 _SKEW: Final = (0.010, 0.100)  # s: amber, red; includes the transport time
-_AHEAD: Final = (0.002, 0.020)  # s by which a message may be received before it was sent
+_AHEAD: Final = (0.020, 0.002)  # s that a message may be received before it was sent: red, amber
 _OLD: Final = (0.3, 1.0)  # s; the default of target_timeout is 1 s
 _OTHER_CLOCK: Final = 1e7  # s
 
@@ -54,22 +54,22 @@ class Received(NamedTuple):
 
 
 def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]:
-    """Check clocks, targets and diagnostics.
+    """Listen for some seconds; check clocks, targets and diagnostics.
 
     Args:
         arguments: ROS arguments, such as --ros-args -r __ns:=/left.
         seconds: how long to listen.
     """
     try:
-        received_messages = listen(arguments, seconds)
+        received = listen(arguments, seconds)
     except RuntimeError as error:  # rclpy's
         text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/guide/network.md"
         yield Finding("network", Grade.RED, text)
         return
-    yield Finding("network", Grade.GREEN, f"{received_messages.nodes} other nodes")
-    yield check_clocks(received_messages.times)
-    yield check_targets(received_messages.times.get("target_point", ()))
-    for name, (status, message) in sorted(received_messages.diagnostics.items()):
+    yield Finding("network", Grade.GREEN, f"{received.nodes} other nodes")
+    yield check_clocks(received.times)
+    yield check_targets(received.times.get("target_point", ()))
+    for name, (status, message) in sorted(received.diagnostics.items()):
         level = {0: Grade.GREEN, 2: Grade.RED}.get(status, Grade.AMBER)
         yield Finding("diagnostics", level, f"{name}: {message}")
 
@@ -125,14 +125,11 @@ def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
     if not skews:
         return Finding("clock skew", Grade.SKIPPED, "no message was received")
     topic = max(skews, key=lambda name: abs(skews[name]))
-    skew, level = skews[topic], Grade.GREEN
-    if not -_AHEAD[1] <= skew <= _SKEW[1]:
-        level = Grade.RED
-    elif not -_AHEAD[0] <= skew <= _SKEW[0]:
-        level = Grade.AMBER
+    skew = skews[topic]
     text = f"{topic} is received at least {1e3 * skew:.1f} ms after it was sent"
-    remedy = "" if level is Grade.GREEN else ": synchronise the clocks (docs/guide/network.md)"
-    return Finding("clock skew", level, text + remedy)
+    return _graded(
+        "clock skew", skew, _SKEW, text, "synchronise the clocks (docs/guide/network.md)"
+    )
 
 
 def check_targets(times: Sequence[Times]) -> Finding:
@@ -140,16 +137,20 @@ def check_targets(times: Sequence[Times]) -> Finding:
     ages = [each.received - each.stamp for each in times if each.stamp]
     if not ages:
         return Finding("stamps of targets", Grade.SKIPPED, "no stamped target_point came")
-    age, level = median(ages), Grade.GREEN
-    text = f"{1e3 * age:.0f} ms old when received"
+    age = median(ages)
     if abs(age) > _OTHER_CLOCK:
-        level, text = (
-            Grade.AMBER,
-            "not wall-clock times; use_sim_time must be the same in all nodes",
-        )
-    elif not -_AHEAD[1] <= age <= _OLD[1]:
-        level, text = Grade.RED, f"{text}: such targets are not followed"
-    elif age > _OLD[0]:
-        level = Grade.AMBER
-    remedy = "" if level is Grade.GREEN else "; stamp each target with the time of its image"
-    return Finding("stamps of targets", level, text + remedy)
+        text = "not wall-clock times; use_sim_time must be the same in all nodes"
+        return Finding("stamps of targets", Grade.AMBER, text)
+    text = f"{1e3 * age:.0f} ms old when received"
+    advice = "stamp each target with the time of its image; old targets are not followed"
+    return _graded("stamps of targets", age, _OLD, text, advice)
+
+
+def _graded(
+    check: str, late: float, limits: tuple[float, float], text: str, advice: str
+) -> Finding:
+    """Return a finding by how late something is [s]; limits: amber, red."""
+    for grade, ahead, limit in zip((Grade.RED, Grade.AMBER), _AHEAD, limits[::-1], strict=True):
+        if not -ahead <= late <= limit:
+            return Finding(check, grade, f"{text}: {advice}")
+    return Finding(check, Grade.GREEN, text)

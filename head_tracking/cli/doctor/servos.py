@@ -103,17 +103,12 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
         return
     problems: list[tuple[Grade, str]] = []
     if port.surplus[servo.id]:
-        problems.append(
-            (
-                Grade.RED,
-                "two servos have this id, or the line is disturbed: connect one of them alone and "
-                "use `servo set-id`",
-            )
-        )
+        text = "two servos have this id, or the line is disturbed: connect one of them alone and "
+        problems.append((Grade.RED, f"{text}use `servo set-id`"))
     if errors or identity.faulted:
         state = "has shut itself down" if identity.faulted else "reports"
-        remedy = "let it cool, call `recover` or cycle its power"
-        problems.append((Grade.RED, f"it {state}: {describe_errors(errors)}; {remedy}"))
+        text = f"it {state}: {describe_errors(errors)}; let it cool, call `recover` or cycle its "
+        problems.append((Grade.RED, f"{text}power"))
     if identity.firmware_version in _INTERRUPTED_UPDATE:
         text = f"firmware {identity.firmware_version}: an update was interrupted; recover it with "
         problems.append((Grade.RED, f"{text}Dynamixel Wizard"))
@@ -159,13 +154,9 @@ def _check_line(
     total = _READINGS * len(servos)
     text = f"{failed} of {total} readings failed; a cycle takes {1e3 * cycle:.1f} of "
     text += f"{1e3 * period:.0f} ms"
-    level = Grade.GREEN
-    if slow:
-        level, text = (
-            Grade.RED,
-            f"{text}: raise the baud rate, or lower return_delay, update_rate",
-        )
-    if failed:
-        level = Grade.RED if slow or failed > _FEW_FAILURES * total else Grade.AMBER
-        text += "; check plugs, cables, ground and supply, and for a second master"
-    yield Finding("line", level, text)
+    text += ": raise the baud rate, or lower return_delay, update_rate" if slow else ""
+    text += "; check plugs, cables, ground, supply, and for a second master" if failed else ""
+    if slow or failed > _FEW_FAILURES * total:
+        yield Finding("line", Grade.RED, text)
+    else:
+        yield Finding("line", Grade.AMBER if failed else Grade.GREEN, text)
