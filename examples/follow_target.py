@@ -1,4 +1,4 @@
-"""Follow a target that moves on a circle, and print by how much the head misses it.
+"""Follow a target that moves on a circle, and print the tracking error.
 
 python examples/follow_target.py /dev/ttyUSB0     or, without hardware: --sim
 """
@@ -11,7 +11,7 @@ from head_tracking import Head
 
 
 def target(seconds: float) -> tuple[float, float, float]:
-    """Return where the target is [m, in base_link]."""
+    """Return the position of the target in base_link [m]."""
     return 2.0, 0.8 * math.cos(1.5 * seconds), 0.6 + 0.4 * math.sin(1.5 * seconds)
 
 

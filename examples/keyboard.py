@@ -1,4 +1,4 @@
-"""Steer the head with the keyboard: a, d, w and s, each line at once; a space stops; r resumes.
+"""Steer the head with the keyboard: a, d, w, s and Enter; a space stops; r resumes.
 
 python examples/keyboard.py /dev/ttyUSB0     or, without hardware: --sim
 """

@@ -1,4 +1,4 @@
-"""Look at four points, one after the other, and print by how much the head misses each.
+"""Look at four points in turn, and print the remaining angle at each.
 
 python examples/look_around.py /dev/ttyUSB0     or, without hardware: --sim
 """

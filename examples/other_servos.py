@@ -1,4 +1,4 @@
-"""A head with other servos: XL430 at 57600 bit/s, the tilt servo mounted the other way round.
+"""A head with other servos: XL430 at 57600 bit/s; the tilt servo is mounted in reverse.
 
 python examples/other_servos.py /dev/ttyUSB0     or, without hardware: --sim
 """
@@ -10,7 +10,7 @@ from head_tracking.dynamixel import servo_model
 
 XL430 = servo_model("XL430-W250")
 PAN = JointConfiguration("head_pan_joint", 11, 2048, 1024, 3072, XL430, controller="pan")
-TILT = JointConfiguration(  # min above max: its ticks fall where the joint's angle rises
+TILT = JointConfiguration(  # min above max: fewer ticks mean a larger angle
     "head_tilt_joint", 12, init=2048, min=2700, max=1400, model=XL430, controller="tilt"
 )
 

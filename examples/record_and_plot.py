@@ -1,4 +1,4 @@
-"""Record how the joints move while the head turns, and draw it.
+"""Record the joint positions while the head turns, and draw them.
 
 python examples/record_and_plot.py /dev/ttyUSB0 turn.svg     or, without hardware: --sim turn.svg
 """

@@ -1,4 +1,4 @@
-"""A ROS 2 node around a head follows `target_point`: ros_node.py /dev/ttyUSB0, or --sim."""
+"""A ROS 2 node that follows `target_point`: ros_node.py /dev/ttyUSB0, or --sim."""
 
 import sys
 from contextlib import suppress
@@ -14,7 +14,7 @@ from head_tracking import Head, HeadTrackingError
 
 
 class HeadNode(Node):
-    """Connect a head to two topics."""
+    """Follow `target_point` and publish `tracking_error`."""
 
     def __init__(self, head: Head) -> None:
         super().__init__("own_head")

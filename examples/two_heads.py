@@ -1,4 +1,4 @@
-"""Two heads look at the same point at the same time: each has a port, and a thread.
+"""Two heads look at one point at the same time. Each has its own port and thread.
 
 python examples/two_heads.py /dev/ttyUSB0 /dev/ttyUSB1     or, without hardware: --sim --sim
 """
@@ -9,8 +9,8 @@ from contextlib import ExitStack
 
 from head_tracking import Head
 
-POINT = (1.5, 0.5, 0.6)  # m, in the base_link of the first
-BESIDE = (0.0, 0.4, 0.0)  # m: the second stands to the left of the first
+POINT = (1.5, 0.5, 0.6)  # m, in base_link of the first head
+BESIDE = (0.0, 0.4, 0.0)  # m; the second head is to the left of the first
 
 
 def main(*ports: str) -> None:
