@@ -68,7 +68,7 @@ ONLY_IN = {
     "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf_parser.py", "page/robot_shapes.py"},
     "xacro": {"transforms/urdf_parser.py"},
-    "rich": {"cli/servo/session.py", "cli/servo/overview.py"},
+    "rich": {"cli/terminal.py", "cli/servo/overview.py"},
 }
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")

@@ -59,7 +59,7 @@ def test_sentences_are_short(document: Path) -> None:
     assert [each for each in sentences(prose(document)) if len(each.split()) > MOST_WORDS] == []
 
 
-FILE = re.compile(r"`((?:\w+/)+\w+\.(?:py|yaml|xacro|rviz))`")
+FILE = re.compile(r"`((?:\w+/)+\w+\.(?:py|yaml|xacro|rviz|js|html|toml))`")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from head_tracking.cli.servo.session import Session, ToolError, find_servo
+from head_tracking.cli.servo.session import Session, find_servo
 from head_tracking.cli.terminal import Terminal
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
@@ -61,15 +61,9 @@ def calibrate(
     text = configuration([[each] for each in calibrations], session.port_name, session.baud_rate)
     if output is None:
         terminal.show(text)
-        return 0
-    try:
+    else:
         output.write_text(text)
-    except OSError as error:
-        terminal.show(text)
-        raise ToolError(
-            f"cannot write {output}: {error.strerror}; its contents are printed instead"
-        ) from error
-    terminal.print(f"written: {output}")
+        terminal.print(f"written: {output}")
     return 0
 
 
