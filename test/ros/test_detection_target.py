@@ -7,12 +7,9 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import PointStamped
-from rclpy.executors import SingleThreadedExecutor
+from lockstep import World
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import String
-from waiting import wait_for
 
 from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.kit.message_types import MessagesMissingError
@@ -28,87 +25,53 @@ if find_spec("cv2") is None:
     pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
 
 CAMERA = camera_with_view(320, 240, 1.0)
-START, PERIOD = 1_000_000_000_000, 33_000_000
 
 
 class Scene:
     """Another program that finds things, and somebody who listens for the target."""
 
-    def __init__(self, **parameters):
-        rclpy.init()
-        self.buffer = Buffer()
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.node = DetectionTargetNode(self.buffer, parameter_overrides=overrides)
+    def __init__(self, model, **parameters):
+        self.world = World(model)
+        parameters = {"fixed_frame": "", **parameters}
+        self.node = self.world.make(DetectionTargetNode, parameters, buffer=self.world.buffer)
         self.warnings = []
         self.node._target.warn = self.warnings.append
-        self.other = rclpy.create_node("other")
-        self.executor = SingleThreadedExecutor()
-        for node in (self.node, self.other):
-            self.executor.add_node(node)
-        self.stamp = START
-        self.targets, self.ids = [], []
-        self.other.create_subscription(PointStamped, "target_point", self.targets.append, 10)
-        self.other.create_subscription(String, "detection_target/id", self._on_id, 10)
-        self.publishers = {}
+        self._targets = self.world.record("/target_point")
+        self._ids = self.world.record("/detection_target/id")
 
-    def _on_id(self, message):
-        self.ids.append(message.data)
+    @property
+    def ids(self):
+        return {message.data for _, message in self._ids}
 
     def publish(self, topic, message):
-        if topic not in self.publishers:
-            self.publishers[topic] = self.other.create_publisher(type(message), topic, 10)
-            self.until(self.publishers[topic].get_subscription_count)
-        self.publishers[topic].publish(message)
+        self.world.publish(topic, message)
+        self.world.run(0.002)
 
-    def until(self, condition):
-        def spun():
-            self.executor.spin_once(timeout_sec=0.01)
-            return condition()
-
-        wait_for(spun, 20.0)
-
-    def show(self, topic, make, images=6, depth=None):
-        """What is found in some images, one after the other; the points that came of it."""
-        before = len(self.targets)
-        done, sent = [], []
-        keep = self.node._target.tracker._associate
-        self.node._target.tracker._associate = lambda *a: (keep(*a), done.append(a))[0]
+    def show(self, make, images=6, depth=None):
+        """What is found in some images, one after the other; the targets that came of it."""
+        before = len(self._targets)
         for _ in range(images):
-            self.stamp += PERIOD
-            head = header(self.stamp, "camera")
-            self.publish("camera_info", camera_info(head, CAMERA))
-            self.until(lambda: self.node._target._camera is not None)
+            head = header(self.world.now, "camera")
+            self.publish("/camera_info", camera_info(head, CAMERA))
             if depth is not None:
-                count = len(self.node._depths)
-                self.publish("depth", image_message(head, "32FC1", depth))
-                self.until(lambda count=count: len(self.node._depths) > count)
-            for name, message in make(head):
-                self.publish(name, message)
-            sent.append(head)
-            self.until(lambda: len(done) == len(sent))
-        self.node._target.tracker._associate = keep
-        if done and self.node._target.tracker.identity.sighted:
-            self.until(lambda: self.targets and self.targets[-1].header.stamp == head.stamp)
-        return self.targets[before:]
-
-    def close(self):
-        self.executor.shutdown()
-        for node in (self.node, self.other):
-            node.destroy_node()
-        rclpy.try_shutdown()
+                self.publish("/depth", image_message(head, "32FC1", depth))
+            for topic, message in make(head):
+                self.publish(topic, message)
+            self.world.run(1 / 30)
+        return [message for _, message in self._targets[before:]]
 
 
 @pytest.fixture
-def scene():
+def scene(kinectbot, threads):
     scenes = []
 
     def make(**parameters):
-        scenes.append(Scene(fixed_frame="", **parameters))
+        scenes.append(Scene(kinectbot, **parameters))
         return scenes[-1]
 
     yield make
     for made in scenes:
-        made.close()
+        made.node.destroy_node()
 
 
 def detection(name, u, v, width, *, score=0.9, kind="person"):
@@ -123,7 +86,7 @@ def detection(name, u, v, width, *, score=0.9, kind="person"):
 
 def array(*detections):
     return lambda head: [
-        ("detections", vision.Detection2DArray(header=head, detections=list(detections)))
+        ("/detections", vision.Detection2DArray(header=head, detections=list(detections)))
     ]
 
 
@@ -135,7 +98,7 @@ def test_position_of_a_detection_with_depth(scene):
     depth = np.full((240, 320), 4.0, np.float32)
     depth[80:160, 40:120] = 1.5
     world = scene()
-    found = world.show("detections", array(detection("a", 79.5, 119.5, 60)), depth=depth)
+    found = world.show(array(detection("a", 79.5, 119.5, 60)), depth=depth)
     assert len(found) == 4, "believed from the third image on"
     expected = CAMERA.point((79.5, 119.5), 1.5)
     assert point(found[-1]) == pytest.approx(expected, abs=1e-3)
@@ -144,36 +107,32 @@ def test_position_of_a_detection_with_depth(scene):
 
 def test_position_of_a_detection_by_its_size(scene):
     world = scene(object_size=0.3)
-    found = world.show("detections", array(detection("", 159.5, 119.5, 60)))
+    found = world.show(array(detection("", 159.5, 119.5, 60)))
     assert math.hypot(*point(found[-1])) == pytest.approx(0.3 * CAMERA.fx / 60, rel=0.01)
 
 
 def test_a_warning_without_depth_and_size(scene):
     world = scene()
-    assert world.show("detections", array(detection("a", 80, 80, 40))) == []
+    assert world.show(array(detection("a", 80, 80, 40))) == []
     assert world.warnings
 
 
 def test_a_detection_with_an_id_is_followed_everywhere(scene):
     """The larger one is followed, and still so when the other one is larger, or it jumps."""
     world = scene(distance=2.0)
-    world.show("detections", array(detection("a", 80, 80, 60), detection("b", 240, 80, 40)))
-    world.show("detections", array(detection("a", 80, 80, 30), detection("b", 240, 80, 60)))
-    silence = world.show("detections", array(detection("b", 240, 80, 60)))
+    world.show(array(detection("a", 80, 80, 60), detection("b", 240, 80, 40)))
+    world.show(array(detection("a", 80, 80, 30), detection("b", 240, 80, 60)))
+    silence = world.show(array(detection("b", 240, 80, 60)))
     assert silence == []
-    jumped = world.show(
-        "detections", array(detection("a", 160, 200, 30), detection("b", 80, 80, 60)), images=2
-    )
+    jumped = world.show(array(detection("a", 160, 200, 30), detection("b", 80, 80, 60)), images=2)
     assert len(jumped) == 2
     assert jumped[-1].point.y > 0.3
-    world.until(lambda: len(world.ids) >= 12)
-    assert set(world.ids) == {"a"}
+    assert world.ids == {"a"}
 
 
 def test_other_classes_and_invalid_detections_are_ignored(scene):
     world = scene(distance=2.0, class_id="person")
     found = world.show(
-        "detections",
         array(
             detection("dog", 80, 80, 90, kind="dog"),
             detection("nan", math.nan, 80, 90),
@@ -182,7 +141,7 @@ def test_other_classes_and_invalid_detections_are_ignored(scene):
         ),
     )
     assert len(found) == 4
-    assert set(world.ids) <= {"me"}
+    assert world.ids == {"me"}
     assert found[-1].point.x > 0
 
 
@@ -197,19 +156,9 @@ def test_detections_in_space(scene):
             one.bbox.center.position.x, one.bbox.center.position.y = x, 0.5
             one.bbox.size.x = one.bbox.size.y = one.bbox.size.z = 0.5
             message.detections.append(one)
-        return [("detections", message)]
+        return [("/detections", message)]
 
-    before = len(world.targets)
-    for _ in range(8):
-        world.stamp += PERIOD
-        for topic, message in found(header(world.stamp, "lidar")):
-            world.publish(topic, message)
-        count = len(world.targets)
-        for _ in range(5):
-            world.executor.spin_once(timeout_sec=0.02)
-        assert len(world.targets) <= count + 1
-    world.until(lambda: len(world.targets) > before)
-    message = world.targets[-1]
+    message = world.show(found)[-1]
     assert (message.header.frame_id, point(message)) == ("lidar", (2.0, 0.5, 0.0))
 
 
@@ -228,28 +177,26 @@ def test_faces_and_bodies_of_ros4hri_are_followed_by_their_ids(scene, source):
 
         return make
 
-    found = world.show("roi", people(["abc", "xyz"]))
+    found = world.show(people(["abc", "xyz"]))
     assert found[-1].point.x == pytest.approx(2.0 * math.sin(-0.21), abs=0.03)
-    world.until(lambda: world.ids)
-    assert set(world.ids) == {"abc"}
-    assert world.show("roi", people(["xyz"])) == [], "the other one is not taken at once"
-    world.show("roi", lambda head: [(f"/humans/{source}/tracked", hri.IdsList(header=head))])
-    assert world.node._regions == {}
+    assert world.ids == {"abc"}
+    assert world.show(people(["xyz"])) == [], "the other one is not taken at once"
+    world.show(lambda head: [(f"/humans/{source}/tracked", hri.IdsList(header=head))])
+    assert world.world.listeners(f"/humans/{source}/xyz/roi") == 0
 
 
 def test_a_face_with_a_frame_is_taken_from_there(scene):
     world = scene(source="faces")
-    core = world.buffer.core
-    for i in range(8):
-        at = Transform((0.1, 0.2, 1.25), Rotation.identity())
-        core.set_transform(START + i * PERIOD, "camera", "face_abc", at)
+    at = Transform((0.1, 0.2, 1.25), Rotation.identity())
+    for later in (0, 10**9):
+        world.world.buffer.core.set_transform(world.world.now + later, "camera", "face_abc", at)
 
     def face(head):
         region = hri.NormalizedRegionOfInterest2D(header=head, xmin=0.4, xmax=0.6, ymax=0.3)
         tracked = hri.IdsList(header=head, ids=["abc"])
         return [("/humans/faces/tracked", tracked), ("/humans/faces/abc/roi", region)]
 
-    found = world.show("roi", face)
+    found = world.show(face)
     assert point(found[-1]) == pytest.approx((0.1, 0.2, 1.25))
 
 
@@ -271,8 +218,9 @@ def test_missing_message_packages_are_reported(monkeypatch, source, package):
 
 def test_a_warning_for_an_uncalibrated_camera(scene):
     world = scene(distance=1.0)
-    world.publish("camera_info", CameraInfo())
-    world.until(lambda: world.warnings)
-    world.publish("detections", array(detection("a", 80, 80, 40))(header(1, "camera"))[0][1])
-    world.until(lambda: len(world.warnings) > 1)
-    world.publish("depth", Image())
+    world.publish("/camera_info", CameraInfo())
+    assert len(world.warnings) == 1
+    for topic, message in array(detection("a", 80, 80, 40))(header(1, "camera")):
+        world.publish(topic, message)
+    assert len(world.warnings) == 2
+    world.publish("/depth", Image())

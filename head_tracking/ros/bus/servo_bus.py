@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -12,11 +13,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from head_tracking.configuration.bus_parameters import (
+    TUTORIAL_HEAD,
     ControllerParameters,
     MotorParameters,
+    SecondMotorParameters,
     ServoBusParameters,
     TemperatureParameters,
     bus_settings,
+    configured_joint,
 )
 from head_tracking.control import LEASE, ControlLoop, OwnershipError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -25,6 +29,7 @@ from head_tracking.dynamixel import (
     BusEvent,
     BusReading,
     BusStoppedError,
+    ConfigurationError,
     DynamixelError,
     DynamixelPort,
     EepromSettings,
@@ -34,11 +39,13 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoState,
     StoppedError,
+    fastest_speed,
+    servo_model,
 )
 from head_tracking.exceptions import RefusedError
+from head_tracking.parameters import ParameterError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
-from head_tracking.ros.bus.joint_configuration import declare_joint
 from head_tracking.ros.kit.diagnostics import diagnostics
 from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
@@ -169,12 +176,54 @@ class ServoBusNode(ClosingNode):
         """Return the joints of each port and baud rate."""
         ports: dict[tuple[str, int], list[JointConfiguration]] = {}
         for name in p.dynamixels:
-            joint = declare_joint(
-                self, name, self._on_controller, self._on_motor, self._check_motor
-            )
-            port = (joint.port_name or p.port_name, joint.baud_rate or p.baud_rate)
-            ports.setdefault(port, []).append(joint.configuration)
+            joint, controller = self._declare_joint(name)
+            port = (controller.port_name or p.port_name, controller.baud_rate or p.baud_rate)
+            ports.setdefault(port, []).append(joint)
         return ports
+
+    def _declare_joint(self, dynamixel: str) -> tuple[JointConfiguration, ControllerParameters]:
+        """Declare the parameters of a joint, which apply new speeds and limits at once."""
+        prefix = f"{dynamixel}_controller."
+
+        def check_speeds(p: ControllerParameters) -> None:
+            _refuse_impossible(
+                lambda: replace(joint, joint_speed=p.joint_speed, max_speed=p.max_speed or None)
+            )
+
+        def set_speeds(p: ControllerParameters) -> None:
+            self._set_limits(p.joint_name, max_speed=p.max_speed)
+            self.backend.joint(p.joint_name).set_default_speed(p.joint_speed)
+
+        def check_limits(p: MotorParameters) -> None:
+            _refuse_impossible(lambda: replace(joint, min=p.min, max=p.max))
+            _refuse_impossible(
+                lambda: self.backend.joint(joint.joint_name).reconfigured(p.min, p.max)
+            )
+
+        def set_limits(p: MotorParameters) -> None:
+            self._set_limits(joint.joint_name, lowest=p.min, highest=p.max)
+
+        motor = NodeParameters(
+            self,
+            MotorParameters,
+            f"{prefix}motor.",
+            TUTORIAL_HEAD.get(dynamixel),
+            set_limits,
+            check_limits,
+        ).value
+        fastest = fastest_speed(servo_model(motor.model))
+        controller = NodeParameters(
+            self,
+            ControllerParameters,
+            prefix,
+            {"joint_name": f"{dynamixel}_joint"},
+            set_speeds,
+            check_speeds,
+            {"joint_speed": fastest, "max_speed": fastest},
+        ).value
+        other = NodeParameters(self, SecondMotorParameters, f"{prefix}second_motor.").value
+        joint = configured_joint(dynamixel, controller, motor, other)
+        return joint, controller
 
     def _connect(self, allow_missing: bool) -> None:
         log = self.get_logger()
@@ -295,19 +344,6 @@ class ServoBusNode(ClosingNode):
 
         return callback
 
-    def _on_controller(self, joint: str, changed: ControllerParameters) -> None:
-        """Apply a new speed, which has been checked."""
-        self._set_limits(joint, max_speed=changed.max_speed)
-        self.backend.joint(joint).set_default_speed(changed.joint_speed)
-
-    def _on_motor(self, joint: str, changed: MotorParameters) -> None:
-        """Apply a new limit, which has been checked."""
-        self._set_limits(joint, lowest=changed.min, highest=changed.max)
-
-    def _check_motor(self, joint: str, changed: MotorParameters) -> None:
-        """Raise ConfigurationError if the servo does not allow a limit."""
-        self.backend.joint(joint).reconfigured(changed.min, changed.max)
-
     def _set_limits(self, joint: str, **limits: Any) -> None:
         def done(future: Any) -> None:
             if future.exception() is not None:
@@ -366,6 +402,13 @@ class StatesMessage:
         message.position = array.array("d", positions)
         message.velocity = array.array("d", velocities)
         return message
+
+
+def _refuse_impossible(make: Callable[[], object]) -> None:
+    try:
+        make()
+    except ConfigurationError as error:
+        raise ParameterError(str(error)) from error
 
 
 def goals_from_message(message: JointState) -> dict[str, Goal]:
