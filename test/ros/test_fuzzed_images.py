@@ -2,22 +2,19 @@
 
 import math
 import random
-import threading
-from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
-import rclpy
+from lockstep import World
 
 if find_spec("cv2") is None:
     pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
 
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 
 from head_tracking.ros.kit.images import camera_info, image_message
-from head_tracking.ros.targets.visual_target import VisualTargetNode, _Images
+from head_tracking.ros.targets.visual_target import VisualTargetNode
 from head_tracking.tf.messages import header
 from head_tracking.vision import DETECTORS, camera_with_view
 
@@ -82,62 +79,63 @@ def compressed(rnd: random.Random) -> CompressedImage:
     )
 
 
+@pytest.fixture
+def world(kinectbot, threads):
+    return World(kinectbot)
+
+
+@pytest.mark.parametrize("transport", ["raw", "compressed"])
 @pytest.mark.parametrize("follow", sorted(DETECTORS))
-def test_visual_target_survives_every_image(follow):
-    rclpy.init()
-    node = VisualTargetNode(parameter_overrides=[Parameter("follow", value=follow)])
-    try:
-        rnd = random.Random(3)
-        for _ in range(300):
-            node._target._on_info(info(rnd))
-            pictures = [rnd.choice((image, image, compressed))(rnd) for _ in range(2)]
-            picture, depth = pictures
-            if follow == "nearest":
-                picture = None
-            elif rnd.random() < 0.5:
-                depth = None
-            # in the thread that looks: selections are carried out there
-            node._worker.do(partial(node._process, _Images(picture or depth, picture, depth)))
-            if rnd.random() < 0.1:
-                sizes = (0, 1, 20, 64, 2**32 - 1)
-                x, y, width, height = (rnd.choice(sizes) for _ in range(4))
-                node._on_select(
-                    RegionOfInterest(x_offset=x, y_offset=y, width=width, height=height)
-                )
-        done = threading.Event()
-        node._worker.do(done.set)
-        done.wait(60.0)
-        assert node._worker._error is None
-        assert done.is_set()
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()
+def test_visual_target_survives_every_image(world, follow, transport):
+    raw = transport == "raw"
+    kinds = {
+        "/image" if raw else "/image/compressed": image if raw else compressed,
+        "/depth" if raw else "/depth/compressedDepth": image if raw else compressed,
+    }
+    world.publishers.update(dict.fromkeys(kinds, 1))
+    depth_transport = "raw" if raw else "compressedDepth"
+    parameters = {"follow": follow, "image_transport": transport}
+    node = world.make(
+        VisualTargetNode,
+        {**parameters, "depth_transport": depth_transport},
+        buffer=world.buffer,
+    )
+    rnd = random.Random(3)
+    for _ in range(150):
+        world.publish("/camera_info", info(rnd))
+        for topic, make in kinds.items():
+            if rnd.random() < 0.7:
+                world.publish(topic, make(rnd))
+        if rnd.random() < 0.1:
+            x, y, width, height = (rnd.choice((0, 1, 20, 64, 2**32 - 1)) for _ in range(4))
+            region = RegionOfInterest(x_offset=x, y_offset=y, width=width, height=height)
+            world.publish("/visual_target/select", region)
+        world.run(0.002)
+    node.destroy_node()
 
 
-def test_detection_target_survives_every_detection():
+def test_detection_target_survives_every_detection(world):
     vision = pytest.importorskip("vision_msgs.msg")
     from head_tracking.ros.targets.detection_target import DetectionTargetNode
 
-    rclpy.init()
-    node = DetectionTargetNode(parameter_overrides=[Parameter("source", value="detections_2d")])
-    try:
-        rnd = random.Random(4)
-        for _ in range(500):
-            node._target._on_info(info(rnd))
-            node._on_depth(image(rnd))
-            found = []
-            for _ in range(rnd.randrange(4)):
-                one = vision.Detection2D(id=rnd.choice(("", "a", "é")))
-                centre = one.bbox.center.position
-                centre.x, centre.y, one.bbox.size_x, one.bbox.size_y = (
-                    rnd.choice(NUMBERS) for _ in range(4)
-                )
-                result = vision.ObjectHypothesisWithPose()
-                result.hypothesis.class_id = rnd.choice(("", "person"))
-                result.hypothesis.score = rnd.choice(NUMBERS)
-                one.results = [result][: rnd.randrange(2)]
-                found.append(one)
-            node._process(vision.Detection2DArray(header=stamped(rnd), detections=found))
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()
+    node = world.make(DetectionTargetNode, {"source": "detections_2d"}, buffer=world.buffer)
+    rnd = random.Random(4)
+    for _ in range(500):
+        world.publish("/camera_info", info(rnd))
+        world.publish("/depth", image(rnd))
+        found = []
+        for _ in range(rnd.randrange(4)):
+            one = vision.Detection2D(id=rnd.choice(("", "a", "é")))
+            centre = one.bbox.center.position
+            centre.x, centre.y, one.bbox.size_x, one.bbox.size_y = (
+                rnd.choice(NUMBERS) for _ in range(4)
+            )
+            result = vision.ObjectHypothesisWithPose()
+            result.hypothesis.class_id = rnd.choice(("", "person"))
+            result.hypothesis.score = rnd.choice(NUMBERS)
+            one.results = [result][: rnd.randrange(2)]
+            found.append(one)
+        message = vision.Detection2DArray(header=stamped(rnd), detections=found)
+        world.publish("/detections", message)
+        world.run(0.002)
+    node.destroy_node()

@@ -4,34 +4,19 @@ import math
 import random
 from types import SimpleNamespace
 
-import pytest
-import rclpy
 from geometry_msgs.msg import TransformStamped
-from rclpy.parameter import Parameter
+from lockstep import World
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from head_tracking.ros.robot.joint_state_publisher import JointStatePublisherNode
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
-from head_tracking.share import robot_file
-from head_tracking.tf import Buffer, TransformException, TransformListener
-from head_tracking.transforms import load_robot_model
+from head_tracking.tf import TransformException
 
 NUMBERS = (0.0, 1.0, -0.5, 1e-320, 1e12, 1e308, -1.7e308, math.nan, math.inf, -math.inf)
 FRAMES = ("", "/", "a", "/a", "b", "base_link", "camera_link", "//", "ä b", "x" * 300)
+OUTPUT = "joint_states:=completed"
 JOINTS = ("", "head_pan_joint", "head_tilt_joint", "head_pan_joint", "left_wheel_joint", "?")
-
-
-class Said:
-    """A logger that keeps what it is told."""
-
-    def __init__(self) -> None:
-        self.errors: list[str] = []
-
-    def error(self, text: str, **_: object) -> None:
-        self.errors.append(text)
-
-    warning = info = error
 
 
 def stamp(rnd: random.Random, header) -> None:
@@ -69,40 +54,30 @@ def description(rnd: random.Random, urdf: str) -> String:
     return String(data=urdf[:start] + insert + urdf[start + length :])
 
 
-@pytest.fixture(scope="module")
-def urdf() -> str:
-    return load_robot_model(robot_file("kinectbot")).urdf
-
-
-@pytest.fixture
-def ros():
-    rclpy.init()
-    yield
-    rclpy.shutdown()
-
-
-def test_the_listener_survives_random_messages(ros, urdf):
-    rnd, said = random.Random(1), Said()
-    buffer, node = Buffer(), rclpy.create_node("listens")
-    listener = TransformListener(buffer, node)
-    listener._log = said
-    listener._on_description(String(data=urdf))
-    for round_ in range(3000):
-        kind = rnd.randrange(9)
-        before = len(said.errors)
-        if kind == 0 and round_ % 5 == 0:
-            listener._on_description(description(rnd, urdf))
-        elif kind < 4:
-            message = joints(rnd)
-            listener._on_joints(message)
-            taken = dict(zip(message.name, message.position, strict=False))
-            if not all(map(math.isfinite, taken.values())):
-                assert len(said.errors) > before
+def test_the_state_publishers_survive_random_messages(kinectbot, threads):
+    rnd, world, urdf = random.Random(1), World(kinectbot), kinectbot.urdf
+    parameters = {"robot_description": urdf}
+    nodes = [
+        world.make(RobotStatePublisherNode, parameters, buffer=world.buffer),
+        world.make(JointStatePublisherNode, {}, cli_args=["--ros-args", "-r", OUTPUT]),
+    ]
+    world.publish("/robot_description", String(data=urdf))
+    sent = world.record("/completed")
+    for _ in range(3000):
+        kind = rnd.randrange(40)
+        if kind == 0:
+            world.publish("/robot_description", description(rnd, urdf))
+        elif kind < 15:
+            world.publish("/servo_states", joints(rnd))
+        elif kind < 25:
+            world.publish("/joint_states", joints(rnd))
         else:
-            data = type("TFMessage", (), {"transforms": [transform(rnd) for _ in range(3)]})
-            (listener.callback if kind < 8 else listener.static_callback)(data)
+            topic = "/tf" if kind < 35 else "/tf_static"
+            data = SimpleNamespace(transforms=[transform(rnd) for _ in range(3)])
+            world.publish(topic, data)
+        world.run(0.002)
         try:
-            found = buffer.lookup_transform(
+            found = world.buffer.lookup_transform(
                 rnd.choice(FRAMES), rnd.choice(FRAMES), transform(rnd).header.stamp
             )
         except TransformException:
@@ -110,26 +85,8 @@ def test_the_listener_survives_random_messages(ros, urdf):
         numbers = found.transform.translation, found.transform.rotation
         assert all(math.isfinite(getattr(numbers[0], axis)) for axis in "xyz")
         assert all(math.isfinite(getattr(numbers[1], axis)) for axis in "xyzw")
-    assert "not finite" in " ".join(said.errors)
-    listener.unregister()
-    node.destroy_node()
-
-
-def test_the_state_publishers_survive_random_messages(ros, urdf):
-    rnd = random.Random(2)
-    model = Parameter("robot_description", value=urdf)
-    nodes = RobotStatePublisherNode(parameter_overrides=[model]), JointStatePublisherNode()
-    sent: list[JointState] = []
-    nodes[1]._output = SimpleNamespace(publish=sent.append, wanted=True)
-    nodes[1]._on_description(String(data=urdf))
-    for _ in range(500):
-        message = joints(rnd)
-        nodes[0]._on_joints(message)
-        nodes[1]._on_measurement(message)
-    for _ in range(20):
-        nodes[1]._on_description(description(rnd, urdf))
     assert sent
-    for message in sent:
+    for _, message in sent:
         assert len(message.name) == len(message.position)
         assert all(map(math.isfinite, message.position)), "a joint is nowhere"
     for node in nodes:
