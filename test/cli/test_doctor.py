@@ -309,6 +309,12 @@ def test_servos_at_another_baud_rate_are_found_and_named(head: Head, rate: int) 
     assert all("1000000" in line for line in lines)
 
 
+def test_a_servo_that_answers_is_not_searched_at_other_baud_rates(head: Head) -> None:
+    head.servos(SimulatedServo(1, servo_model("AX-18")), SimulatedServo(2))
+    assert head.check() == Grade.RED
+    assert head.output.count("\nred") == 1
+
+
 STS_HEAD = """
 /**/servo_bus:
   ros__parameters:

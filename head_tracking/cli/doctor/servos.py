@@ -59,7 +59,7 @@ def check_bus(
                 yield from _check_servo(servo, port, bus.settings)
             yield from _check_limits(servos)
             yield from _check_line(bus, port, [each for each in servos if each.identity])
-            silent = [each for each in servos if not each.identity]
+            silent = [each for each in servos if not each.counters.replies]
         except PortLostError as error:
             yield Finding("port", Grade.RED, str(error))
     for rate in USUAL_BAUD_RATES if silent else ():
