@@ -90,17 +90,20 @@ def _describe(
     model = _model(options, [first for first, *_ in joints], measures)
     text = configuration(joints, options.port, rate, "head_tracking new-robot")
     _check_and_write(files, (model, text))
+    script = share_directory() / "scripts" / "run"  # adds what the page needs
+    in_checkout = Path(sys.prefix) == script.parents[1] / ".venv" and script.exists()
+    program = str(script) if in_checkout else "head_tracking"
+    seen = ["--sim", "--viewer", "--robot", str(urdf)]
     print(
         f"written:   {urdf}, {parameters}\n"
-        f"see it:    head_tracking --sim --viewer --robot {urdf}\n"
-        f"turn it:   head_tracking --port {options.port} --robot {urdf} --viewer\n"
+        f"see it:    {program} {' '.join(seen)}\n"
+        f"turn it:   {program} --port {options.port} --robot {urdf} --viewer\n"
         f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})",
         flush=True,
     )
     question = "Show the model in the page now? Its servos are simulated; yours do not move."
     if options.show or (not options.yes and terminal.agrees(question)):
-        program = [sys.executable, "-m", "head_tracking"]
-        return show([*program, "--sim", "--viewer", "--robot", str(urdf)])
+        return show([*([program] if in_checkout else [sys.executable, "-m", program]), *seen])
     return DONE
 
 

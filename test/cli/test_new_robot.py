@@ -116,7 +116,7 @@ def test_the_result_is_shown_on_request(user: User, answer: str, is_shown: bool)
     user.answers = f"\n\n\n{answer}\n"
     assert user.run(*GIVEN) == DONE
     model = str(user.folder / "my_head.urdf.xacro")
-    assert user.shown[3:] == (["--sim", "--viewer", "--robot", model] if is_shown else [])
+    assert user.shown[-4:] == (["--sim", "--viewer", "--robot", model] if is_shown else [])
 
 
 def test_a_joint_with_two_servos_is_described(user: User) -> None:
