@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any, TypeVar
 
-from head_tracking.control.loop import ControlLoop
+from head_tracking.control.loop import ControlLoop, JointBackend
 from head_tracking.dynamixel import (
     BusReading,
     BusStoppedError,
@@ -33,7 +33,7 @@ Observer = Callable[[ServoBus, BusReading], object]
 Claim = Callable[[Iterable[str]], object]
 
 
-class DynamixelBackend:
+class DynamixelBackend(JointBackend):
     """A `JointBackend`: servos on serial ports, each port in a thread that owns it.
 
     Args:
@@ -195,9 +195,6 @@ class DynamixelBackend:
         if refusals:
             raise GoalError("; ".join(refusals))
         return result
-
-    def claim(self) -> None:
-        """Do nothing: the owners of this process are those of its servos; see `JointBackend`."""
 
     def servo(self, joint: str) -> str:
         """Return the adapter's serial number, the model and the id; see `JointBackend`."""

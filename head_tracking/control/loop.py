@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from head_tracking.control.owners import JointOwners
 from head_tracking.dynamixel import Goal
@@ -17,38 +17,35 @@ Completer: TypeAlias = "Callable[[Mapping[str, JointSample]], Mapping[str, Joint
 Observer: TypeAlias = "Callable[[int, Mapping[str, JointSample]], object]"
 
 
-class Controller(Protocol):
+class Controller:
     """Decides where joints go.
 
     Attributes:
+        name: its name as an owner of joints.
+        joints: the joints that it controls.
         failure: the exception that has ended it; None as long as it works.
     """
 
-    failure: Exception | None
-
-    @property
-    def name(self) -> str:
-        """Its name as an owner of joints."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The joints that it controls."""
+    name: str
+    joints: tuple[str, ...]
+    failure: Exception | None = None
 
     def update(self) -> None:
         """Write goals for the joints, which have just been measured, if there are any."""
+        raise NotImplementedError
 
     def publish(self) -> None:
         """Notify observers, after the goals were written."""
 
 
-class JointBackend(Protocol):
+class JointBackend:
     """Drives joints: servos of this process, or another process by topics.
 
     Attributes:
         period: between two measurements of the joints [s]; 0: not known.
     """
 
-    period: float
+    period = 0.0
 
     def start(self) -> None:
         """Start, after the controllers were added to the loop."""
@@ -58,15 +55,18 @@ class JointBackend(Protocol):
 
     def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Send the goals of an owner, made in an epoch, to the joints; must not wait."""
+        raise NotImplementedError
 
     def claim(self) -> None:
         """Report to a servo bus of another process that its joints have an owner here."""
 
     def servo(self, joint: str) -> str:
         """Return an identifier of a joint's servo that other runs know; empty: not known."""
+        return ""
 
     def relax_now(self) -> Mapping[str, str]:
         """Relax all joints and return the problem of each; empty: confirmed."""
+        raise NotImplementedError
 
 
 class ControlLoop:

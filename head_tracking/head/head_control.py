@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from head_tracking.control.loop import ControlLoop
+from head_tracking.control.loop import Controller, ControlLoop
 from head_tracking.control.owners import OwnershipError
 from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import Goal, StoppedError
@@ -64,7 +64,7 @@ class Log(Protocol):
         """Log a failure."""
 
 
-class HeadControl:
+class HeadControl(Controller):
     """Controls a head in a loop by one `Motion` at a time; for any thread.
 
     It is enabled while it owns both joints. After a STOP it is cautious until the head has arrived
@@ -100,8 +100,9 @@ class HeadControl:
         held: commanded pan and tilt [rad] at which the head stands; None: not known.
         is_cautious: whether the head is slow after a STOP.
         lock: held during every decision.
-        failure: the exception that has ended it; None as long as it works.
     """
+
+    joints: tuple[str, str]
 
     def __init__(
         self,
@@ -133,7 +134,6 @@ class HeadControl:
         self.held: tuple[float, float] | None = None
         self.is_cautious = False
         self.lock = threading.RLock()
-        self.failure: Exception | None = None
         self._loop, self._buffer, self._owners = loop, loop.buffer, loop.owners
         self._timeout = parameters.joint_state_timeout
         self._clock, self._is_simulated = clock, is_simulated

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from head_tracking.ros.kit.topics import LATCHED, TF
-from head_tracking.tf.tf2_messages import TFMessage
+from head_tracking.tf.messages import TFMessage
 
 Transforms: TypeAlias = TransformStamped | Iterable[TransformStamped]
 

@@ -20,9 +20,8 @@ from rclpy.time import Time
 
 from head_tracking.tf.conversions import seconds, stamp_to_ns
 from head_tracking.tf.do_transform import MAKERS
-from head_tracking.tf.messages import header, read, transform_stamped
+from head_tracking.tf.messages import FrameGraph, header, read, transform_stamped
 from head_tracking.tf.registration import TransformRegistration, convert
-from head_tracking.tf.tf2_messages import FrameGraph
 from head_tracking.transforms import TransformBuffer, TransformException, Vector3
 from head_tracking.transforms.history import DEFAULT_CACHE_TIME
 

@@ -17,7 +17,7 @@ from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
-from head_tracking.tf.tf2_messages import TFMessage
+from head_tracking.tf.messages import TFMessage
 from head_tracking.transforms import (
     InvalidArgumentException,
     RobotModelError,

@@ -19,6 +19,13 @@ from std_msgs.msg import Header
 from head_tracking.tf.conversions import NANOSECONDS, stamp_to_ns
 from head_tracking.transforms import StampedTransform, Transform, Vector3
 
+try:
+    from tf2_msgs import msg, srv
+
+    TFMessage, FrameGraph = msg.TFMessage, srv.FrameGraph
+except ImportError:  # it is not among the ROS wheels
+    TFMessage = FrameGraph = None
+
 _new = object.__new__
 Message = TypeVar("Message")
 

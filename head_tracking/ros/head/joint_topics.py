@@ -9,7 +9,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from head_tracking.control import ControlLoop
+from head_tracking.control import ControlLoop, JointBackend
 from head_tracking.dynamixel import Goal
 from head_tracking.ros.kit.joint_owners import control_from_message, sender
 from head_tracking.ros.kit.spinning import steady_timer
@@ -18,7 +18,7 @@ from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE
 _STOP_PERIOD = 0.1  # s
 
 
-class JointTopics:
+class JointTopics(JointBackend):
     """A `JointBackend`: publishes `joint_commands`, and adopts STOP and owners of the servo bus.
 
     Args:
@@ -27,8 +27,6 @@ class JointTopics:
         joints: pan and tilt.
         loop: of the process.
     """
-
-    period = 0.0
 
     def __init__(self, node: Node, name: str, joints: Sequence[str], loop: ControlLoop) -> None:
         self._node = node
@@ -47,10 +45,7 @@ class JointTopics:
         """Subscribe to the servo bus; see `JointBackend`."""
         self._node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
 
-    def close(self) -> None:
-        """See `JointBackend`; the node destroys its topics."""
-
-    def write(self, name: str, goals: Mapping[str, Goal], epoch: int) -> None:
+    def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish goals; the servo bus discards them if their epoch is over."""
         message = JointState(
             name=list(goals),
@@ -58,12 +53,8 @@ class JointTopics:
             velocity=[goal.speed or 0.0 for goal in goals.values()],
         )
         message.header.stamp = self._node.get_clock().now().to_msg()
-        message.header.frame_id = sender(name, epoch)
+        message.header.frame_id = sender(owner, epoch)
         self._commands.publish(message)
-
-    def servo(self, joint: str) -> str:
-        """Return an empty string: not known; see `JointBackend`."""
-        return ""
 
     def claim(self) -> None:
         """See `JointBackend`."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from rclpy.node import Node
 
-from head_tracking.control import ControlLoop
+from head_tracking.control import Controller, ControlLoop, JointBackend
 from head_tracking.dynamixel import Goal
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
@@ -24,7 +24,7 @@ except ImportError:
 _PERIOD = 0.02  # s
 
 
-class TrajectoryBackend:
+class TrajectoryBackend(JointBackend, Controller):
     """A `JointBackend`: streams trajectories of one point to a joint_trajectory_controller.
 
     It offers `stop` and `resume`. Only the robot's driver can relax the joints: `stop` ends the
@@ -42,9 +42,6 @@ class TrajectoryBackend:
     Raises:
         HeadTrackingError: trajectory_msgs is not installed.
     """
-
-    failure: Exception | None = None
-    period = 0.0
 
     def __init__(
         self,
@@ -83,13 +80,6 @@ class TrajectoryBackend:
         """Withdraw the services; see `JointBackend`."""
         self._services.close()
 
-    def servo(self, joint: str) -> str:
-        """Return an empty string: not known; see `JointBackend`."""
-        return ""
-
-    def claim(self) -> None:
-        """Do nothing: there is no servo bus with owners; see `JointBackend`."""
-
     def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish positions on the way to new goals; see `JointBackend`."""
         pan, tilt = (goals[joint] for joint in self.joints)
@@ -104,9 +94,6 @@ class TrajectoryBackend:
         else:
             with self._lock:
                 self._stream.stop()
-
-    def publish(self) -> None:
-        """Do nothing; see `Controller`."""
 
     def _advance(self, command: HeadCommand | None, epoch: int) -> None:
         measured = self._measured()
