@@ -40,11 +40,6 @@ def pointing_robot(make_robot: MakeRobot) -> Robot:
 
 
 @pytest.fixture
-def tracking_robot(make_robot: MakeRobot) -> Robot:
-    return make_robot("--target", "none")
-
-
-@pytest.fixture
 def threads() -> Iterator[NodeThreads]:
     """ROS, and what spins nodes in it until the end of the test."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

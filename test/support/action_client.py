@@ -34,7 +34,6 @@ class Sent:
     def __init__(self, node: Any, client: ActionClient, goal: Any) -> None:
         self.feedback: list[tuple[float, Any]] = []
         self._node = node
-        self._ended = 0.0
         future = in_executor(
             node, lambda: client.send_goal_async(goal, feedback_callback=self._on_feedback)
         )
@@ -43,13 +42,9 @@ class Sent:
         self.accepted = self._handle.accepted
         if self.accepted:
             self._result = in_executor(node, self._handle.get_result_async)
-            self._result.add_done_callback(self._on_end)
 
     def _on_feedback(self, message: Any) -> None:
         self.feedback.append((time.monotonic(), message.feedback))
-
-    def _on_end(self, _: Any) -> None:
-        self._ended = time.monotonic()
 
     @property
     def status(self) -> int:
@@ -66,12 +61,6 @@ class Sent:
         wait_for(self._result.done, patience)
         answer = self._result.result()
         return answer.status, answer.result
-
-    @property
-    def ended_at(self) -> float:
-        """When that was heard [s]."""
-        wait_for(lambda: self._ended)
-        return self._ended
 
     def cancel(self) -> Any:
         """Asks the server to; its answer."""

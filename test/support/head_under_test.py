@@ -48,7 +48,6 @@ class Head:
         measured: joint states are published.
         held_up: joint states are kept, and sent all at once when that ends.
         stamped_ahead: joint states are stamped so far in the future [s].
-        obeys: the servos do what they are told.
         speeds: that the joints were commanded [rad/s].
         each_period: is called.
         target: is published 30 times a second: frame and a function of the robot's time.
@@ -58,7 +57,7 @@ class Head:
         self.offset = 0.0
         self.clock_rate = 50.0 if simulated else 0.0
         self.paused = False
-        self.measured = self.obeys = True
+        self.measured = True
         self.held_up = False
         self._kept: list[JointState] = []
         self.stamped_ahead = 0.0
@@ -205,8 +204,7 @@ class Head:
     def _move(self, dt: float) -> None:
         for index in range(2):
             way = self._goals[index] - self.positions[index]
-            if self.obeys:
-                self.positions[index] += math.copysign(min(abs(way), self.speeds[index] * dt), way)
+            self.positions[index] += math.copysign(min(abs(way), self.speeds[index] * dt), way)
         self.travel.append((self.positions[0], self.positions[1]))
 
 
