@@ -74,7 +74,7 @@ def serve_goals(
         def on_end(conclude: Callable[[Any], Any]) -> None:
             del goals[key]
             if node.executor is not None:  # else the program ends
-                handle.execute(conclude)
+                node.executor.create_task(handle.execute, conclude)
 
         goal = goals[key] = Goal(handle, on_end)
         begin(goal)
