@@ -7,19 +7,20 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
+Name = TypeVar("Name")
 Measured = TypeVar("Measured")
 
 
 def in_turns(
-    contenders: Mapping[str, Callable[[], Measured]], rounds: int
-) -> dict[str, list[Measured]]:
+    contenders: Mapping[Name, Callable[[], Measured]], rounds: int
+) -> dict[Name, list[Measured]]:
     """Measure all contenders in alternating rounds, so that the load of the machine affects all.
 
     Args:
         contenders: measuring functions by name.
         rounds: number of measurements of each.
     """
-    found: dict[str, list[Measured]] = {name: [] for name in contenders}
+    found: dict[Name, list[Measured]] = {name: [] for name in contenders}
     for _ in range(rounds):
         for name, measure in contenders.items():
             found[name].append(measure())

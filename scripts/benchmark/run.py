@@ -11,25 +11,20 @@ import re
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from frame import in_turns, medians, report, row, table
+from frame import in_turns, medians, row, table
 from simulated_run import descendants, memory, processor_time
 
 HERE = Path(__file__).parent
 SECONDS = 20
 WARM_UP = 6.0  # s until a run has started all of its nodes
 ROUNDS = 5
-TUTORIAL = """\
-/**/head_tracker:
-  ros__parameters: {law: speed, rate: 10, k_pan: 1.5, k_tilt: 1.5, max_joint_speed: %s}
-"""
 LOCAL = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # for several processes
 
 
@@ -63,48 +58,29 @@ def run() -> str:
 
 def _errors() -> str:
     """Return the table of tracking errors, by the true angles."""
-    variants = {
-        (robot, "fictitious", name): parameters
-        for robot in ("kinectbot", "turtlebot")
-        for name, parameters in (
-            ("tutorials' (k 1.5, 0.5 rad/s, 10 Hz)", TUTORIAL % 0.5),
-            ("tutorials', faster (k 1.5, 2.0 rad/s, 10 Hz)", TUTORIAL % 2.0),
-            ("default", ""),
-        )
-    }
-    variants |= {("kinectbot", target, "default"): "" for target in ("face", "ball")}
-    results: dict[Any, list[Summary]] = defaultdict(list)
-    for turn in range(ROUNDS):
-        for name, parameters in variants.items():
-            if turn and parameters:
-                continue  # one round is enough for the large errors of the tutorials
-            results[name].append(_follow(name[0], name[1], parameters))
-            report(f"{name}: {results[name][-1]}")
+    runs = [(robot, "fictitious") for robot in ("kinectbot", "turtlebot")]
+    runs += [("kinectbot", target) for target in ("face", "ball")]
+    results = in_turns({names: partial(_follow, *names) for names in runs}, ROUNDS)
     rows = []
-    for names, runs in results.items():
-        rms, largest, cycles, _ = medians(runs)
-        each = ", ".join(f"{one.rms:.2f}" for one in runs)
-        faults = sum(one.faults for one in runs)
+    for names, found in results.items():
+        rms, largest, cycles, _ = medians(found)
+        each = ", ".join(f"{one.rms:.2f}" for one in found)
+        faults = sum(one.faults for one in found)
         rows.append(row(*names, f"{rms:.2f}°", each, f"{largest:.2f}°", f"{cycles:.0f}", faults))
-    return table(
-        "robot | target | parameters | error rms | of each run | error max | bus cycles | faults",
-        rows,
+    return table("robot | target | error rms | of each run | error max | bus cycles | faults", rows)
+
+
+def _follow(robot: str, target: str) -> Summary:
+    command = [sys.executable, "-m", "head_tracking", "--sim", "--robot", robot]
+    command += ["--target", target, "--duration", str(SECONDS)]
+    finished = subprocess.run(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        check=True,
+        env=LOCAL,
     )
-
-
-def _follow(robot: str, target: str, parameters: str) -> Summary:
-    with _parameter_file(parameters) as file:
-        finished = subprocess.run(
-            [
-                *(sys.executable, "-m", "head_tracking", "--sim", "--robot", robot),
-                *("--target", target, "--duration", str(SECONDS), *file),
-            ],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            check=True,
-            env=LOCAL,
-        )
     summary = finished.stdout.splitlines()[-1]
     match = re.search(r"error ([\d.]+)° rms, ([\d.]+)° max.*; (\d+) bus cycles, (\d+)", summary)
     assert match is not None, summary
@@ -210,18 +186,6 @@ def _servos() -> Iterator[tuple[str, dict[str, Any]]]:
         finally:
             process.terminate()
             times.update(json.loads(process.stdout.read() or "{}"))
-
-
-@contextmanager
-def _parameter_file(parameters: str) -> Iterator[tuple[str, ...]]:
-    """Yield the arguments for parameters in YAML; none for an empty text."""
-    if not parameters:
-        yield ()
-        return
-    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-        file.write(parameters)
-        file.flush()
-        yield "--params", file.name
 
 
 def _milliseconds(rounds: Sequence[Sequence[float]]) -> str:
