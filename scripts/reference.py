@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,6 +34,7 @@ ROS_NAMES = re.compile(
     r"^/(rosout|parameter_events|clock|target_point_marker)$|_parameter|get_type_desc|/qos_|_action/"
 )
 ROS_PARAMETERS = re.compile(r"^(use_sim_time|start_type_description_service|qos_overrides\..*)$")
+GOAL = "/_action/send_goal"
 ABSOLUTE = ("/tf", "/tf_static", "/diagnostics")
 NEEDED = {"frame_target": {"frame": "camera_link"}, "viewer": {"port": 0}}
 """Parameters that a node needs to start in this script."""
@@ -61,6 +61,15 @@ class Interface:
     summary: str
     topics: dict[str, dict[str, str]] = field(default_factory=lambda: defaultdict(dict))
     parameters: list[tuple[str, ...]] = field(default_factory=list)
+
+    def add(self, direction: str, found: list[tuple[str, list[str]]]) -> None:
+        """Add names with their types; an action is recognised by its service to send goals."""
+        for topic, (kind, *_) in found:
+            if topic.endswith(GOAL):
+                name = shown(topic.removesuffix(GOAL), self.name)
+                self.topics["actions"][name] = kind.removesuffix("_SendGoal")
+            elif not ROS_NAMES.search(topic):
+                self.topics[direction][shown(topic, self.name)] = kind
 
 
 def first_line(path: Path) -> str:
@@ -90,37 +99,33 @@ def with_tree(text: str) -> str:
     return f"{before}{begin}\n\n```text\n{draw_tree()}\n```\n\n{end}{after}"
 
 
-def read_interfaces() -> Iterator[Interface]:
-    """Yield the interface of every node, each started alone."""
+def read_interfaces() -> list[Interface]:
+    """Return the interface of every node, each started alone.
+
+    Subscriptions to private topics of other nodes are left out.
+    """
     import rclpy
     from rclpy.parameter import Parameter
 
     from head_tracking.programs import NODES, node_class
     from head_tracking.simulation import SimulatedPort, SimulatedServo
 
+    nodes = []
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         os.environ |= {"HOME": folder, "ROS_LOG_DIR": folder}
-        bus = SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=Path(folder) / "bus")
-        bus.open()
-        stack.callback(bus.close)
+        servos = [SimulatedServo(1), SimulatedServo(2)]
+        bus = stack.enter_context(SimulatedPort(servos, link=Path(folder) / "bus"))
         rclpy.init(args=["--ros-args", "--log-level", "fatal"])
         stack.callback(rclpy.try_shutdown)
         for name in NODES:
-            kind = resolve_name(node_class(name))
+            values = NEEDED.get(name, {}).items()
             given: dict[str, Any] = {
-                "parameter_overrides": [
-                    Parameter(parameter, value=value)
-                    for parameter, value in NEEDED.get(name, {}).items()
-                ]
+                "parameter_overrides": [Parameter(key, value=value) for key, value in values]
             }
             if name == "servo_bus":
                 given["connect"] = lambda _: bus.port_name
-            yield read_interface(name, kind, given)
-
-
-def without_foreign(nodes: list[Interface]) -> list[Interface]:
-    """Return the nodes without their subscriptions to private topics of other nodes."""
+            nodes.append(read_interface(name, resolve_name(node_class(name)), given))
     private = {
         f"{node.name}/{topic.removeprefix('~/')}"
         for node in nodes
@@ -128,10 +133,8 @@ def without_foreign(nodes: list[Interface]) -> list[Interface]:
         if topic.startswith("~/")
     }
     for node in nodes:
-        topics = node.topics["subscribes to"]
-        node.topics["subscribes to"] = {
-            name: kind for name, kind in topics.items() if name not in private
-        }
+        for topic in private & node.topics["subscribes to"].keys():
+            del node.topics["subscribes to"][topic]
     return nodes
 
 
@@ -150,21 +153,11 @@ def read_interface(name: str, kind: Any, given: dict[str, Any]) -> Interface:
     with mock.patch.object(Node, "declare_parameter", record):
         node = kind(**given)
     try:
-        own = [each for each in node.get_node_names_and_namespaces() if each[0].startswith(name)]
-        for helper, namespace in own:
-            for direction, question in (
-                ("publishes", node.get_publisher_names_and_types_by_node),
-                ("subscribes to", node.get_subscriber_names_and_types_by_node),
-                ("services", node.get_service_names_and_types_by_node),
-            ):
-                for topic, (kind_name, *_) in question(helper, namespace):
-                    if topic.endswith("/_action/send_goal"):
-                        action = topic.removesuffix("/_action/send_goal")
-                        interface.topics["actions"][shown(action, name)] = kind_name.removesuffix(
-                            "_SendGoal"
-                        )
-                    elif not ROS_NAMES.search(topic):
-                        interface.topics[direction][shown(topic, name)] = kind_name
+        for own in node.get_node_names_and_namespaces():
+            if own[0].startswith(name):
+                interface.add("publishes", node.get_publisher_names_and_types_by_node(*own))
+                interface.add("subscribes to", node.get_subscriber_names_and_types_by_node(*own))
+                interface.add("services", node.get_service_names_and_types_by_node(*own))
         for parameter, default in defaults.items():
             if ROS_PARAMETERS.match(parameter) or "tilt_controller" in parameter:
                 continue
@@ -290,7 +283,7 @@ def command_line_page() -> str:
 
 def pages() -> dict[Path, str]:
     """Return all generated documents: path -> text."""
-    nodes = without_foreign(list(read_interfaces()))
+    nodes = read_interfaces()
     return {
         REFERENCE / "nodes.md": nodes_page(nodes),
         REFERENCE / "topics.md": topics_page(nodes, tomllib.loads(MEANINGS.read_text())),

@@ -28,34 +28,6 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return prefix
 
 
-def test_nothing_is_done_without_confirmation(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    done: list[Sequence[str]] = []
-    for dry_run, code in ((True, DONE), (False, REFUSED)):
-        assert carry_out(STEPS, dry_run=dry_run, yes=False, execute=done.append) == code
-        assert "first:\n    one 1\nthen:\n    two\n" in capsys.readouterr().out
-    assert not done
-
-
-def test_a_failed_step_ends_the_set_up(capsys: pytest.CaptureFixture[str]) -> None:
-    done: list[Sequence[str]] = []
-
-    def execute(command: Sequence[str]) -> int:
-        done.append(command)
-        return 1
-
-    assert carry_out(STEPS, dry_run=False, yes=True, execute=execute) == FAILED
-    assert done == [("one", "1")]
-    assert "failed: one 1" in capsys.readouterr().err
-
-
-def test_a_missing_command_is_a_failure(capsys: pytest.CaptureFixture[str]) -> None:
-    steps = [Step("x", ("no-such-program-anywhere",))]
-    assert carry_out(steps, dry_run=False, yes=True) == FAILED
-    assert "no-such-program" in capsys.readouterr().err
-
-
 def test_the_udev_rules_set_latency_and_group() -> None:
     install, *_ = head_setup.udev_steps(share_directory())
     source, target = install.command[-2:]
@@ -65,63 +37,65 @@ def test_the_udev_rules_set_latency_and_group() -> None:
     assert 'GROUP="dialout"' in rules
 
 
-def test_the_unit_is_complete(workspace: Path) -> None:
-    install, *_ = head_setup.service_steps(share_directory(), ["--port", "/dev/tty'1"])
-    text = Path(install.command[-2]).read_text()
+def test_nothing_is_done_without_confirmation() -> None:
+    done: list[Sequence[str]] = []
+    for dry_run, code in ((True, DONE), (False, REFUSED)):
+        assert carry_out(STEPS, dry_run=dry_run, yes=False, execute=done.append) == code
+    assert not done
+
+
+def test_a_failed_step_ends_the_set_up() -> None:
+    done: list[Sequence[str]] = []
+
+    def execute(command: Sequence[str]) -> int:
+        done.append(command)
+        return 1
+
+    assert carry_out(STEPS, dry_run=False, yes=True, execute=execute) == FAILED
+    assert done == [("one", "1")]
+    missing = [Step("x", ("no-such-program-anywhere",))]
+    assert carry_out(missing, dry_run=False, yes=True) == FAILED
+
+
+def test_the_unit_is_complete_with_the_arguments_of_the_head(
+    workspace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--port", "/dev/tty'1", "--sim", "--params", "a b.yaml"]
+    assert head_setup.main(["--dry-run", "service", *words]) == DONE
+    printed = capsys.readouterr().out.split()
+    text = Path(printed[printed.index("0644") + 1]).read_text()
     unit = configparser.RawConfigParser(strict=False)
     unit.optionxform = str  # type: ignore[assignment, method-assign]
     unit.read_string(text)
     start = unit["Service"]["ExecStart"]
     assert f'source "{workspace.parent}/setup.bash"' in start
     assert f'exec "{workspace}/lib/head_tracking/head_tracking" --keep-stop --port' in start
+    assert "--sim --params \\'a b.yaml\\'" in start
     assert unit["Service"]["KillSignal"] == "SIGINT"
     assert "@" not in text.partition("[Unit]")[2]
 
 
-def test_libraries_are_installed_into_the_workspace(
+def test_libraries_of_the_requirements_are_installed_into_the_workspace(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "prefix", sys.base_prefix)
-    (step,) = head_setup.library_steps("yourdfpy")
-    target = workspace / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}"
-    assert step.command[step.command.index("--target") + 1] == str(target / "site-packages")
-    assert "--break-system-packages" not in step.command
+    lists = (share_directory() / "requirements").glob("*.txt")
+    lines = {line for path in lists for line in path.read_text().splitlines()}
+    site = workspace / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
+    for what in ("yourdfpy", "viewer", "faces"):
+        (step,) = head_setup.library_steps(what)
+        at = step.command.index("--target")
+        assert step.command[at + 1] == str(site)
+        words = step.command[at + 2 :]
+        assert "--break-system-packages" not in words
+        packages = {word for word in words if not word.startswith(("--", "opencv", "numpy"))}
+        assert packages and packages <= lines
+        keeps_numpy = "--no-deps" in words or f"numpy=={numpy.__version__}" in words
+        assert keeps_numpy
 
 
-def test_the_page_keeps_the_numpy_of_ros(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "prefix", sys.base_prefix)
-    (step,) = head_setup.library_steps("viewer")
-    assert f"numpy=={numpy.__version__}" in step.command
-
-
-def test_the_libraries_are_those_of_the_requirements() -> None:
-    lists = share_directory() / "requirements"
-    lines = [
-        line
-        for name in ("libraries", "yourdfpy", "viewer", "vision")
-        for line in (lists / f"{name}.txt").read_text().splitlines()
-    ]
-    for _, words in head_setup._LIBRARIES.values():
-        packages = [word for word in words if not word.startswith(("--", "opencv"))]
-        assert set(packages) <= set(lines)
-
-
-def test_arguments_after_service_are_those_of_the_head(
-    workspace: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["--port", "/dev/ttyUSB0", "--sim", "--params", "a b.yaml"]
-    assert head_setup.main(["--dry-run", "service", *words]) == DONE
-    words_printed = capsys.readouterr().out.split()
-    unit = Path(words_printed[words_printed.index("0644") + 1]).read_text()
-    assert "--port /dev/ttyUSB0 --sim --params \\'a b.yaml\\'" in unit
-    with pytest.raises(SystemExit):
-        head_setup.main(["udev", "--port", "/dev/ttyUSB0"])
-    assert "unrecognized arguments: --port /dev/ttyUSB0" in capsys.readouterr().err
-
-
-def test_a_service_needs_a_workspace(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_place_or_argument_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/nowhere")
     assert head_setup.main(["service"]) == FAILED
-    assert "colcon build" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        head_setup.main(["udev", "--port", "/dev/ttyUSB0"])

@@ -236,15 +236,6 @@ def test_set_accepts_names_addresses_counts_and_quantities(
     assert bench[servo_id].register(name) == value
 
 
-def test_only_writes_of_eeprom_need_confirmation(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Keyboard, "isatty", lambda _: False)
-    assert bench.run("set", "7", "LED", "1") == DONE
-    assert bench.run("set", "7", "Temperature Limit", "60") == REFUSED
-    assert bench[7].register("Temperature Limit") == 72
-
-
 @pytest.mark.parametrize(
     ("servo_id", "state", "command"),
     [
@@ -253,8 +244,8 @@ def test_only_writes_of_eeprom_need_confirmation(
         (7, {"Operating Mode": 4, "Torque Enable": 1}, ("Goal Position", "300")),
         (7, {"Operating Mode": 1}, ("Torque Enable", "1")),
         (1, {"CCW Angle Limit": 0}, ("Torque Enable", "1")),
+        *((i, {"Torque Enable": 1}, ("Temperature Limit", "60")) for i in (1, 7, 8)),
     ],
-    ids=["locked", "beyond the limits", "multi-turn mode", "velocity mode", "wheel mode"],
 )
 def test_set_refuses_what_could_do_harm(
     bench: Bench, servo_id: int, state: dict[str, int], command: tuple[str, str]
@@ -271,14 +262,6 @@ def test_set_asks_before_it_writes_eeprom(bench: Bench, answer: str, code: int) 
     bench.answers = answer
     assert bench.run("set", "7", "temperature limit", "60") == code
     assert bench[7].register("Temperature Limit") == (60 if code == DONE else 72)
-
-
-@pytest.mark.parametrize("servo_id", [1, 7, 8])
-def test_set_refuses_eeprom_while_torque_is_on(bench: Bench, servo_id: int) -> None:
-    bench[servo_id].set_register("Torque Enable", 1)
-    before = bench[servo_id].register("Temperature Limit")
-    assert bench.run("--yes", "set", str(servo_id), "Temperature Limit", "60") == REFUSED
-    assert bench[servo_id].register("Temperature Limit") == before
 
 
 @pytest.mark.parametrize(
