@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -91,28 +90,18 @@ def listen(arguments: Sequence[str], seconds: float) -> Received:
 
         return receive
 
-    context = rclpy.Context()
-    rclpy.init(
-        args=list(arguments), context=context, signal_handler_options=SignalHandlerOptions.NO
-    )
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node = rclpy.create_node(
-            "doctor", context=context, start_parameter_services=False, enable_rosout=False
-        )
+        node = rclpy.create_node("doctor", start_parameter_services=False, enable_rosout=False)
         qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
         for topic, kind in _TOPICS.items():
             node.create_subscription(kind, topic, receiver(topic), qos)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
         deadline = time.monotonic() + seconds
         while (remaining := deadline - time.monotonic()) > 0.0:
-            executor.spin_once(timeout_sec=remaining)
-        nodes = len(node.get_node_names()) - 1
-        executor.shutdown()
-        node.destroy_node()
-        return Received(times, diagnostics, nodes)
+            rclpy.spin_once(node, timeout_sec=remaining)
+        return Received(times, diagnostics, len(node.get_node_names()) - 1)
     finally:
-        rclpy.try_shutdown(context=context)
+        rclpy.try_shutdown()
 
 
 def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
