@@ -57,7 +57,7 @@ ALLOWED: dict[str, set[str]] = {
     }
     | {"recording", "control", "head", "calibration", "share"},
     "nodes": {"head", "parameters", "recording", "ros", "share", "tf", "page"},
-    "cli": CORE | {"run", "tf", "share", "ros", "command_line"},
+    "cli": CORE | {"run", "tf", "share", "ros", "command_line", "programs"},
     "programs": {"output"},
     "__main__": {"run", "ros", "programs"},
     "run": CORE | {"tf", "ros", "page", "share", "output", "command_line", "programs"},

@@ -29,6 +29,7 @@ from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
 from head_tracking.gaze import PanTiltHead
+from head_tracking.programs import has_ros
 from head_tracking.share import share_directory
 from head_tracking.transforms import load_robot_model
 
@@ -94,15 +95,13 @@ def _describe(
     in_checkout = Path(sys.prefix) == script.parents[1] / ".venv" and script.exists()
     program = str(script) if in_checkout else "head_tracking"
     seen = ["--sim", "--viewer", "--robot", str(urdf)]
-    print(
-        f"written:   {urdf}, {parameters}\n"
-        f"see it:    {program} {' '.join(seen)}\n"
-        f"turn it:   {program} --port {options.port} --robot {urdf} --viewer\n"
-        f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})",
-        flush=True,
-    )
+    print(f"written:   {urdf}, {parameters}")
+    if has_ros():
+        print(f"see it:    {program} {' '.join(seen)}")
+        print(f"turn it:   {program} --port {options.port} --robot {urdf} --viewer")
+    print(f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})", flush=True)
     question = "Show the model in the page now? Its servos are simulated; yours do not move."
-    if options.show or (not options.yes and terminal.agrees(question)):
+    if options.show or (has_ros() and not options.yes and terminal.agrees(question)):
         return show([*([program] if in_checkout else [sys.executable, "-m", program]), *seen])
     return DONE
 

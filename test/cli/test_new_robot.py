@@ -111,8 +111,14 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
         assert servos[2].true_ticks < 1400 and servos[1].true_ticks > 2200
 
 
-@pytest.mark.parametrize(("answer", "is_shown"), [("y", True), ("n", False), ("", False)])
-def test_the_result_is_shown_on_request(user: User, answer: str, is_shown: bool) -> None:
+@pytest.mark.parametrize(
+    ("answer", "ros", "is_shown"),
+    [("y", True, True), ("n", True, False), ("", True, False), ("y", False, False)],
+)
+def test_the_result_is_shown_on_request(
+    user: User, answer: str, ros: bool, is_shown: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(new_robot, "has_ros", lambda: ros)
     user.answers = f"\n\n\n{answer}\n"
     assert user.run(*GIVEN) == DONE
     model = str(user.folder / "my_head.urdf.xacro")
