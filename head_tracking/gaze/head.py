@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from operator import mul
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,6 @@ from head_tracking.transforms import (
 )
 
 Array = npt.NDArray[np.float64]
-Angles = TypeVar("Angles", Array, np.float64)
 
 ON_LIMIT = 1e-3
 """A gaze that misses by less [rad] because of a joint limit still counts as reached."""
@@ -266,8 +265,7 @@ class PanTiltHead:
 
     def placed_in_base(self, seen: Vector3, pan: float, tilt: float) -> Vector3:
         """Return the point of `base_frame` [m] that is seen like this; the inverse of `seen`."""
-        x, y, z = self._geometry.placed(seen, np.float64(pan), np.float64(tilt))
-        return self._geometry.T_base_C.apply((float(x), float(y), float(z)))
+        return self._geometry.in_base(seen, pan, tilt)
 
     def miss(self, target: Sequence[float], pan: float, tilt: float) -> float:
         """Return the angle [rad], 0 to pi, between the axis and the direction to a point.
@@ -522,11 +520,15 @@ class HeadGeometry:
 
     def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
         """Return the point of the axis at a distance from the pan axis, in the base frame [m]."""
-        (cu, cv, cw), (au, av, aw) = self.camera, self.axis
         distance = max(distance - self.lead, _CLOSE)
-        x, v, w = _turned((cu + distance * au, cv + distance * av, cw + distance * aw), -tilt)
-        ny, nz = self.slant
-        ox, oy, oz = self.tilt_origin
+        u, v, w = self.axis
+        return self.in_base((distance * u, distance * v, distance * w), pan, tilt)
+
+    def in_base(self, seen: Vector3, pan: float, tilt: float) -> Vector3:
+        """Return the point of the base frame [m] of a point from the camera: inverse of `seen`."""
+        (u, v, w), (cu, cv, cw) = seen, self.camera
+        x, v, w = _turned((cu + u, cv + v, cw + w), -tilt)
+        (ny, nz), (ox, oy, oz) = self.slant, self.tilt_origin
         point = _turned((x + ox, nz * v + ny * w + oy, nz * w - ny * v + oz), -pan)
         return self.T_base_C.apply(point)
 
@@ -574,8 +576,8 @@ class HeadGeometry:
         cu, cv, cw = self.camera
         return u - cu, v - cv, w - cw
 
-    def placed(self, seen: Vector3, pan: Angles, tilt: Angles) -> tuple[Angles, Angles, Angles]:
-        """Return x, y, z in C [m] of a point from the camera: the inverse of `seen`, for arrays."""
+    def placed(self, seen: Vector3, pan: Array, tilt: Array) -> tuple[Array, Array, Array]:
+        """Return x, y, z in C [m] of a point from the camera, for arrays of joint positions."""
         u, v, w = (a + b for a, b in zip(seen, self.camera, strict=True))
         cosine, sine = np.cos(tilt), np.sin(tilt)
         (ny, nz), (ox, oy, oz) = self.slant, self.tilt_origin

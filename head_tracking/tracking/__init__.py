@@ -4,12 +4,11 @@ from head_tracking.tracking.clock_watch import ClockWatch
 from head_tracking.tracking.error_statistics import ErrorStatistics, TrackingJudge
 from head_tracking.tracking.estimator import (
     EstimatorParameters,
-    TargetEstimate,
     TargetEstimator,
     Verdict,
 )
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
-from head_tracking.tracking.following import FollowingWatch, NotFollowing
+from head_tracking.tracking.following import FollowingWatch, stalled
 from head_tracking.tracking.joint_readings import JointReading, JointReadings
 from head_tracking.tracking.laws import (
     LAWS,
@@ -19,7 +18,6 @@ from head_tracking.tracking.laws import (
     SpeedLaw,
     SpeedLawParameters,
     SpeedLimits,
-    TrackingLaw,
 )
 from head_tracking.tracking.learned import LearnedValue, Learning, ServoValues
 from head_tracking.tracking.report import lag, picture, table
@@ -33,10 +31,8 @@ from head_tracking.tracking.target_state import (
 from head_tracking.tracking.trace import Sample, Trace
 from head_tracking.tracking.tracker import (
     CAUTIOUS_SPEED,
-    Delays,
     Tracker,
     TrackingStep,
-    stalled,
 )
 from head_tracking.tracking.trajectory import (
     JointPoint,
@@ -45,7 +41,6 @@ from head_tracking.tracking.trajectory import (
     TrajectoryCode,
     TrajectoryError,
     TrajectoryParameters,
-    TrajectoryResult,
     Waypoint,
     checked_waypoints,
 )
@@ -55,7 +50,6 @@ __all__ = [
     "CAUTIOUS_SPEED",
     "LAWS",
     "ClockWatch",
-    "Delays",
     "ErrorStatistics",
     "EstimatorParameters",
     "FictitiousTarget",
@@ -68,7 +62,6 @@ __all__ = [
     "JointTrajectory",
     "LearnedValue",
     "Learning",
-    "NotFollowing",
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",
@@ -80,7 +73,6 @@ __all__ = [
     "SpeedLawParameters",
     "SpeedLimits",
     "Target",
-    "TargetEstimate",
     "TargetEstimator",
     "TargetPlacer",
     "TargetState",
@@ -90,12 +82,10 @@ __all__ = [
     "Trace",
     "Tracker",
     "TrackingJudge",
-    "TrackingLaw",
     "TrackingStep",
     "TrajectoryCode",
     "TrajectoryError",
     "TrajectoryParameters",
-    "TrajectoryResult",
     "Turn",
     "Verdict",
     "Waypoint",

@@ -157,7 +157,7 @@ class HeadCamera:
             stamp: stamp of the point [s].
             point: shape (3,) [m], in the fixed frame, transformed with the joints at `stamp`.
         """
-        (pan,), (tilt,) = self._readings.at(np.array([stamp]))
+        pan, tilt = self._readings.at(stamp)
         in_base = point if self._base is None else self._base.at(stamp).inverse() @ point
         ray = self._head.seen(in_base, pan, tilt)
         latest = self._readings.latest
@@ -179,7 +179,7 @@ class HeadCamera:
     def _placed(self, stamp: float, ray: Vector3) -> tuple[float, Vector3]:
         """Return the corrected stamp of a ray [s] and its point in the fixed frame [m]."""
         taken = stamp - self.applied
-        (pan,), (tilt,) = self._readings.at(np.array([taken]))
+        pan, tilt = self._readings.at(taken)
         point = self._head.placed_in_base(ray, pan, tilt)
         return taken, point if self._base is None else self._base.at(taken) @ point
 
@@ -234,7 +234,7 @@ class HeadCamera:
     def _score(self, stamp: float, ray: Vector3) -> None:
         """Score the hypotheses with the bearings that they give to a ray."""
         times = stamp - self._errors
-        angles = np.array(self._readings.at(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
+        angles = np.array(self._readings.at_all(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
         speeds = np.abs(angles[:, -1] - angles[:, -2]) / (2.0 * _SLOPE)
         angles = angles[:, :-2]
         if self._mountings.any():

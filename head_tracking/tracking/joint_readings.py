@@ -81,7 +81,16 @@ class JointReadings:
         rows = self._rows[1:, self._start + first : self._end]
         return np.asarray(rows.max(axis=1) - rows.min(axis=1))
 
-    def at(self, times: Array) -> tuple[Array, Array]:
+    def at(self, time: float) -> tuple[float, float]:
+        """Return pan and tilt [rad] at a time [s]; the end values outside."""
+        stamps = self._rows[0, self._start : self._end]
+        after = self._start + min(max(int(stamps.searchsorted(time)), 1), len(stamps) - 1)
+        columns = self._rows[:, max(after - 1, self._start) : after + 1].T.tolist()
+        (before, pan, tilt), (then, next_pan, next_tilt) = columns[0], columns[-1]
+        ratio = min(max((time - before) / (then - before), 0.0), 1.0) if then > before else 0.0
+        return pan + ratio * (next_pan - pan), tilt + ratio * (next_tilt - tilt)
+
+    def at_all(self, times: Array) -> tuple[Array, Array]:
         """Return pan and tilt [rad] at times [s], shape (N,) each; the end values outside."""
         stamps, pans, tilts = self._rows[:, self._start : self._end]
         return np.interp(times, stamps, pans), np.interp(times, stamps, tilts)

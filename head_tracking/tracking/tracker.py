@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
 from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Ray
@@ -13,7 +13,7 @@ from head_tracking.tracking.estimator import (
     TargetEstimator,
     Verdict,
 )
-from head_tracking.tracking.following import FollowingWatch
+from head_tracking.tracking.following import FollowingWatch, stalled
 from head_tracking.tracking.head_camera import HeadCamera
 from head_tracking.tracking.joint_readings import JointReading, JointReadings
 from head_tracking.tracking.laws import TrackingLaw
@@ -103,10 +103,7 @@ class Tracker:
         self.machine = TargetStateMachine(head, state)
         self.at_most = math.inf
         self._base = base
-        self._stall_watches = (
-            FollowingWatch(head.pan_joint),
-            FollowingWatch(head.tilt_joint),
-        )
+        self._stall_watches = FollowingWatch(head.pan_joint), FollowingWatch(head.tilt_joint)
         self._readings = JointReadings() if readings is None else readings
         self._camera_learning = Learning.LEARN
         self.camera = self._new_camera()
@@ -308,9 +305,13 @@ class Tracker:
         )
 
     def _watch_servos(self, command: HeadCommand, joints: JointReading) -> None:
-        goals, speeds = (command.pan, command.tilt), (command.pan_speed, command.tilt_speed)
-        watches, stamp = self._stall_watches, joints.stamp
-        self.machine.stalled = stalled(watches, goals, speeds, joints.positions, stamp)
+        self.machine.stalled = stalled(
+            self._stall_watches,
+            (command.pan, command.tilt),
+            (command.pan_speed, command.tilt_speed),
+            joints.positions,
+            joints.stamp,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,31 +346,3 @@ class TargetFromBase(TargetEstimate):
         if tilt_time is None or tilt_time == time:
             return ray
         return ray._replace(tilt=self.ray_at(tilt_time).tilt)
-
-
-def stalled(
-    watches: Sequence[FollowingWatch],
-    goals: Sequence[float],
-    speeds: Sequence[float],
-    positions: Sequence[float],
-    stamp: float,
-) -> str:
-    """Return a sentence with the joints that do not follow their commands; empty: all follow.
-
-    Args:
-        watches: one for each joint.
-        goals: goals of the latest commands [rad].
-        speeds: speeds of the latest commands [rad/s].
-        positions: measured positions [rad].
-        stamp: time of that measurement [s].
-    """
-    standing = [
-        watch.joint
-        for watch, goal, speed, position in zip(watches, goals, speeds, positions, strict=True)
-        if watch.check(goal, speed, position, stamp)
-    ]
-    return (
-        f"{' and '.join(standing)} not following commands: relaxed, shut down or blocked?"
-        if standing
-        else ""
-    )

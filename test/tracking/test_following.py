@@ -2,7 +2,7 @@
 
 import pytest
 
-from head_tracking.tracking import FollowingWatch, NotFollowing
+from head_tracking.tracking import FollowingWatch
 
 DT = 0.02
 
@@ -15,15 +15,11 @@ def watched(position, goal=lambda t: 1.0, speed=0.5, seconds=2.0, patience=0.8):
     ]
 
 
-def test_a_joint_that_stands_is_reported_with_facts_after_the_patience():
+def test_a_joint_that_stands_is_detected_after_the_patience():
     problems = watched(lambda t: 0.001)
     first = next(k for k, problem in enumerate(problems) if problem)
     assert first * DT == pytest.approx(0.8, abs=2.1 * DT)
-    assert isinstance(problems[first], NotFollowing)
-    assert problems[first].joint == "pan"
-    assert problems[first].commanded == pytest.approx(0.4, abs=0.05)
-    assert problems[first].measured == 0.0
-    assert problems[-1] is not None
+    assert problems[-1]
 
 
 @pytest.mark.parametrize("share", [0.4, 1.0])
@@ -37,12 +33,12 @@ def test_a_joint_near_its_goal_need_not_move():
 
 def test_it_follows_again_once_it_moves():
     problems = watched(lambda t: max(0.0, t - 2.0), seconds=3.0)
-    assert problems[99] is not None
-    assert problems[-1] is None
+    assert problems[99]
+    assert not problems[-1]
 
 
 def test_a_goal_on_the_other_side_starts_anew():
     problems = watched(lambda t: 0.0, goal=lambda t: 1.0 if t < 1.5 else -1.0, seconds=2.0)
-    assert problems[74] is not None
-    assert problems[75] is None
-    assert problems[-1] is None
+    assert problems[74]
+    assert not problems[75]
+    assert not problems[-1]
