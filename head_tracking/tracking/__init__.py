@@ -1,4 +1,4 @@
-"""Following a moving target: estimate it, place it, turn the head to it, and lose it."""
+"""Tracking: target estimator, servo models, tracking laws, trajectories."""
 
 from head_tracking.tracking.clock_watch import ClockWatch
 from head_tracking.tracking.error_statistics import ErrorStatistics, TrackingJudge

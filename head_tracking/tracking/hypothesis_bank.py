@@ -1,4 +1,4 @@
-"""Filters that score hypotheses by how well each of them predicts the bearings of a target."""
+"""Score hypotheses by how well filters predict the bearings that each of them gives a target."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ _MANOEUVRE: Array = np.array([0.05, 0.05, 2.0, 2.0, 40.0, 40.0])[:, None]
 """Spectral density of the target's acceleration in each filter [rad^2/s^3]."""
 _JITTER: Array = np.tile([0.003, 0.012], 3)[:, None]
 """Standard deviation of the stamps in each filter [s]."""
-_STEADY = 4  # filters; the others are for targets that manoeuvre
+_STEADY = 4  # filters with low process noise; the others are for targets that manoeuvre
 _FIRST_SPEED = 1.0  # rad/s; standard deviation before the second point
-_DEGREES = 4.0  # of freedom of the t distribution: outliers count little
-_GATE = 30.0  # squared deviations from the nearest prediction: more is another target
-_SKIPPED = 3  # points in a row; then the filters start anew
+_DEGREES = 4.0  # of freedom of the t distribution, which limits the effect of outliers
+_GATE = 30.0  # squared deviations from the nearest prediction; farther points are skipped
+_SKIPPED = 3  # skipped points in a row; after more the filters restart
 _GAP = 1.0  # s
-_LEAST = -4.0  # of a score relative to the best: one point cannot rule a hypothesis out
-_SHARE = 0.6  # of a score that counts: consecutive points are not independent
-_FILTER_MEMORY = 1.0  # s
-_MEMORY = 3.0  # s of points that tell hypotheses apart
+_LEAST = -4.0  # lowest score of one point, relative to the best hypothesis
+_SHARE = 0.6  # factor on the score of a point: consecutive points are not independent
+_FILTER_MEMORY = 1.0  # s; time constant of the weights of the filters
+_MEMORY = 3.0  # s; time constant of the scores, in points that distinguish hypotheses
 _NEVER = -1e6
 
 
 class HypothesisBank:
-    """Score hypotheses by near-constant-velocity filters of the bearings that each one makes.
+    """Score hypotheses by near-constant-velocity filters of the bearings that each one gives.
 
     The filters' gains do not depend on the hypothesis, so that only their means are kept for each.
 
     Args:
         count: of hypotheses, N.
-        steady: hypotheses that are explained by the steady filters only, shape (N,).
+        steady: hypotheses for which only the filters with low process noise count, shape (N,).
 
     Attributes:
         scores: log likelihoods, relative to the best and forgotten over 3 s, shape (N,). Points
-            that do not tell the hypotheses apart make nothing forgotten.
+            that do not distinguish the hypotheses do not reduce the scores.
     """
 
     def __init__(self, count: int, steady: npt.NDArray[np.bool_] | None = None) -> None:
@@ -57,12 +57,12 @@ class HypothesisBank:
         self._begin(np.zeros((2, count)), np.ones((2, len(_JITTER), 1)))
 
     def add(self, stamp: float, bearings: Array, speeds: Array) -> None:
-        """Score the hypotheses by a point, and correct the filters.
+        """Score the hypotheses by a point, and update the filters.
 
         Args:
             stamp: of the point [s]; later than the one before.
             bearings: azimuth and elevation by each hypothesis, shape (2, N) [rad].
-            speeds: of pan and tilt, shape (2,) [rad/s]: jitter of the stamps is worse in motion.
+            speeds: of pan and tilt, shape (2,) [rad/s]; jitter of the stamps counts in motion only.
         """
         variance = _NOISE**2 + (_JITTER * speeds[:, None, None]) ** 2
         dt = stamp - self._stamp
@@ -100,7 +100,7 @@ class HypothesisBank:
         self._position, self._velocity = self._position[..., chosen], self._velocity[..., chosen]
 
     def _begin(self, bearings: Array, variance: Array) -> None:
-        """Start all filters at a point; what was learned of the hypotheses stays."""
+        """Restart all filters at a point; the scores are kept."""
         self._position = np.repeat(bearings[:, None], len(_JITTER), axis=1)
         self._velocity = np.zeros_like(self._position)
         self._pp, self._pv = variance, np.zeros_like(variance)
@@ -118,6 +118,6 @@ class HypothesisBank:
         mixed -= np.log(np.exp(self._weights - before).sum(axis=0)) + before
         self._weights = math.exp(-dt / _FILTER_MEMORY) * (weights - best) + self._allowed
         mixed = np.maximum(mixed - mixed.max(), _LEAST)
-        tells = min(1.0, 2.0 * float(mixed.std()))
-        scores = math.exp(-dt * tells / _MEMORY) * self.scores + _SHARE * mixed
+        distinct = min(1.0, 2.0 * float(mixed.std()))
+        scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE * mixed
         self.scores = scores - scores.max()

@@ -1,4 +1,4 @@
-"""Measured joint positions of the last seconds: the one history that tracking reads."""
+"""History of the measured joint positions."""
 
 from __future__ import annotations
 
@@ -45,11 +45,8 @@ class JointReadings:
         self._rows = np.empty((3, _ROOM))
         self._start = self._end = 0
 
-    def __len__(self) -> int:
-        return self._end - self._start
-
     def clear(self) -> None:
-        """Forget all readings."""
+        """Discard all readings."""
         self.latest = None
         self._start = self._end = 0
 

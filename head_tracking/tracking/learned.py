@@ -1,4 +1,4 @@
-"""What a head learns while it tracks: of its servos, and how late its camera is."""
+"""Estimates of servos and camera, with their deviations."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from head_tracking.compatibility import StrEnum
 
 
 class Learning(StrEnum):
-    """What becomes of learned values: they are learned, kept as they are, or forgotten."""
+    """Mode of the estimates: update, keep or discard."""
 
     LEARN = "learn"
     FREEZE = "freeze"
     FORGET = "forget"
 
 
-KNOWN = 0.04  # s; of a delay with a larger deviation nothing is known
+KNOWN = 0.04  # s; largest deviation of a delay that counts as known
 
 
 @dataclass(frozen=True, slots=True)
 class ServoValues:
-    """What a run has learned of a servo, for the next one.
+    """Estimates of a servo that are saved for the next run.
 
-    How hard the servo accelerates is not among it: a head that believes in a weak servo moves so
-    gently that it never finds out how strong the servo is.
+    The acceleration is not saved: a head with a low estimate moves so slowly that it would never
+    correct it.
 
     Attributes:
         delay: from a command to the motion it causes [s].
@@ -39,16 +39,16 @@ class ServoValues:
 
 @dataclass(frozen=True, slots=True)
 class LearnedValue:
-    """A value that is learned, or given by hand.
+    """An estimate, or a value given by the user.
 
     Attributes:
         value: as it is used, in `unit`.
         unit: s, rad or rad/s^2.
-        deviation: standard deviation of what was learned, in `unit`; inf: nothing was.
-        learned: when something was learned of it last, on the clock of the stamps [s]; -inf: never.
-        known: with a larger deviation nothing is known.
-        is_given: whether it is given by hand.
-        is_saved: whether it was learned in an earlier run, and nothing of it in this one.
+        deviation: standard deviation, in `unit`; inf: not estimated.
+        learned: time of the last update, on the clock of the stamps [s]; -inf: never.
+        known: with a larger deviation the value counts as unknown.
+        is_given: whether the user has given it.
+        is_saved: whether it comes from an earlier run and was not updated in this one.
     """
 
     value: float
@@ -61,7 +61,7 @@ class LearnedValue:
 
     @property
     def source(self) -> str:
-        """Where it comes from: "given", "saved", "learned", or "not observable" as yet."""
+        """Its source: "given", "saved", "learned", or "not observable"."""
         if self.is_given:
             return "given"
         if self.is_saved:
@@ -69,7 +69,7 @@ class LearnedValue:
         return "learned" if self.deviation < self.known else "not observable"
 
     def described(self, now: float) -> str:
-        """Return it for a person, with its deviation and its age at the time `now` [s]."""
+        """Return the value as text, with its deviation and its age at the time `now` [s]."""
         if self.source not in ("learned", "saved"):
             return f"{self.value:.3g} {self.unit}, {self.source}"
         text = f"{self.value:.3g} ±{self.deviation:.2g} {self.unit}, {self.source}"

@@ -1,12 +1,12 @@
-"""A multiple-model filter of the two bearings: Kalman filters mixed by how well each predicts.
+"""Multiple-model filter of the two bearings: Kalman filters, weighted by their prediction errors.
 
-The models stand in `MODELS`; docs/explain/estimator.md has the equations. Random walk and white
+`MODELS` lists the models; docs/explain/estimator.md has the equations. Random walk and white
 acceleration: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and
 Navigation, section 6.2.2. A harmonic model of rate 0 is the model of section 6.2.3.
 
-Covariances are in units of the variance of a point, so that one number, the noise density, decides
-how a filter behaves. They depend on the times of the points and on the rate of the swing alone;
-both are the same for pan and tilt, and so are the covariances.
+Covariances are divided by the variance of a point, so that the noise density alone decides how a
+filter behaves. They depend only on the times of the points and on the rate of the oscillation,
+which pan and tilt have in common.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import NamedTuple, TypeAlias
 
 
 class Model(NamedTuple):
-    """One model of a bearing; that of order 3 is harmonic.
+    """One model of a bearing; a model of order 3 is harmonic.
 
     Attributes:
         order: number of its states; white noise drives the last one.
@@ -41,47 +41,47 @@ MODELS = (
     Model(3, 1e3, 4.0),  # harmonic, low process noise
     Model(3, 2e6, 10.0),  # harmonic, high process noise
 )
-"""A new target is expected to stand still until it shows that it moves."""
+"""The first scores favour a target at rest."""
 
-_USUAL_NOISE = 0.003  # rad; until the points have shown their own
-_SPEED = 0.5  # rad/s; standard deviation of a target's velocity before anything is known
-ACCELERATION = 2.0  # rad/s^2; standard deviation of its acceleration then
-_MEMORY = 0.8  # s; over which the models are judged
-_LARGEST_SHARE = 0.12  # of one point in that judgement
-_ERROR_MEMORY = 0.9  # s; over which the mixture is judged: a kink now and then is remembered
-_NOISE_MEMORY = 2.0  # s; over which the variance of the points is learned
-_NOISE_POINTS = 6  # fifth differences: a 1 Hz swing at 15 points a second leaves nothing in them
+_USUAL_NOISE = 0.003  # rad; noise of a point before it is estimated
+_SPEED = 0.5  # rad/s; prior standard deviation of a target's velocity
+ACCELERATION = 2.0  # rad/s^2; prior standard deviation of its acceleration
+_MEMORY = 0.8  # s; time constant of the scores
+_LARGEST_SHARE = 0.12  # largest weight of one point in a score
+_ERROR_MEMORY = 0.9  # s; time constant of the errors of the mixture
+_NOISE_MEMORY = 2.0  # s; time constant of the variance of the points
+_NOISE_POINTS = 6  # fifth differences: a 1 Hz oscillation at 15 points a second vanishes
 _OUTLIER = 9.0  # variances
-_NOISE_OFF = 0.8  # of the noise of a point, which no model can predict, is taken off the scores
-_LEAST_SCORE = 0.02  # of that noise
-_FINEST = 1e-12  # rad^2; noise below this is rounding
+_NOISE_OFF = 0.8  # of the variance of a point is subtracted from the scores
+_LEAST_SCORE = 0.02  # of that variance
+_FINEST = 1e-12  # rad^2; variance of rounding
 _LEAST_RATE = 1e-3  # rad/s; below it an oscillation is a constant acceleration
 
-_LAG = 1.0 / 6.0  # s between the points that are compared: swings up to 3 Hz can be told
-_LAGS = 0.6, 1.6  # of the lag that suits the points; one beyond is given up
-_LONGEST = 0.39  # s; over a longer gap no point is interpolated
+_LAG = 1.0 / 6.0  # s between the points that are compared: observable up to 3 Hz
+_LAGS = 0.6, 1.6  # of the lag for the present interval; outside, the fit restarts
+_LONGEST = 0.39  # s; longest gap in which a point is interpolated
 _RATE_MEMORY = 1.5  # s
-_CLEAR = 20.0  # times the noise; a swing must stand out like this
+_CLEAR = 20.0  # times the noise: least amplitude of an oscillation
 
 State: TypeAlias = tuple[float, float, float]
 """Position [rad], velocity [rad/s] and acceleration [rad/s^2]."""
 
 Transition: TypeAlias = tuple[float, float, float, float]
-"""Of a swing of rate w over dt: sin(w dt)/w, cos(w dt), (1 - cos(w dt))/w^2 and w sin(w dt)."""
+"""For an oscillation of rate w: sin(w dt)/w, cos(w dt), (1 - cos(w dt))/w^2 and w sin(w dt)."""
 
 Covariance: TypeAlias = tuple[float, float, float, float, float, float]
 """Of a `State`: pp, pv, pa, vv, va, aa; the first three, after a point, are the gains."""
 
 
 class Motion(NamedTuple):
-    """How a bearing moves: steadily, and by a swing.
+    """The mixed motion of a bearing: a constant velocity plus an oscillation.
 
     Attributes:
         position: [rad].
-        velocity: of the steady part [rad/s].
-        swing_velocity: of the swinging part [rad/s].
-        swing_acceleration: of the swinging part [rad/s^2].
-        rate: at which that part swings [rad/s].
+        velocity: of the first part [rad/s].
+        swing_velocity: of the oscillation [rad/s].
+        swing_acceleration: of the oscillation [rad/s^2].
+        rate: of the oscillation [rad/s].
     """
 
     position: float
@@ -103,15 +103,15 @@ class Motion(NamedTuple):
 
 
 class Oscillation(NamedTuple):
-    """What is known of the rate of a swing: a least-squares fit without the noise's bias.
+    """Estimate of the rate of an oscillation: least squares, corrected for the bias of the noise.
 
-    x(t) - x(t-T) + x(t-2T) - x(t-3T) = 2 cos(wT) (x(t-T) - x(t-2T)) holds for every swing about
-    any centre; pan and tilt swing at one rate.
+    x(t) - x(t-T) + x(t-2T) - x(t-3T) = 2 cos(wT) (x(t-T) - x(t-2T)) holds for every
+    oscillation about any centre; pan and tilt have one rate.
 
     Attributes:
         squares: of the right difference [rad^2].
         products: of both sides [rad^2].
-        rate: w [rad/s]; 0 where no swing is seen.
+        rate: w [rad/s]; 0 without an oscillation.
         lag: T [s]; a multiple of the usual time between points.
     """
 
@@ -162,7 +162,7 @@ class Oscillation(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """How a bearing is predicted over one lead time, by how well that went until now.
+    """The prediction of a bearing over one lead time.
 
     Attributes:
         scores: mean squared error of every model's predictions [rad^2].
@@ -228,14 +228,14 @@ class Prediction(NamedTuple):
 
 
 class Bearing(NamedTuple):
-    """What is known of one bearing after a point.
+    """The state of the filters of one bearing after a point.
 
     Attributes:
         states: by every model.
         variance: of a point [rad^2].
         near: the prediction over the lead time.
-        far: the prediction over a longer one, for points that are overdue.
-        certainty: variances of position [rad^2] and velocity [rad^2/s^2] by the models' account.
+        far: the prediction over a longer lead time, for points that are overdue.
+        certainty: variances of position [rad^2] and velocity [rad^2/s^2] within and between models.
     """
 
     states: tuple[State, ...]
@@ -246,11 +246,11 @@ class Bearing(NamedTuple):
 
 
 class Bearings(NamedTuple):
-    """What is known of pan and tilt after a point.
+    """The state of the filters of pan and tilt after a point.
 
     Attributes:
         covariances: of every model, of either joint, in variances of a point.
-        oscillation: the rate of the swing.
+        oscillation: estimate of its rate.
         joints: pan and tilt.
     """
 
@@ -260,11 +260,11 @@ class Bearings(NamedTuple):
 
     @staticmethod
     def seen_once(points: tuple[float, float], leads: tuple[float, float]) -> Bearings:
-        """Return what the first point of a target tells.
+        """Return the state after the first point of a target.
 
         Args:
             points: pan and tilt [rad].
-            leads: how far ahead predictions will be needed, usually and with points overdue [s].
+            leads: lead times of the near and the far predictions [s].
         """
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
@@ -276,9 +276,9 @@ class Bearings(NamedTuple):
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points)
 
     def restarted(self, points: tuple[float, float]) -> Bearings:
-        """Return what is known of a target that is at `points` [rad], having come any way.
+        """Return the state after a jump to `points` [rad].
 
-        The noise of the points, the rate of the swing and the scores of the models stay.
+        The noise of the points, the rate of the oscillation and the scores of the models are kept.
         """
         pan, tilt = self.joints
         variance = 0.5 * (pan.variance + tilt.variance)
@@ -311,13 +311,13 @@ class Bearings(NamedTuple):
         points: tuple[Sequence[float], Sequence[float]],
         judged: Sequence[tuple[Bearings, float]],
     ) -> Bearings:
-        """Return what is known after another point.
+        """Return the state after another point.
 
         Args:
             stamps: of the points [s], rising; the new one is the last.
             points: pan and tilt of them [rad].
-            judged: what was known after two earlier points, and the time from then until now [s];
-                their near and far predictions are judged now.
+            judged: the states after two earlier points, and the times from these to now [s]; the
+                near prediction of the first and the far one of the second are scored now.
         """
         dt = stamps[-1] - stamps[-2]
         variances = self._noise(stamps, points)
@@ -361,7 +361,7 @@ class Bearings(NamedTuple):
         return Bearings(covariances, oscillation, (joints[0], joints[1]))
 
     def _noise(self, stamps: Sequence[float], points: Sequence[Sequence[float]]) -> list[float]:
-        """Learn the variances of a point from differences in which smooth motion leaves nothing."""
+        """Return the variances of a point, from differences in which smooth motion vanishes."""
         if len(stamps) < _NOISE_POINTS:
             return [bearing.variance for bearing in self.joints]
         last = stamps[-_NOISE_POINTS:]
@@ -377,7 +377,7 @@ class Bearings(NamedTuple):
 
 
 def _swing(dt: float, rate: float) -> Transition:
-    """The transition of a harmonic model over a time `dt` [s]."""
+    """Return the transition of a harmonic model over a time `dt` [s]."""
     if rate <= _LEAST_RATE:
         return dt, 1.0, 0.5 * dt * dt, 0.0
     sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
@@ -385,7 +385,7 @@ def _swing(dt: float, rate: float) -> Transition:
 
 
 def _corrected(model: Model, covariance: Covariance, dt: float, swing: Transition) -> Covariance:
-    """The covariance after a point that comes a time `dt` [s] later."""
+    """Return the covariance after a point, a time `dt` [s] later."""
     pp, pv, pa, vv, va, aa = covariance
     q = model.density
     if model.order == 1:
@@ -414,7 +414,7 @@ def _corrected(model: Model, covariance: Covariance, dt: float, swing: Transitio
 
 
 def _moved(states: Sequence[State], swing: Transition, dt: float) -> list[State]:
-    """The states a time `dt` [s] later."""
+    """Return the states a time `dt` [s] later."""
     s, c, r, b = swing
     return [
         (x + s * v + r * a, c * v + s * a, c * a - b * v)
@@ -425,7 +425,7 @@ def _moved(states: Sequence[State], swing: Transition, dt: float) -> list[State]
 
 
 def _positions(states: Sequence[State], dt: float, swing: Transition) -> list[float]:
-    """The positions by the states a time `dt` [s] later."""
+    """Return the positions a time `dt` [s] later."""
     s, _, r, _ = swing
     return [
         x + s * v + r * a if model.order == 3 else x + dt * v
@@ -440,7 +440,7 @@ def _described(
     near: Prediction,
     far: Prediction,
 ) -> Bearing:
-    """A bearing with the variances within and between its models."""
+    """Return a bearing with the variances within and between its models."""
     position, speed = near.motion.position, near.motion.speed
     square = speeds = 0.0
     for weight, (x, v, _), (pp, _, _, vv, _, _) in zip(
@@ -452,6 +452,6 @@ def _described(
 
 
 def _place(stamps: Sequence[float], time: float) -> tuple[int, float]:
-    """The point before a time, and the share of the way to the next one that has passed then."""
+    """Return the index of the point before a time, and the elapsed part of its interval."""
     before = bisect_right(stamps, time) - 1
     return before, (time - stamps[before]) / (stamps[before + 1] - stamps[before])

@@ -1,4 +1,4 @@
-"""How a servo follows its commands: set-point, delay, dead band and acceleration of its shaft.
+"""Model of a servo: set-point, delay, dead band and acceleration of its shaft.
 
 A servo that gets a goal far ahead moves a set-point towards it at the commanded speed. Its shaft
 follows: later by a delay (the bus cycle, the servo's start and its lag), and dragged along by the
@@ -35,33 +35,33 @@ _LIMITS: Array = np.array([3.0, 5.0, 8.0, 13.0, 21.0, 34.0])  # rad/s^2
 _UNLIMITED = 75.0  # rad/s^2 of the hypotheses that have no limit
 _ROWS = [*range(len(_BANDS)), *(1 for _ in _LIMITS)]  # the dead band of every row
 _ROW_LIMITS: Array = np.log([*(_UNLIMITED for _ in _BANDS), *_LIMITS])
-_RARE: Array = np.array([*(200.0 * band for band in _BANDS), *(1.0 for _ in _LIMITS)])
+_RARITY: Array = np.array([*(200.0 * band for band in _BANDS), *(1.0 for _ in _LIMITS)])
 _STRIDE = 2  # cells in a step of a shaft with a limit
 _PATHS = np.arange(_CELLS)[::-1, None] + np.arange(0, _WINDOW + 1, _STRIDE)
-_LIVELY = 0.03  # rad; windows whose displacements differ by less need little acceleration
-_CATCH_UP = 0.03  # s in which a shaft makes up its error
-_AWAY = 0.03  # rad; a shaft so far from its set-point has not followed
-_UNEXPLAINED = 0.2  # of that distance counts as a miss
-_FAR = 0.15  # rad; more is no less likely
+_ACTIVE = 0.03  # rad; a limit is compared if displacements differ by more
+_CATCH_UP = 0.03  # s; time constant with which a shaft reduces its error
+_AWAY = 0.03  # rad; larger distances from the set-point are no offset
+_UNEXPLAINED = 0.2  # of that distance counts as an error
+_FAR = 0.15  # rad; limit of that distance
 _STEP = 0.03  # s; the speed of a shaft is measured over two of these
-_ASTRAY = 0.07  # rad
+_ASTRAY = 0.07  # rad; least distance of a shaft that does not follow
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
-_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARE[:, None]
+_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARITY[:, None]
 """Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
 
-_LEAST_DEVIATION = 0.015  # s: lags differ from motion to motion
+_LEAST_DEVIATION = 0.015  # s; the lag depends on the motion
 _EVERY = 0.06  # s between two windows
 _NOISE = 0.004  # rad of a displacement: the step of an AX-12's encoder
 _MODEL_ERROR = 0.04  # of a displacement
-_TELLING = 0.012  # rad; hypotheses that differ by less in a window are not compared
+_DISTINCT = 0.012  # rad; hypotheses that differ by less in a window are not compared
 _MEMORY = 6.0  # s of motion
 _GAIN = 0.08  # standard deviation of the servo's scale
-_SHARPNESS = 0.15  # windows overlap, and errors last
+_SHARPNESS = 0.15  # factor on the scores: windows overlap, and errors are correlated
 
-_SAVED_DELAY = 0.02  # s: least deviation of a delay of an earlier run
-_SAVED_BAND = 0.003  # rad: deviation of a dead band of an earlier run
-_TRUST = 5.0  # so much of the logarithm of a likelihood at most speaks for an earlier run
-_CONTRADICTED = 0.8  # of that: the mean over the posterior of what speaks against it
+_SAVED_DELAY = 0.02  # s; least deviation of a saved delay
+_SAVED_BAND = 0.003  # rad; deviation of a saved dead band
+_TRUST = 5.0  # largest log likelihood of saved values
+_CONTRADICTED = 0.8  # of that; saved values with a larger mean loss are dropped
 
 _NARROW = 0.9  # of the posterior in three cells
 _SLEW = 0.1  # s/s; a new mean is applied so fast
@@ -70,7 +70,7 @@ _READING = 0.002  # rad: deviation of a reading
 _SCALE = 0.03  # of the way: deviation of the set-point's own scale
 _DRIFT = 0.01  # rad/sqrt(s): of the set-point
 _FIRST = 0.005  # rad: deviation of a set-point that was restarted
-_OUTLIER = 3.0  # deviations; so much of a reading that is farther off is believed
+_OUTLIER = 3.0  # deviations; larger differences are limited to this
 _FASTEST = 0.1  # s in which an offset is corrected at the fastest
 
 
@@ -88,9 +88,8 @@ class ServoModel:
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.
 
     Attributes:
-        known_delay: a delay that is used instead of the posterior [s]; 0: none.
-        delay: from a command to the motion it causes, as it is used [s]: it follows the mean of
-            the posterior without jumps.
+        known_delay: a given delay, used instead of the posterior [s]; 0: none.
+        delay: from a command to the motion it causes, as used [s]; it follows `mean` slowly.
         mean: of the delay's posterior [s].
         deviation: standard deviation of the delay's posterior [s].
         dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
@@ -98,8 +97,8 @@ class ServoModel:
             [rad/s^2].
         dead_band_deviation, acceleration_deviation: standard deviations of these.
         is_learning: whether the posterior changes.
-        learned: when it did last [s]; -inf: never.
-        saved: what an earlier run has learned of this servo; None: nothing, or it does not fit.
+        learned: time of its last change [s]; -inf: never.
+        saved: values of an earlier run; None: none, or they were contradicted.
         is_contradicted: whether `saved` was given and did not fit; the reader resets it.
     """
 
@@ -109,7 +108,7 @@ class ServoModel:
         self.restart(0.0, 0.0)
 
     def forget(self) -> None:
-        """Discard what was learned; call `restart` next."""
+        """Discard the estimates; call `restart` next."""
         self._xx: Array = np.zeros((len(_ROWS), _CELLS))
         self._xy: Array = np.zeros_like(self._xx)
         self._yy: Array = np.zeros_like(self._xx)
@@ -118,7 +117,7 @@ class ServoModel:
 
     @property
     def values(self) -> Mapping[str, LearnedValue]:
-        """What was learned of the servo, by name."""
+        """The estimates, by name."""
         at, is_saved = self.learned, self.learned == -math.inf and self.saved is not None
         known = is_saved or at > -math.inf
         others = (
@@ -145,13 +144,13 @@ class ServoModel:
 
     @property
     def to_save(self) -> ServoValues | None:
-        """What this run has learned; None: too little."""
+        """The estimates to save; None: the deviation of the delay is too large."""
         if self.learned == -math.inf or self.deviation > KNOWN:
             return None
         return ServoValues(self.mean, self.deviation, self.dead_band)
 
     def expect(self, saved: ServoValues | None) -> None:
-        """Begin with what an earlier run has learned; it counts until motion contradicts it."""
+        """Start with values of an earlier run; they count until motion contradicts them."""
         self.saved, self.is_contradicted = saved, False
         self._expected: Array = np.zeros_like(self._xx)
         if saved is not None:
@@ -189,7 +188,7 @@ class ServoModel:
         self._append(now, setpoint - self._offset, 0.0, 0.0)
 
     def restart(self, stamp: float, position: float, speed: float = 0.0) -> None:
-        """Start from a reading, as after a pause; what was learned of the servo is kept.
+        """Start from a reading, as after a pause; the estimates are kept.
 
         Args:
             stamp: of the reading [s].
@@ -225,8 +224,8 @@ class ServoModel:
     def astray(self, now: float) -> tuple[float, float] | None:
         """Return where a shaft that has not followed will be when a command of now acts.
 
-        Nobody knows why it has not followed, nor what it will do with the commands of before: it is
-        taken to move on as it was seen to move.
+        The cause, and what it does with earlier commands, are unknown: its measured speed is
+        extrapolated.
 
         Returns:
             position [rad] and speed [rad/s]; None: the shaft has followed its commands.
@@ -245,7 +244,7 @@ class ServoModel:
         return position + speed * (now + self.delay - stamp), speed
 
     def _correct(self, elapsed: float, stamp: float, position: float) -> None:
-        """A Kalman filter of the set-point's offset: what the delay may explain is not believed."""
+        """Update the set-point's offset by a Kalman filter; errors due to the delay are noise."""
         deviation = 0.0 if self.known_delay else self.deviation
         here = self._shaft(stamp - self.delay)
         before = self._shaft(stamp - self.delay - max(deviation, elapsed))
@@ -260,7 +259,7 @@ class ServoModel:
         self._variance *= 1.0 - gain
 
     def _shaft(self, time: float) -> float:
-        """Where the shaft of the best hypothesis would be at a time [s] if it had no delay."""
+        """Return where the shaft of the best dead band would be at a time [s] without a delay."""
         place = min(max((time - self._grid_start) / _CELL, 0.0), self._filled - 1.0)
         cell = min(int(place), self._filled - 2)
         before, after = self._grid[self._best, cell : cell + 2].tolist()
@@ -287,7 +286,7 @@ class ServoModel:
             del self._times[0], self._setpoints[0], self._speeds[0], self._rooms[0]
 
     def _fill(self, now: float) -> None:
-        """Continue the shaft's path for every dead band, cell by cell, up to a time [s]."""
+        """Continue the path of the shaft for each dead band up to a time [s]."""
         grid = self._grid
         while (time := self._grid_start + self._filled * _CELL) <= now:
             if self._filled == _ROOM:
@@ -299,7 +298,7 @@ class ServoModel:
             self._filled += 1
 
     def _move_shafts(self, setpoint: float) -> None:
-        """Move the shaft of every hypothesis for a cell, after which the set-point is there."""
+        """Move the shaft of each dead band for a cell, at whose end the set-point is `setpoint`."""
         shafts = self._shafts
         for row, band in enumerate(_BANDS):
             if shafts[row] < setpoint - band:
@@ -308,7 +307,7 @@ class ServoModel:
                 shafts[row] = setpoint + band
 
     def _judge(self) -> None:
-        """Compare the shaft's displacement in a window with the one of every hypothesis."""
+        """Compare the displacement in a window with that of every hypothesis."""
         cell = min(int((self.reading[0] - self._grid_start) / _CELL), self._filled - 1)
         latest = self._grid_start + cell * _CELL
         first = cell + 1 - _CELLS - _WINDOW
@@ -322,11 +321,11 @@ class ServoModel:
         recent = self._grid[:, first : cell + 1]
         followed = (recent[:, _WINDOW:] - recent[:, :-_WINDOW])[:, ::-1]
         spread = float(np.ptp(followed))
-        if spread < _TELLING:
+        if spread < _DISTINCT:
             return
         expected = followed[_ROWS]
         unexplained = np.zeros_like(expected)
-        if spread > _LIVELY:
+        if spread > _ACTIVE:
             limited = slice(len(_BANDS), None)
             expected[limited], unexplained[limited] = self._limited(recent[0], before, latest)
         moved = position - before
@@ -349,8 +348,8 @@ class ServoModel:
             stamp: the end of the window [s].
 
         Returns:
-            displacements for each limit and delay [rad], and how much of the distance between
-            shaft and set-point at the start a limit must explain, for each delay [rad].
+            displacements for each limit and delay [rad], and the part of the distance between
+            shaft and set-point at the start that a limit must explain, for each delay [rad].
         """
         begin = stamp - _WINDOW * _CELL
         before, after = self._at(begin - _STEP), self._at(begin + _STEP)
@@ -368,7 +367,7 @@ class ServoModel:
         return shaft - path[0] - away, _UNEXPLAINED * np.clip(away, -_FAR, _FAR)
 
     def _at(self, time: float) -> float | None:
-        """The reading at a time [s], between two; None: there was none near."""
+        """Return the interpolated position at a time [s]; None: no reading was near."""
         later = None
         for stamp, position in reversed(self._readings):
             if stamp <= time:
@@ -380,7 +379,7 @@ class ServoModel:
         return None
 
     def _posterior(self) -> None:
-        """Mean and deviation of delay and dead band; the servo's scale is profiled out."""
+        """Compute means and deviations; the scale of the servo is profiled out."""
         tight = 1.0 / _GAIN**2
         squares = self._yy + tight - (self._xy + tight) ** 2 / (self._xx + tight)
         score = _PRIOR - 0.5 * _SHARPNESS * (self._windows + 4.0) * np.log(4.0 + squares)

@@ -60,7 +60,7 @@ class TargetStateParameters:
 class TargetStateMachine:
     """Decide by the time since the last point [s]; before the first point nothing moves.
 
-    `enabled`, `refusal` and `stalled` are independent of the state: no transition changes them.
+    `enabled`, `refusal` and `stalled` are independent of the state: transitions do not change them.
 
     Attributes:
         parameters: may change at any time.
@@ -94,7 +94,7 @@ class TargetStateMachine:
 
     @property
     def reason(self) -> str:
-        """The reason for the state, for a person."""
+        """The reason for the state, a sentence."""
         if not self.enabled:
             return self.off
         reason = self.stalled or self._reason
