@@ -85,7 +85,6 @@ def test_it_is_named_and_the_head_stops(head, law, turns, joint, said):
     assert said in watched.tracker.machine.reason
     assert watched.tracker.state is TargetState.DISABLED
     late = watched.named - watched.moved(joint)
-    print(f"| {watched.tracker.fault.split(',')[0]} | {law} {turns} | {late:.2f} s |")
     assert late < 0.4
     standing = [at for stamp, *at in watched.joints if stamp > watched.named + 0.3]
     assert all(math.dist(at, standing[0]) < 0.01 for at in standing)

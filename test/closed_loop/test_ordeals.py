@@ -4,36 +4,13 @@ import math
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
-from statistics import median
 
 import pytest
 from closed_loop import ClosedLoop, Conditions
 from plant import PlainServo
-
-from head_tracking.tracking import LAWS, Tracker
+from runs import around, circle, sine, still, swing, tracker
 
 ON_HEAD = Conditions(duration=10.0, noise=0.002, delay=0.1, on_head=True)
-
-
-def around(bearing, level=0.08):
-    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
-
-
-def still(t):
-    return around(0.3)
-
-
-def swing(t):
-    return around(0.5 * math.sin(math.tau * 0.2 * t))
-
-
-def circle(t):
-    return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
-
-
-def tracker(head, law="predictive"):
-    steered = LAWS[law](head, 0.02)
-    return Tracker(head, steered)
 
 
 @cache
@@ -64,19 +41,6 @@ def test_noise_of_the_distance_does_not_turn_the_head(head, path):
     assert noisy < 1.5 * error(head, path, ON_HEAD) + 0.003
 
 
-def test_the_error_is_the_same_at_every_azimuth(head):
-    def about(azimuth):
-        return lambda t: around(azimuth + 0.3 * math.sin(math.tau * 0.5 * t))
-
-    # the camera sees the target from the start at both, and so both are followed equally long
-    noisy = replace(ON_HEAD, depth_noise=0.05, field=(3.0, 3.0))
-    ahead, aside = (
-        median(error(head, about(azimuth), replace(noisy, seed=seed)) for seed in range(1, 6))
-        for azimuth in (0.0, math.pi / 4)
-    )
-    assert aside == pytest.approx(ahead, rel=0.3)
-
-
 @pytest.mark.parametrize("size", [0.1, 0.15])
 def test_outliers_do_not_carry_the_head_away(head, size):
     for path in (swing, circle):
@@ -89,7 +53,7 @@ def test_outliers_do_not_carry_the_head_away(head, size):
 @pytest.mark.parametrize("dead_time", [0.1, 0.12, 0.15])
 def test_servos_with_a_long_dead_time_are_followed(head, dead_time):
     fast = replace(ON_HEAD, servos=PlainServo(dead_time=dead_time))
-    assert error(head, lambda t: around(0.5 * math.sin(math.pi * t)), fast) < 0.04
+    assert error(head, sine(0.5), fast) < 0.04
 
 
 def weak(acceleration):
@@ -106,7 +70,7 @@ def test_outliers_on_a_fast_swing_do_not_stop_the_pursuit(head):
     fast = replace(ON_HEAD, duration=20.0, outliers=0.05, outlier=0.5)
     for seed in (1, 2, 3):
         conditions = replace(fast, seed=seed)
-        assert error(head, lambda t: around(0.5 * math.sin(math.pi * t)), conditions) < 0.05
+        assert error(head, sine(0.5), conditions) < 0.05
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

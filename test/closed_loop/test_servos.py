@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 from closed_loop import ClosedLoop, Conditions
 from plant import Pair, PlainServo
+from runs import tracker
 
-from head_tracking.tracking import LAWS, Learning, Tracker
+from head_tracking.tracking import Learning
 
 
 def around(pan, tilt=0.0):
@@ -20,10 +21,6 @@ def swing(t):
 
 def both(t):
     return around(0.4 * math.sin(math.pi * t), 0.15 * math.sin(math.pi * t + 1.0))
-
-
-def tracker(head, law="predictive"):
-    return Tracker(head, LAWS[law](head, 0.02))
 
 
 def run(head, path, conditions, law="predictive"):

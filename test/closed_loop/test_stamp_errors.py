@@ -5,47 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import runs
 from closed_loop import ClosedLoop, Conditions
 from plant import PlainServo
+from runs import around, circle, sine, still, swing
 
 from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
 
 ON_HEAD = Conditions(duration=8.0, noise=0.002, delay=0.1, on_head=True)
 
 
-def around(bearing, level=0.08):
-    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
-
-
-def still(t):
-    return around(0.3)
-
-
-def swing(t):
-    return around(0.5 * math.sin(math.tau * 0.2 * t))
-
-
-def circle(t):
-    return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
-
-
-def fast(t):
-    return around(0.5 * math.sin(math.tau * 0.5 * t))
-
-
-class Watched:
+class Watched(runs.Watched):
     """A tracker; the errors that it has applied are kept."""
 
     def __init__(self, head, base=None):
-        self.tracker = Tracker(head, LAWS["predictive"](head, 0.02), base=base)
-        self.joints_read = self.tracker.joints_read
-        self.target_seen = self.tracker.target_seen
         self.applied = [0.0]
-
-    def step(self, now):
-        done = self.tracker.step(now)
-        self.applied.append(self.tracker.camera.applied)
-        return done
+        tracker = Tracker(head, LAWS["predictive"](head, 0.02), base=base)
+        super().__init__(tracker, lambda now, steered: self.applied.append(steered.camera.applied))
 
 
 def run(head, path, conditions):
@@ -90,7 +66,7 @@ def test_no_error_is_believed_where_there_is_none(head, path, delay, points):
     assert not any(watched.applied)
 
 
-@pytest.mark.parametrize("path", [still, swing, circle, fast])
+@pytest.mark.parametrize("path", [still, swing, circle, sine(0.5)])
 @pytest.mark.parametrize("late", [-0.08, 0.09])
 def test_wrong_stamps_that_jitter_cost_little(head, path, late):
     jitter = replace(ON_HEAD, duration=10.0, stamp_jitter=0.0115, seed=2)

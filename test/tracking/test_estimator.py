@@ -229,28 +229,6 @@ def test_after_a_gap_the_prediction_stays_near_the_range_of_the_swing(gap, seed)
     assert beyond < 0.08
 
 
-def farthest_beyond_a_swing_seen_in_bursts(seed):
-    """The prediction's largest distance beyond a swing of 0.5 rad whose points come in bursts."""
-    rnd, estimator, beyond = random.Random(seed), TargetEstimator(EstimatorParameters()), 0.0
-    estimator.lead_time, late, lost_until = 0.16, 0.1, 0.0
-    for k in range(20 * RATE):
-        t = k / RATE
-        if t >= lost_until and rnd.random() < 0.08:
-            lost_until = t + rnd.uniform(0.1, 0.6)
-        if t >= lost_until:
-            ray = seen(swing(t))
-            pan, tilt = ray.pan + rnd.gauss(0.0, 0.002), ray.tilt + rnd.gauss(0.0, 0.002)
-            estimator.add(t, Ray(pan, tilt, 2.0), t + late)
-        if t > 1.0:
-            pan, _ = estimator.estimate.bearing(t + late + 0.06)
-            beyond = max(beyond, abs(pan) - 0.5)
-    return beyond
-
-
-def test_bursts_of_lost_points_carry_the_prediction_little_beyond_the_swing():
-    assert sum(map(farthest_beyond_a_swing_seen_in_bursts, range(41, 53))) / 12.0 < 0.1
-
-
 @pytest.mark.parametrize(("late", "allowed"), [(0.12, 0.05), (0.4, 0.12)])
 def test_five_points_a_second_of_a_swing_are_enough(late, allowed):
     rnd, estimator, worst = random.Random(1), TargetEstimator(EstimatorParameters()), 0.0

@@ -1,0 +1,60 @@
+"""Targets and trackers of the closed-loop tests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from closed_loop import ClosedLoop, Conditions, Outcome, Path
+
+from head_tracking.gaze import PanTiltHead
+from head_tracking.tracking import LAWS, Tracker, TrackingStep
+from head_tracking.transforms import Vector3
+
+
+def around(bearing: float, level: float = 0.08) -> Vector3:
+    """Return a point 2 m from the head, at a bearing [rad]."""
+    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
+
+
+def sine(frequency: float) -> Path:
+    """Return an oscillation by 0.5 rad at a frequency [Hz]."""
+    return lambda t: around(0.5 * math.sin(math.tau * frequency * t))
+
+
+swing = sine(0.2)
+
+
+def still(t: float) -> Vector3:
+    return around(0.3)
+
+
+def circle(t: float) -> Vector3:
+    return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
+
+
+def tracker(
+    head: PanTiltHead, law: str = "predictive", rate: float = 50.0, **others: Any
+) -> Tracker:
+    """Return a tracker; `others` are arguments of its law."""
+    return Tracker(head, LAWS[law](head, 1.0 / rate, **others))
+
+
+def run(head: PanTiltHead, path: Path, conditions: Conditions, controller: Any = None) -> Outcome:
+    """Run a controller, by default a tracker with the law `predictive`."""
+    return ClosedLoop(path, conditions).run(controller or tracker(head))
+
+
+class Watched:
+    """A tracker that calls `note` with the time and itself after each step."""
+
+    def __init__(self, steered: Tracker, note: Callable[[float, Tracker], object]) -> None:
+        self.tracker, self._note = steered, note
+        self.joints_read, self.target_seen = steered.joints_read, steered.target_seen
+
+    def step(self, now: float) -> TrackingStep:
+        """See `Controller`."""
+        step = self.tracker.step(now)
+        self._note(now, self.tracker)
+        return step
