@@ -8,9 +8,7 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     ServoCalibration,
     check_configuration,
-    fastest_speed,
 )
-from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
     CommunicationError,
@@ -18,32 +16,20 @@ from head_tracking.dynamixel.exceptions import (
     CorruptReplyError,
     DynamixelError,
     GoalError,
-    NotConnectedError,
     PortBusyError,
     PortError,
     PortLostError,
-    PortMissingError,
-    PortPermissionError,
-    RangeError,
     ReplyTimeoutError,
     ServoError,
-    ServoNotFoundError,
-    ServoSetupError,
     StoppedError,
     TorqueError,
 )
-from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
+from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import (
-    ErrorBits,
-    HardwareErrors,
-    Status,
     describe_errors,
 )
-from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.dynamixel.requests import Epoch
-from head_tracking.dynamixel.serial_port import serial_ports
-from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import (
     BusEvent,
     BusReading,
@@ -77,43 +63,27 @@ __all__ = [
     "DynamixelPort",
     "EepromSettings",
     "Epoch",
-    "ErrorBits",
     "EventKind",
     "Goal",
     "GoalError",
-    "HardwareErrors",
     "Health",
     "JointConfiguration",
-    "NotConnectedError",
     "PortBusyError",
     "PortError",
     "PortLostError",
-    "PortMissingError",
-    "PortPermissionError",
-    "RangeError",
-    "ReadGroup",
-    "ReadMethod",
-    "Register",
     "ReplyTimeoutError",
-    "Servo",
     "ServoBus",
     "ServoCalibration",
     "ServoError",
     "ServoModel",
-    "ServoNotFoundError",
-    "ServoSetupError",
     "ServoState",
     "ServoStatistics",
-    "Status",
     "StoppedError",
     "Symptom",
     "Torque",
     "TorqueError",
     "check_configuration",
     "describe_errors",
-    "fastest_speed",
     "relax_servos",
-    "serial_ports",
     "servo_model",
-    "servo_model_by_number",
 ]

@@ -18,17 +18,12 @@ _WANTED: Final = 1  # ms
 
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Facts about a serial adapter.
+    """Facts about a serial adapter."""
 
-    Attributes:
-        driver: Kernel driver, such as ftdi_sio; empty if it is not known.
-        latency: Time for which it may hold received bytes back, s; None: no latency timer.
-        advice: How to shorten a latency that is too long; empty otherwise.
-    """
-
-    driver: str = ""
+    driver: str = ""  # kernel driver, such as ftdi_sio; empty if it is not known
+    # Time for which it may hold received bytes back, s; None: no latency timer.
     latency: float | None = None
-    advice: str = ""
+    advice: str = ""  # how to shorten a latency that is too long; empty otherwise
 
     def __str__(self) -> str:
         name = self.driver or "serial adapter"

@@ -19,7 +19,6 @@ from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.cycle import Cycle, advice
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
-    CommunicationError,
     CorruptReplyError,
     DynamixelError,
     GoalError,
@@ -32,7 +31,7 @@ from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
-from head_tracking.dynamixel.servo import Servo, ServoIdentity, Version, answering, run
+from head_tracking.dynamixel.servo import Servo, Version, answering, run
 from head_tracking.dynamixel.state import (
     BusReading,
     BusStatistics,
@@ -142,7 +141,6 @@ class ServoBus:
             epoch = self.requests.epoch.value
         else:
             self.requests.check(epoch)
-        _, incomplete = self.cycle.absent
         positions: dict[str, float] = {}
         clamped: dict[str, float] = {}
         admitted: dict[str, Goal] = {}
@@ -154,7 +152,7 @@ class ServoBus:
                     left_out[name] = joint.torque.value
                     continue
                 position = joint.admit(goal, clamp)
-                if incomplete and name in incomplete:
+                if name in self.cycle.incomplete:
                     left_out[name] = "a servo of it does not answer; the bus keeps asking it"
                     continue
                 positions[name] = position
@@ -207,17 +205,16 @@ class ServoBus:
         return tuple(joint.configuration for joint in self._all)
 
     @property
-    def servos(self) -> tuple[ServoIdentity, ...]:
+    def servos(self) -> tuple[Servo, ...]:
         """Servos that were found; empty before `connect`."""
-        found = (servo.identity for _, servo in self._each_servo())
-        return tuple(identity for identity in found if identity is not None)
+        return tuple(servo for _, servo in self._each_servo() if servo.identity is not None)
 
     @property
     def summary(self) -> str:
         """The servos that were found, such as "2 AX-12 servos: ids 1, 2"."""
         by_model: dict[str, list[str]] = {}
-        for identity in self.servos:
-            by_model.setdefault(identity.model, []).append(str(identity.id))
+        for servo in self.servos:
+            by_model.setdefault(servo.model.name, []).append(str(servo.id))
         return "; ".join(
             f"{len(ids)} {model} {'servos: ids' if len(ids) > 1 else 'servo: id'} {', '.join(ids)}"
             for model, ids in by_model.items()
@@ -251,7 +248,6 @@ class ServoBus:
             health = Health.LOST
         elif servo.failed_cycles:
             health = Health.STALE
-        known = bool(servo.stamp) and not servo.lost
         symptoms, outcome = self.cycle.diagnosis.of(servo.id)
         return ServoStatistics(
             joint_name=joint.name,
@@ -260,15 +256,14 @@ class ServoBus:
             retries=counters.retries,
             timeouts=counters.timeouts,
             corrupt=counters.corrupt,
-            lost=servo.lost,
             model=servo.model.name,
             firmware_version=None if identity is None else identity.firmware_version,
             health=health,
             errors=servo.errors,
             last_stamp=servo.stamp or None,
-            temperature=servo.temperature if known else None,
-            voltage=servo.voltage if known else None,
-            load=servo.load if known else None,
+            temperature=servo.temperature,
+            voltage=servo.voltage,
+            load=servo.load,
             torque=joint.torque.value,
             symptoms=symptoms,
             outcome=outcome,
@@ -331,7 +326,6 @@ class ServoBus:
         try:
             if self._connected:
                 with suppress(DynamixelError):
-                    self.hold()
                     run(self._procedures.braking(), self._pause)
                 problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
         finally:
@@ -339,24 +333,6 @@ class ServoBus:
             self.cycle.end()
             self._port.close()
         return tuple(name for name, problem in problems.items() if problem)
-
-    def hold(self) -> None:
-        """Make the present position the goal of every joint with torque on.
-
-        Raises:
-            PortLostError: The port was lost.
-            NotConnectedError: `connect` has not been called.
-        """
-        self._require_connection()
-        self.requests.drop_goals()
-        for joint in self._all:
-            if joint.on:
-                for servo in joint.servos:  # a silent one gets the position read last
-                    with suppress(CommunicationError):
-                        if servo.answers:
-                            servo.read_feedback(1 + self._bus.settings.retries)
-                joint.hold()
-        self.cycle.write_goals(also_silent=True)
 
     def step(self) -> BusReading:
         """Run one cycle; see `Cycle.read` and `Cycle.write`.

@@ -96,14 +96,6 @@ class ServoCalibration:
                 f"an {self.model.name}: {cause}"
             ) from cause
 
-    def mirrored(self) -> tuple[int, int, int]:
-        """Return init, min and max for the other direction of Drive Mode."""
-        last = self.model.ticks - 1
-        init, low, high = (
-            min(last, 2 * self.model.center - tick) for tick in (self.init, self.min, self.max)
-        )
-        return init, low, high
-
     @property
     def tick_range(self) -> tuple[int, int]:
         """Lowest and highest tick."""
@@ -241,37 +233,20 @@ def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConf
 class BusSettings:
     """Settings of a bus; the defaults suit most robots.
 
-    Attributes:
-        retries: How often a failed read is repeated within a cycle.
-        lost_after: Failed cycles in a row after which a servo is lost.
-        poll_interval: Time between two polls of a lost servo, s.
-        reconnect_interval: Time between two attempts to open a lost port, s.
-        command_timeout: Time without a command after which a moving joint holds, s; 0: never.
-        watchdog: Time without any packet after which X servos stop by themselves, s; 0: never.
-        warm: Temperature of a warning, degrees Celsius.
-        hot: Temperature of an error.
-        rest: Temperature at which the joint is relaxed until its servo is below `warm`.
-
     Raises:
         ConfigurationError: A value is out of range.
     """
 
-    retries: int = 1
-    lost_after: int = 5
-    poll_interval: float = 0.04
-    reconnect_interval: float = 0.2
+    # Time without a command after which a moving joint holds, s; 0: never.
     command_timeout: float = 0.0
+    # Time without any packet after which X servos stop by themselves, s; 0: never.
     watchdog: float = 1.0
-    warm: float = 60.0
-    hot: float = 65.0
-    rest: float = 68.0
+    warm: float = 60.0  # temperature of a warning, degrees Celsius
+    hot: float = 65.0  # temperature of an error
+    rest: float = 68.0  # temperature at which the joint is relaxed until its servo is below `warm`
 
     def __post_init__(self) -> None:
         allowed = (
-            ("retries", self.retries >= 0, "at least 0"),
-            ("lost_after", self.lost_after >= 1, "at least 1"),
-            ("poll_interval", self.poll_interval > 0.0, "seconds above 0"),
-            ("reconnect_interval", self.reconnect_interval > 0.0, "seconds above 0"),
             ("command_timeout", self.command_timeout >= 0.0, "0 or seconds above 0"),
             ("watchdog", 0.0 <= self.watchdog <= 2.5, "0 to 2.5 seconds"),
             ("hot", self.warm <= self.hot, f"at least warm, {self.warm} degrees"),

@@ -19,29 +19,17 @@ _STUCK: Final = (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
 
 @dataclass(slots=True)
 class BusContext:
-    """What the parts of one bus share.
-
-    Attributes:
-        port: The serial port.
-        joints: All joints of the bus, by name.
-        requests: Requests, and goals that have not been written.
-        settings: Limits for silence, faults and heat.
-        version: Changes with the set of servos that are read.
-        clock: Clock of the stamps, ns.
-        monotonic: Monotonic time, ns.
-        pause: Waits a number of seconds, outside of the cycle.
-        events: Events that have not been reported.
-    """
+    """What the parts of one bus share."""
 
     port: DynamixelPort
-    joints: dict[str, Joint]
+    joints: dict[str, Joint]  # by name
     requests: RequestQueue
     settings: BusSettings
-    version: Version
-    clock: Callable[[], int]
-    monotonic: Callable[[], int]
-    pause: Callable[[float], object]
-    events: list[BusEvent] = field(default_factory=list)
+    version: Version  # changes with the set of servos that are read
+    clock: Callable[[], int]  # of the stamps, ns
+    monotonic: Callable[[], int]  # ns
+    pause: Callable[[float], object]  # waits a number of seconds, outside of the cycle
+    events: list[BusEvent] = field(default_factory=list)  # that have not been reported
     _recent: dict[tuple[EventKind, str, Hashable], tuple[int, int]] = field(default_factory=dict)
 
     def each_servo(self) -> Iterator[tuple[Joint, Servo]]:

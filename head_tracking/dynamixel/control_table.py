@@ -9,30 +9,8 @@ import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final
 
 from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
-
-SIGN_BIT: Final = 10
-"""Bit for negative (clockwise) speed and load of AX, MX (protocol 1.0) and XL-320."""
-
-
-def encode_sign_magnitude(value: int, bit: int = SIGN_BIT) -> int:
-    """Return magnitude and sign bit; raise RangeError if the magnitude needs more bits."""
-    largest = (1 << bit) - 1
-    if abs(value) > largest:
-        raise RangeError(f"{value} does not fit; allowed are {-largest} to {largest}")
-    return -value | 1 << bit if value < 0 else value
-
-
-def decode_sign_magnitude(raw: int, bit: int = SIGN_BIT) -> int:
-    """Return the number of magnitude and sign bit; raise RangeError if a higher bit is set."""
-    if not 0 <= raw < 2 << bit:
-        raise RangeError(
-            f"register value {raw} is no {bit} bit sign-magnitude number; "
-            f"allowed are 0 to {(2 << bit) - 1}"
-        )
-    return -(raw & (1 << bit) - 1) if raw >> bit else raw
 
 
 class Sign(Enum):
@@ -52,17 +30,11 @@ class Sign(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Unit of a register.
+    """Unit of a register."""
 
-    Attributes:
-        symbol: The unit; empty for plain numbers and codes.
-        scale: One count in that unit.
-        zero: The count of 0.
-    """
-
-    symbol: str = ""
-    scale: float = 1.0
-    zero: float = 0.0
+    symbol: str = ""  # the unit; empty for plain numbers and codes
+    scale: float = 1.0  # one count in that unit
+    zero: float = 0.0  # the count of 0
 
 
 NUMBER = Unit()
@@ -70,29 +42,17 @@ NUMBER = Unit()
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register.
+    """One register."""
 
-    Attributes:
-        name: The vendor's name.
-        address: First byte.
-        size: Bytes.
-        writable: Whether a packet may write it.
-        eeprom: Whether its value survives power-off.
-        initial: Factory value (EEPROM) or value at power-on (RAM); None: not documented.
-        minimum: Lowest value of a write; None for read-only registers.
-        maximum: Highest value of a write; None for read-only registers.
-        unit: Its unit.
-        sign: How it stores negative values.
-    """
-
-    name: str
-    address: int
-    size: int
-    writable: bool
-    eeprom: bool
+    name: str  # the vendor's name
+    address: int  # of the first byte
+    size: int  # bytes
+    writable: bool  # whether a packet may write it
+    eeprom: bool  # whether its value survives power-off
+    # Factory value (EEPROM) or value at power-on (RAM); None: not documented.
     initial: int | None = None
-    minimum: int | None = None
-    maximum: int | None = None
+    minimum: int | None = None  # lowest value of a write; None for read-only registers
+    maximum: int | None = None  # highest value of a write; None for read-only registers
     unit: Unit = NUMBER
     sign: Sign = Sign.NONE
 
@@ -113,7 +73,9 @@ class Register:
             RangeError: It is no sign-magnitude number, though the register should hold one.
         """
         bit = self.sign.bit
-        return decode_sign_magnitude(value, bit) if bit else value
+        if bit and not 0 <= value < 2 << bit:
+            raise RangeError(f"{self.name} cannot be {value}; allowed are 0 to {(2 << bit) - 1}")
+        return (1 << bit) - value if bit and value >> bit else value
 
     def in_unit(self, value: int) -> float:
         """Return a register value in the register's unit; raises as `counts` does."""
@@ -122,7 +84,10 @@ class Register:
     def from_counts(self, counts: int) -> int:
         """Return the register value of a signed number; RangeError if it does not fit."""
         bit = self.sign.bit
-        return encode_sign_magnitude(counts, bit) if bit else counts
+        largest = (1 << bit) - 1
+        if bit and abs(counts) > largest:
+            raise RangeError(f"{counts} does not fit; allowed are {-largest} to {largest}")
+        return -counts | 1 << bit if bit and counts < 0 else counts
 
     def from_unit(self, quantity: float) -> int:
         """Return the register value of a quantity in the register's unit."""

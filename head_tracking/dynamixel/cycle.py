@@ -25,16 +25,15 @@ from head_tracking.dynamixel.exceptions import (
     PortLostError,
 )
 from head_tracking.dynamixel.joint import Joint
-from head_tracking.dynamixel.procedures import Procedures
+from head_tracking.dynamixel.procedures import POLL_INTERVAL, Procedures
 from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import Status
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
 
-_SILENT_FACTOR: Final = 10
-"""A silent servo may use a tenth of the time: one that cost 2 ms is not asked for 18 ms."""
-_LONGEST_WAIT: Final = 100_000_000  # ns; a clock may jump
+_LOST_AFTER: Final = 5  # failed cycles in a row
+_RECONNECT_INTERVAL: Final = 200_000_000  # ns between two attempts to open a lost port
 _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; detectors need 60 ms and more
 _RESTART: Final = 200_000_000  # ns between two cycles in which a servo may have restarted
 _MOST_STEPS: Final = 100  # in a cycle, in case a clock stands still
@@ -57,11 +56,13 @@ class Cycle:
     Attributes:
         cycles: Number of cycles.
         port_losses: How often the port was lost.
+        incomplete: Joints of which some servo does not answer.
         diagnosis: Symptoms of each servo.
     """
 
     def __init__(self, bus: BusContext, procedures: Procedures) -> None:
         self.cycles = self.port_losses = 0
+        self.incomplete: tuple[str, ...] = ()
         self._bus, self._port, self._joints, self._version = bus, bus.port, bus.joints, bus.version
         self._requests, self._procedures, self._settings = bus.requests, procedures, bus.settings
         self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
@@ -69,7 +70,6 @@ class Cycle:
         self._protection = Protection(bus, procedures)
         self.diagnosis = Diagnosis(bus, procedures)
         self._rest, self._command_timeout = bus.settings.rest, bus.settings.command_timeout
-        self._poll_interval = round(bus.settings.poll_interval * 1e9)
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0
         self._read_time = self._poll_time = 0  # of this cycle, ns
@@ -78,19 +78,8 @@ class Cycle:
         self._connected = self._unusual = False  # in this cycle
         self._plan: list[_Part] = []
         self._planned = -1  # version of the plan
-        self._absent: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
-        self._absent_at = -1  # its version
-        self._incomplete: tuple[str, ...] = ()  # in this cycle
-
-    @property
-    def absent(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Joints of which no servo answers, and those of which some servo does not."""
-        number = self._version.number
-        if self._absent_at != number:
-            lost = tuple([joint.name for joint in self._all if joint.lost])
-            incomplete = tuple([joint.name for joint in self._all if not joint.complete])
-            self._absent, self._absent_at = (lost, incomplete), number
-        return self._absent
+        self._lost: tuple[str, ...] = ()
+        self._listed = -1  # version of the missing joints
 
     def begin(self) -> None:
         """Begin, once the servos have been found."""
@@ -132,15 +121,16 @@ class Cycle:
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
                     self.diagnosis.examine(start)
-                _, self._incomplete = self.absent
-                if self._incomplete:
+                if self._listed != self._version.number:
+                    self._list_missing()
+                if self.incomplete:
                     self._poll_time = self._poll_one_lost()
                 self._connected = True
         except PortLostError as cause:
             self._lose_port(cause)
         self._read_time = self._monotonic() - start - self._poll_time
         events = self._bus.take_events() if self._bus.events else ()
-        return BusReading(self.cycles, stamp, states, failed, self.absent[0], events)
+        return BusReading(self.cycles, stamp, states, failed, self._lost, events)
 
     def write(self) -> tuple[BusEvent, ...]:
         """End a cycle: write all goals, take steps of procedures; return new events.
@@ -161,7 +151,7 @@ class Cycle:
                 self._take_steps()
                 if requests.goals:
                     self._accept_goals()  # of a joint whose torque is on now
-            self.write_goals()
+            self._write_goals()
         except PortLostError as cause:
             self._lose_port(cause)
         return self._bus.take_events() if self._bus.events else ()
@@ -171,10 +161,8 @@ class Cycle:
     def _read(self, stamp: int, states: dict[str, ServoState]) -> bool:
         """Read all servos into the states; return whether anything was unusual."""
         port, rest, unusual = self._port, self._rest, self._command_timeout > 0.0
-        begin = port.clock()
-        offset = stamp - int(begin * 1e9)
+        offset = stamp - int(port.clock() * 1e9)
         for group, members in self._plan:
-            asked_at = port.clock() if group.method is ReadMethod.EACH else begin
             for (joint, servo), reply in zip(members, port.read_group(group), strict=True):
                 if (
                     type(reply) is Status
@@ -187,11 +175,11 @@ class Cycle:
                         unusual = True
                 else:
                     unusual = True
-                    self._accept_unusual(servo, reply, offset, asked_at)
+                    self._accept_unusual(servo, reply, offset)
         return unusual
 
     def _accept_unusual(
-        self, servo: Servo, reply: Status | CommunicationError, offset: int, asked_at: float
+        self, servo: Servo, reply: Status | CommunicationError, offset: int
     ) -> None:
         """Ask a servo again that did not reply, or record the reply of one that was silent."""
         try:
@@ -201,16 +189,12 @@ class Cycle:
                 if isinstance(reply, Status):
                     reply = CorruptReplyError(f"servo {servo.id}: impossible data {reply.data!r}")
                 servo.count(reply)
-                if servo.failed_cycles or not self._settings.retries:
+                if servo.failed_cycles:
                     raise reply
                 servo.counters.retries += 1
-                servo.read_feedback(self._settings.retries, offset)
+                servo.read_feedback(1, offset)
         except CommunicationError as cause:
-            ask_at = 0
-            if servo.failed_cycles:
-                cost = min(max(0, round((self._port.clock() - asked_at) * 1e9)), _LONGEST_WAIT)
-                ask_at = self._monotonic() + cost * (_SILENT_FACTOR - 1)
-            servo.note_failure(cause, ask_at)
+            servo.note_failure(cause)
         else:
             servo.note_reply()
 
@@ -232,7 +216,7 @@ class Cycle:
                 if there:
                     failed.append(joint.name)
             for servo in there:
-                if servo.failed_cycles >= self._settings.lost_after:
+                if servo.failed_cycles >= _LOST_AFTER:
                     self._lose(joint, servo)
         return tuple(failed)
 
@@ -240,26 +224,28 @@ class Cycle:
         """Compute the instructions of a cycle.
 
         A servo that did not answer the last time is asked alone, and last, because others would
-        wait for it. While there is one, the plan is computed in each cycle.
+        wait for it.
         """
-        now, planned = self._monotonic(), self._version.number
         together: dict[tuple[object, ...], list[tuple[Joint, Servo]]] = {}
         alone: list[_Part] = []
         for joint, servo in self._each_servo():
             if joint.stopped or servo.lost:
                 continue
-            if servo.link is not LinkState.PRESENT:
-                planned = -1
             method, block = _method(servo), servo.model.feedback
             if not servo.failed_cycles:
                 own = servo.id if method is ReadMethod.EACH else None
                 key = (method, own, servo.model.protocol, block.address, block.length)
                 together.setdefault(key, []).append((joint, servo))
-            elif servo.ask_at <= now:
+            else:
                 alone.append(_part([(joint, servo)], ReadMethod.EACH))
-        self._plan = [*[_part(members, _method(members[0][1])) for members in together.values()]]
+        self._plan = [_part(members, _method(members[0][1])) for members in together.values()]
         self._plan += alone
-        self._planned = planned
+        self._planned = self._version.number
+
+    def _list_missing(self) -> None:
+        self._listed = self._version.number
+        self._lost = tuple([joint.name for joint in self._all if joint.lost])
+        self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
 
     # Writing
 
@@ -275,29 +261,17 @@ class Cycle:
             if joint.writable and not joint.busy:  # its position is known
                 self._procedures.begin(joint, self._procedures.switching_on_for_goal(joint))
 
-    def write_goals(self, also_silent: bool = False) -> None:
-        """Write the goals of all joints with torque on.
-
-        Args:
-            also_silent: Include joints whose servos do not answer, or that are busy.
-        """
-        packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
-        usual = also_silent or not (self._unusual or self._incomplete)
+    def _write_goals(self) -> None:
+        usual = not (self._unusual or self.incomplete)
+        ready: list[Joint] = []
         for joint in self._all:
-            if not joint.on or (joint.busy and not also_silent):
-                continue
-            if joint.stale:
-                joint.encode()
-            if not (usual or joint.writable):
-                continue
-            for servo, data in zip(joint.servos, joint.goal_bytes, strict=True):
-                key = servo.goal_key
-                if key in packets:
-                    packets[key][servo.id] = data
-                else:
-                    packets[key] = {servo.id: data}
-        for (protocol, address, _), goals in packets.items():
-            self._port.sync_write(address, goals, protocol)
+            if joint.on and not joint.busy:
+                if joint.stale:
+                    joint.encode()
+                if usual or joint.writable:
+                    ready.append(joint)
+        if ready:
+            self._procedures.write_goals(ready)
 
     # Steps of procedures
 
@@ -360,9 +334,9 @@ class Cycle:
 
     def _lose(self, joint: Joint, servo: Servo) -> None:
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
-        if servo.damaged_cycles >= self._settings.lost_after:
+        if servo.damaged_cycles >= _LOST_AFTER:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
-        servo.lose(self._monotonic() + self._poll_interval)
+        servo.lose(self._monotonic() + POLL_INTERVAL)
         self._bus.note(EventKind.LOST, joint, text)
         if joint.lost:
             joint.lose()
@@ -375,7 +349,7 @@ class Cycle:
         now = self._monotonic()
         for joint, servo in self._each_servo():
             if servo.lost and servo.ask_at <= now and not joint.stopped and not joint.busy:
-                servo.ask_at = now + self._poll_interval
+                servo.ask_at = now + POLL_INTERVAL
                 with suppress(CommunicationError):
                     if servo.damaged_cycles:  # two servos with one id may answer pings
                         servo.read_feedback()
@@ -394,7 +368,7 @@ class Cycle:
         assert self._search_at is not None
         if now < self._search_at:
             return False
-        self._search_at = now + round(self._settings.reconnect_interval * 1e9)
+        self._search_at = now + _RECONNECT_INTERVAL
         try:
             self._port.open()
         except PortError:
@@ -438,6 +412,7 @@ class Cycle:
                 for servo in joint.servos:
                     servo.lose(0)
                 joint.lose()
+        self._list_missing()
         self._bus.events.append(BusEvent(EventKind.PORT_LOST, "", str(cause)))
 
 

@@ -17,7 +17,7 @@ from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity
+from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity, wrong_mode
 from head_tracking.dynamixel.state import EventKind, Symptom
 
 _GONE: Final = 1.0  # s without a symptom until it is cleared
@@ -459,10 +459,7 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
             "its torque is off, but this program has not switched it off: its supply, or another "
             "program; the joint is relaxed until the next command"
         )
-    wrong = any(not mode.fits(values[name]) for name, mode in servo.model.modes.items())
-    limits = [values[name] for name in servo.model.position_limits]
-    turns = servo.model.protocol == 1 and limits[0] == limits[1]
-    if wrong or turns:
+    if any(wrong_mode(servo, values)):
         return Symptom.MODE, (
             "it is not in position mode any more: another program has changed its settings; the "
             "joint is relaxed"

@@ -26,26 +26,6 @@ class Joint:
         port: The port of its servos.
         watchdog: Time without any packet after which its servos shall stop, s; 0: never.
         version: Of its bus.
-
-    Attributes:
-        name: The joint's name.
-        configuration: Of the joint.
-        servos: Its servo, or its two.
-        on: Whether its torque is on and its goal is written.
-        relaxed: Whether it was relaxed on request, until torque is switched on.
-        stopped: Whether it is out of the cycle on request.
-        resting: Whether it is relaxed to cool down.
-        default_speed: Speed for goals without a speed, rad/s.
-        goal_ticks: Goal of each servo; () without a goal.
-        goal_position: The same as a position of the joint, rad.
-        goal_speed: Speed of the goal, rad/s; None: the default, 0: the slowest.
-        commanded_at: Monotonic time of the goal, ns; None without one, or for a held position.
-        goal_bytes: Goal position and speed for each servo, as registers.
-        stale: Whether `goal_bytes` must be made anew.
-        busy: Whether a procedure is running for the joint.
-        writing: Whether the memory of its servos is being written.
-        relaxations: How often it was relaxed.
-        resumes: Whether it was on when its servo was lost, and may be again.
     """
 
     def __init__(
@@ -62,15 +42,21 @@ class Joint:
             Servo(port, each.id, each.model, each, watchdog, self._version)
             for each in configuration.calibrations
         )
-        self.on = self.relaxed = self.stopped = self.resting = False
-        self.default_speed = configuration.joint_speed
-        self.goal_ticks: tuple[int, ...] = ()
-        self.goal_position = 0.0
-        self.goal_speed: float | None = None
-        self.commanded_at: int | None = None
-        self.goal_bytes: tuple[bytes, ...] = ()
-        self.stale = self.busy = self.writing = self.resumes = False
-        self.relaxations = 0
+        self.on = False  # torque is on, and the goal is written
+        self.relaxed = False  # on request, until torque is switched on
+        self.stopped = False  # out of the cycle on request
+        self.resting = False  # relaxed to cool down
+        self.resumes = False  # it was on when its servo was lost, and may be again
+        self.busy = False  # a procedure is running for the joint
+        self.writing = False  # the memory of its servos is being written
+
+        self.default_speed = configuration.joint_speed  # for goals without a speed, rad/s
+        self.goal_ticks: tuple[int, ...] = ()  # of each servo; () without a goal
+        self.goal_position = 0.0  # of the joint, rad
+        self.goal_speed: float | None = None  # rad/s; None: the default, 0: the slowest
+        self.commanded_at: int | None = None  # monotonic, ns; None: no goal, or a held position
+        self.goal_bytes: tuple[bytes, ...] = ()  # position and speed for each servo, as registers
+        self.stale = False  # `goal_bytes` must be made anew
         self._limit_speed()
 
     @property
@@ -263,8 +249,7 @@ class Joint:
         self.drop_goal()
 
     def relax(self) -> None:
-        """Drop the goal, and stop what would switch torque on; sends nothing."""
-        self.relaxations += 1
+        """Drop the goal; sends nothing."""
         self.resumes = False
         self.drop_goal()
 

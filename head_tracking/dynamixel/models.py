@@ -50,17 +50,11 @@ _FEEDBACK: Final = ("position", "speed", "load", "voltage", "temperature")
 
 
 class Mode(NamedTuple):
-    """The value that a register must have for position control in the driver's units.
+    """The value that a register must have for position control in the driver's units."""
 
-    Attributes:
-        value: Its bits.
-        otherwise: What is wrong with a servo that has other bits.
-        mask: Which bits.
-    """
-
-    value: int
-    otherwise: str
-    mask: int = 0xFF
+    value: int  # its bits
+    otherwise: str  # what is wrong with a servo that has other bits
+    mask: int = 0xFF  # which bits
 
     def fits(self, value: int) -> bool:
         """Return whether a register value is right."""
@@ -69,75 +63,40 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """Properties of a servo model.
+    """Properties of a servo model."""
 
-    Attributes:
-        name: Name in configurations and messages.
-        model_number: Contents of its Model Number register.
-        protocol: Dynamixel protocol, 1 or 2; Feetech servos use the packets of 1.
-        control_table: Its registers.
-        feedback: Registers that are read in each cycle.
-        feedback_order: Index in that block of position, speed, load, voltage, temperature.
-        goal: Registers that one write of a goal sets: position, speed, and others that are 0.
-        goal_packer: Packs that block from position and speed, or from speed and position.
-        speed_first: Whether from speed and position.
-        goal_speed: Name of the register of the goal speed.
-        position_limits: Names of the registers with the lowest and highest goal position.
-        ticks: Number of positions.
-        endless: Whether the ticks go round a whole turn.
-        center: Tick in the middle of the range.
-        radians_per_tick: Angle of one tick, rad.
-        speed_unit: One count of speed, rad/s.
-        speed_maximum: Highest goal speed in joint mode, counts.
-        speed_minimum: Lowest goal speed above 0, which would be full speed, counts.
-        load_maximum: Register value of full load (of stall current, where current is measured).
-        no_load_speed: Speed without load at `nominal_voltage`, rad/s.
-        nominal_voltage: Recommended supply, V.
-        baud_rates: Bits per second by value of the Baud Rate register.
-        errors: Bits of its error state and of its Shutdown register.
-        signs: Value of the sign bit of position, speed and load; 0: two's complement or none.
-        bulk_read: Whether it supports bulk read (MX with protocol 1.0).
-        sync_read: Whether it supports sync read (protocol 2.0, Feetech STS).
-        family: "Dynamixel", "STS" or "SCS"; families cannot share a line.
-        modes: Required register values by register name.
-        offset: Register that is added to the position; None: there is none.
-        fast_sync_read: First firmware with fast sync read; None: none.
-        watchdog: First firmware with a Bus Watchdog; None: none.
-        aliases: Other names of the model.
-    """
-
-    name: str
-    model_number: int
-    protocol: int
+    name: str  # in configurations and messages
+    model_number: int  # contents of its Model Number register
+    protocol: int  # of Dynamixel, 1 or 2; Feetech servos use the packets of 1
     control_table: ControlTable
-    feedback: Block
-    feedback_order: tuple[int, int, int, int, int]
-    goal: Block
-    goal_packer: struct.Struct
-    speed_first: bool
-    goal_speed: str
-    position_limits: tuple[str, str]
-    ticks: int
-    endless: bool
-    center: int
+    feedback: Block  # registers that are read in each cycle
+    feedback_order: tuple[int, int, int, int, int]  # of position, speed, load, voltage, temperature
+    goal: Block  # registers that one write sets: position, speed, and others that are 0
+    goal_packer: struct.Struct  # packs them from position and speed, or from speed and position
+    speed_first: bool  # whether from speed and position
+    goal_speed: str  # register of the goal speed
+    position_limits: tuple[str, str]  # registers of the lowest and highest goal position
+    ticks: int  # number of positions
+    endless: bool  # whether the ticks go round a whole turn
+    center: int  # tick in the middle of the range
     radians_per_tick: float
-    speed_unit: float
-    speed_maximum: int
-    speed_minimum: int
-    load_maximum: int
-    no_load_speed: float
-    nominal_voltage: float
-    baud_rates: Mapping[int, int]
-    errors: type[IntFlag]
-    signs: tuple[int, int, int]
-    bulk_read: bool
-    sync_read: bool
-    family: str
-    modes: Mapping[str, Mode]
-    offset: Register | None
-    fast_sync_read: int | None
-    watchdog: int | None
-    aliases: tuple[str, ...]
+    speed_unit: float  # one count, rad/s
+    speed_maximum: int  # highest goal speed in joint mode, counts
+    speed_minimum: int  # lowest goal speed above 0, which would be full speed, counts
+    load_maximum: int  # register value of full load (of stall current, where current is measured)
+    no_load_speed: float  # at the nominal voltage, rad/s
+    nominal_voltage: float  # recommended supply, V
+    baud_rates: Mapping[int, int]  # bit/s by value of the Baud Rate register
+    errors: type[IntFlag]  # bits of its error state and of its Shutdown register
+    signs: tuple[int, int, int]  # sign bits of position, speed, load; 0: two's complement or none
+    bulk_read: bool  # MX with protocol 1.0
+    sync_read: bool  # protocol 2.0, Feetech STS
+    family: str  # "Dynamixel", "STS" or "SCS"; families cannot share a line
+    modes: Mapping[str, Mode]  # required values by register name
+    offset: Register | None  # that is added to the position; None: there is none
+    fast_sync_read: int | None  # first firmware with it; None: none
+    watchdog: int | None  # first firmware with a Bus Watchdog; None: none
+    aliases: tuple[str, ...]  # other names of the model
 
     @property
     def restarts(self) -> bool:

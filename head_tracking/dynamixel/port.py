@@ -217,7 +217,7 @@ class DynamixelPort:
                         found += _split(asked, status)
                         continue
                     if status.error or len(status.data) != asked.length:
-                        _check(status, instruction)
+                        self._check(status, instruction)
                     found.append(status)
                 except CorruptReplyError as cause:
                     if instruction.id == BROADCAST_ID:
@@ -250,7 +250,7 @@ class DynamixelPort:
         """Ping a servo; return its error byte."""
         packet = encode_packet(protocol, servo_id, Instruction.PING)
         ping = instruction_packet(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
-        self._late.accept(ping)
+        self._late.remove(protocol, servo_id, ping.length)
         try:
             return self._command(ping)
         except ReplyTimeoutError:
@@ -349,7 +349,7 @@ class DynamixelPort:
             status = self._receive(instruction, sent)
         except _LOST as cause:
             raise self._lost(cause) from cause
-        _check(status, instruction)
+        self._check(status, instruction)
         return status.error
 
     def _send(self, packet: bytes) -> float:
@@ -419,7 +419,7 @@ class DynamixelPort:
                     now = self._wire_free = self.clock()
                     self._timeout.learn(now - due)
                     if ambiguous:
-                        self._late.remove(protocol, status)
+                        self._late.remove(protocol, status.id, length)
                     return status
                 elif not self._is_late(protocol, status):
                     self._note_surplus(instruction.id)
@@ -466,10 +466,28 @@ class DynamixelPort:
 
     def _is_late(self, protocol: int, status: Status) -> bool:
         """Return whether a reply is a late one; if so, use its delay for the timeout."""
-        delay = self._late.remove(protocol, status)
+        delay = self._late.remove(protocol, status.id, len(status.data))
         if delay is not None:
             self._timeout.learn(min(delay, 2.0 * self._timeout.allowance, LONGEST))
         return delay is not None
+
+    def _check(self, status: Status, instruction: InstructionPacket) -> None:
+        """Raise CorruptReplyError if the servo received damaged bytes, or replied another length.
+
+        A damaged broadcast may be what the servo complains of; then its reply is still to come.
+        """
+        error, one = status.error, instruction.protocol == 1
+        if (error & ErrorBits.CHECKSUM) if one else error & ~ALERT == StatusCode.CRC:
+            self._suspect_until = max(self._suspect_until, self.clock() + _GAP)
+            raise CorruptReplyError(
+                f"servo {status.id} received a damaged {instruction.description}"
+            )
+        if len(status.data) != instruction.length:
+            errors = describe_errors(ErrorBits(error)) if one else describe_status(error)
+            raise CorruptReplyError(
+                f"servo {status.id} answered a {instruction.description} with {len(status.data)} "
+                f"byte(s) of data; error bits: {errors}"
+            )
 
     def _note_surplus(self, servo_id: int) -> None:
         self.surplus[servo_id] += 1
@@ -556,16 +574,3 @@ def _refuses(protocol: int, status: Status) -> bool:
     if status.data:
         return False
     return bool(status.error if protocol == 1 else status.error & ~ALERT)
-
-
-def _check(status: Status, instruction: InstructionPacket) -> None:
-    """Raise CorruptReplyError if the servo received damaged bytes, or replied another length."""
-    error, one = status.error, instruction.protocol == 1
-    if (error & ErrorBits.CHECKSUM) if one else error & ~ALERT == StatusCode.CRC:
-        raise CorruptReplyError(f"servo {status.id} received a damaged {instruction.description}")
-    if len(status.data) != instruction.length:
-        errors = describe_errors(ErrorBits(error)) if one else describe_status(error)
-        raise CorruptReplyError(
-            f"servo {status.id} answered a {instruction.description} with {len(status.data)} "
-            f"byte(s) of data; error bits: {errors}"
-        )

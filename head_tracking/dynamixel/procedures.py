@@ -5,7 +5,7 @@ A joint is busy while a procedure runs for it, except those that relax it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, Final, TypeVar
 
@@ -22,9 +22,10 @@ from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import EventKind
-from head_tracking.dynamixel.torque import pin, relaxing, release, unless
+from head_tracking.dynamixel.torque import pin, relaxing, release, while_held_by
 
 _T = TypeVar("_T")
+POLL_INTERVAL: Final = 40_000_000  # ns between two polls of a lost servo
 _UNUSABLE: Final = 3  # times that a returning servo must be unusable until that is reported
 _BRAKING: Final = 0.6  # s that a joint may take to stop
 _STANDS: Final = 0.1  # rad/s
@@ -82,11 +83,33 @@ class Procedures:
                 problems[joint.name] = cause
         return problems
 
+    def write_goals(self, joints: Iterable[Joint]) -> None:
+        """Write the goals of joints, in one packet for each protocol and kind of goal."""
+        packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
+        for joint in joints:
+            for servo, data in zip(joint.servos, joint.goal_bytes, strict=True):
+                key = servo.goal_key
+                if key in packets:
+                    packets[key][servo.id] = data
+                else:
+                    packets[key] = {servo.id: data}
+        for (protocol, address, _), goals in packets.items():
+            self._bus.port.sync_write(address, goals, protocol)
+
     # Torque off
 
     def braking(self) -> Steps[None]:
-        """Wait until the joints that hold their position have stopped."""
-        moving = [servo for joint, servo in self._bus.each_servo() if joint.on]
+        """Make the present position the goal of every joint with torque on; wait until it stops."""
+        self._requests.drop_goals()
+        moving: list[Servo] = []
+        for joint in [joint for joint in self._bus.joints.values() if joint.on]:
+            for servo in joint.servos:  # a silent one gets the position read last
+                with suppress(CommunicationError):
+                    if servo.answers:
+                        servo.read_feedback(2)
+            joint.hold()
+            moving += joint.servos
+        self.write_goals([joint for joint in self._bus.joints.values() if joint.on])
         deadline = self._bus.monotonic() + round(_BRAKING * 1e9)
         for _ in range(round(_BRAKING / _POLL)):  # in case the clock stands still
             moving = [servo for servo in moving if not (servo.lost or _stands(servo))]
@@ -124,29 +147,29 @@ class Procedures:
             for joint in joints
         }
 
-    def relaxing(self, joints: Sequence[Joint], *, stop: bool = False) -> Steps[None]:
-        """Relax joints and report it; `stop`: take them out of the cycle, too.
+    def relaxing(
+        self, joints: Sequence[Joint], *, stop: bool = False, quiet: bool = False
+    ) -> Steps[None]:
+        """Relax joints; `stop`: take them out of the cycle, too; `quiet`: report failures only.
 
         Raises:
             TorqueError: Some did not confirm.
         """
         found = yield from self.relax(joints, stop=stop, disarm=stop)
+        kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF
         for joint in joints:
-            if not found[joint.name]:
-                kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF
+            if problem := found[joint.name]:
+                self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
+            elif not quiet:
                 self._note(kind, joint, joint.torque.value)
         problems = {name: problem for name, problem in found.items() if problem}
         if problems:
             raise TorqueError(False, problems)
 
-    def cut(self, joint: Joint) -> None:
+    def cut(self, *joints: Joint) -> None:
         """Switch torque off now, and read it back in the next cycles."""
-        self._requests.advance(self._requests.start(self._cutting(joint), despite_stop=True))
-
-    def _cutting(self, joint: Joint) -> Steps[None]:
-        problem = (yield from self.relax([joint]))[joint.name]
-        if problem:
-            self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
+        steps = self.relaxing(joints, quiet=True)
+        self._requests.advance(self._requests.start(steps, despite_stop=True))
 
     def _release(self, joint: Joint) -> None:
         joint.relax()
@@ -156,8 +179,7 @@ class Procedures:
         """Carry out a STOP that did not get the port."""
         self.obeyed = self._requests.epoch.value
         self._requests.discard_older()
-        steps = self.relaxing(tuple(self._bus.joints.values()))
-        self._requests.advance(self._requests.start(steps, despite_stop=True))
+        self.cut(*self._bus.joints.values())
 
     # Torque on. All raise ServoError or CommunicationError, and then leave the joint relaxed.
 
@@ -195,11 +217,13 @@ class Procedures:
     def _pinning(self, joint: Joint, powered: bool = False) -> Steps[None]:
         """Switch torque on, or require it to be on (`powered`), at the present position."""
         ticks: list[int] = []
-        relaxations = joint.relaxations
+        request = object()
+        for servo in joint.servos:
+            servo.held_by = request
         try:
             for servo in joint.servos:
                 steps = pin(servo, joint.range(servo), powered)
-                ticks.append((yield from unless(lambda: joint.relaxations != relaxations, steps)))
+                ticks.append((yield from while_held_by(request, joint.servos, steps)))
         except GeneratorExit:  # cancelled; the goal alone may have switched torque on
             with suppress(DynamixelError):
                 self._release(joint)
@@ -261,8 +285,7 @@ class Procedures:
         try:
             result = yield from self._take_back(joint, servo)
         except (CommunicationError, ServoError, ConfigurationError) as cause:
-            poll_interval = round(self._bus.settings.poll_interval * 1e9)
-            servo.lose(self._bus.monotonic() + poll_interval)
+            servo.lose(self._bus.monotonic() + POLL_INTERVAL)
             if not isinstance(cause, CommunicationError):
                 text, times = self._unusable.get(servo.id, ("", 0))
                 times = times + 1 if text == str(cause) else 1
@@ -281,7 +304,6 @@ class Procedures:
         Otherwise it is relaxed.
         """
         others = joint.on
-        relaxations = joint.relaxations
         keep = others or (joint.resumes and not (joint.relaxed or joint.resting))
         identity = yield from servo.identify(keep_torque=keep)
         try:
@@ -289,7 +311,7 @@ class Procedures:
         except ConfigurationError:
             release(self._bus.port, (servo,))
             raise
-        if joint.relaxations != relaxations:
+        if keep and not (joint.on or joint.resumes):  # relaxed meanwhile
             release(self._bus.port, (servo,))
             return joint.torque.value
         if keep and identity.faulted:

@@ -210,19 +210,14 @@ def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) ->
 
 
 class Status(NamedTuple):
-    """The reply of a servo.
-
-    Attributes:
-        id: The servo.
-        error: Error byte. Protocol 1.0: the state of the servo (`ErrorBits`). Protocol 2.0: a
-            `StatusCode` and the alert bit.
-        data: The data, without stuffing.
-        stamp: Time at which the servo had received the instruction, on the port's clock, s.
-    """
+    """The reply of a servo."""
 
     id: int
+    # Error byte. Protocol 1.0: the state of the servo (`ErrorBits`). Protocol 2.0: a `StatusCode`
+    # and the alert bit.
     error: int
-    data: bytes = b""
+    data: bytes = b""  # without stuffing
+    # Time at which the servo had received the instruction, on the port's clock, s.
     stamp: float = 0.0
 
 
@@ -259,17 +254,11 @@ def decode_status(protocol: int, packet: bytes, stamp: float = 0.0) -> Status | 
 
 
 class Found(NamedTuple):
-    """The first valid packet in a buffer.
+    """The first valid packet in a buffer."""
 
-    Attributes:
-        packet: Its bytes; empty if there is none (yet).
-        end: Its end in the buffer.
-        damaged: Whether a whole packet with a wrong checksum precedes it, or is in the buffer.
-    """
-
-    packet: bytes
-    end: int
-    damaged: bool
+    packet: bytes  # its bytes; empty if there is none (yet)
+    end: int  # its end in the buffer
+    damaged: bool  # whether a whole packet with a wrong checksum precedes it, or is in the buffer
 
 
 def find_packet(protocol: int, buffer: bytes) -> Found:

@@ -28,25 +28,15 @@ class ReadMethod(Enum):
 
 
 class InstructionPacket(NamedTuple):
-    """A packet to send, and the reply of one servo that is expected.
-
-    Attributes:
-        packet: The bytes to send.
-        protocol: 1 or 2.
-        id: The servo; BROADCAST_ID if several reply in one packet.
-        length: Bytes of data of the reply.
-        size: Bytes of the reply.
-        prefix: First bytes of the reply.
-        description: The instruction, for messages.
-    """
+    """A packet to send, and the reply of one servo that is expected."""
 
     packet: bytes
     protocol: int
-    id: int
-    length: int
-    size: int
-    prefix: bytes
-    description: str
+    id: int  # of the servo; BROADCAST_ID if several reply in one packet
+    length: int  # bytes of data of the reply
+    size: int  # bytes of the reply
+    prefix: bytes  # first bytes of the reply
+    description: str  # of the instruction, for messages
 
 
 def instruction_packet(
@@ -60,22 +50,14 @@ def instruction_packet(
 
 @dataclass(frozen=True, slots=True)
 class ReadGroup:
-    """The same registers of one or more servos, read with one packet.
+    """The same registers of one or more servos, read with one packet."""
 
-    Attributes:
-        method: How they are read; EACH for one servo only.
-        protocol: 1 or 2.
-        address: First register byte.
-        length: Number of bytes.
-        ids: The servos.
-        replies: The packet, once for each expected reply.
-    """
-
-    method: ReadMethod
+    method: ReadMethod  # EACH for one servo only
     protocol: int
-    address: int
-    length: int
+    address: int  # of the first byte
+    length: int  # bytes
     ids: tuple[int, ...]
+    # the packet, once for each expected reply
     replies: tuple[InstructionPacket, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

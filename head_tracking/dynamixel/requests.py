@@ -45,24 +45,14 @@ class Epoch:
 
 @dataclass(slots=True, eq=False)
 class Request:
-    """A request to the thread that owns the bus.
+    """A request to the thread that owns the bus."""
 
-    Attributes:
-        function: Carries it out, or returns the steps that do.
-        epoch: In which it was made.
-        despite_stop: Whether it is carried out although STOP came after it: it relaxes, or changes
-            a value that moves nothing.
-        future: Gets its result or its exception; cancelling it ends the request.
-        steps: The remaining steps, once it has begun.
-        due: Monotonic time before which no step is taken, ns.
-    """
-
-    function: Callable[[], Any]
-    epoch: int
-    despite_stop: bool = False
-    future: Future[Any] = field(default_factory=Future)
-    steps: Steps[Any] | None = None
-    due: int = 0
+    function: Callable[[], Any]  # carries it out, or returns the steps that do
+    epoch: int  # in which it was made
+    despite_stop: bool = False  # carry it out although STOP came after it, because it moves nothing
+    future: Future[Any] = field(default_factory=Future)  # cancelling it ends the request
+    steps: Steps[Any] | None = None  # the remaining ones, once it has begun
+    due: int = 0  # monotonic time before which no step is taken, ns
 
     def answer(self, error: BaseException | None, result: Any = None) -> None:
         """Set an error or a result, unless the future is done."""

@@ -70,7 +70,6 @@ class LinkState(Enum):
     SILENT = "did not answer the last time"
     INTERRUPTED = "answers again; its torque has not been read since"
     LOST = "left out of the cycle, and asked now and then"
-    RETURNED = "found again, and not read since"
 
 
 class Version:
@@ -92,31 +91,15 @@ class Counters:
 
 @dataclass(frozen=True, slots=True)
 class ServoIdentity:
-    """Facts read from a servo that fits its joint.
+    """Facts read from a servo that fits its joint."""
 
-    Attributes:
-        joint_name: The joint.
-        id: Servo id.
-        model: Name of the model.
-        firmware_version: Contents of its register.
-        own_range: Lowest and highest tick by the servo's own angle limits.
-        shutdown: Errors that make the servo switch itself off.
-        temperature_limit: It shuts down above this temperature, degrees Celsius.
-        lowest_voltage: Lower limit of its supply, V.
-        powered: Whether its torque was on when it was found.
-        faulted: Whether it had shut itself down when it was found.
-    """
-
-    joint_name: str
-    id: int
-    model: str
     firmware_version: int
-    own_range: tuple[int, int]
-    shutdown: IntFlag
-    temperature_limit: float
-    lowest_voltage: float
-    powered: bool
-    faulted: bool
+    own_range: tuple[int, int]  # lowest and highest tick by the servo's own angle limits
+    shutdown: IntFlag  # errors that make the servo switch itself off
+    temperature_limit: float  # it shuts down above this temperature, degrees Celsius
+    lowest_voltage: float  # lower limit of its supply, V
+    powered: bool  # whether its torque was on when it was found
+    faulted: bool  # whether it had shut itself down when it was found
 
 
 class Servo:
@@ -129,35 +112,6 @@ class Servo:
         calibration: Of its joint; None: the whole range of the servo, zero in the middle.
         watchdog: Time without any packet after which it shall stop by itself, s; 0: never.
         version: Of its bus; None: its own.
-
-    Attributes:
-        id: Its id.
-        model: Its model.
-        calibration: Zero, range and direction of its joint.
-        acknowledges_writes: Whether it replies to writes (Status Return Level 2).
-        counters: Results of the transactions.
-        identity: Facts read from it; None until it was found.
-        link: Whether it answers.
-        others: Ids of the servos of other joints.
-        failed_cycles: Failed cycles in a row.
-        damaged_cycles: The last ones of them in which a damaged reply was received.
-        ask_at: Time before which it is not asked again, monotonic ns.
-        confirmed: Whether it has confirmed torque off, and torque has not been switched on since.
-        pins: How often switching its torque on has begun.
-        faulted: Whether it has shut itself down.
-        errors: Its errors, as read last.
-        range: Lowest and highest tick that configuration and servo allow.
-        limits: The same as positions of the joint, rad.
-        fastest: Highest goal speed, in counts.
-        goal_key: Protocol, address and length of the block of the goal.
-        stamp: Time of the last measurement, ns; 0: none.
-        ticks: Measured position in ticks.
-        position: Measured position of the joint, rad.
-        velocity: rad/s.
-        load: -1 to 1 of full torque, positive towards higher positions.
-        voltage: V.
-        temperature: Degrees Celsius.
-        error: Error byte of the last measurement.
     """
 
     def __init__(
@@ -169,24 +123,35 @@ class Servo:
         watchdog: float = 0.0,
         version: Version | None = None,
     ) -> None:
+        self._port, self._protocol = port, model.protocol
+        self._version, self._watchdog = version or Version(), watchdog
+        self._unpack, self._order = model.feedback.layout.unpack, model.feedback_order
         self.id = servo_id
         self.model = model
-        self.acknowledges_writes = True
-        self.counters = Counters()
-        self.identity: ServoIdentity | None = None
-        self.link = LinkState.UNKNOWN
-        self.others: Collection[int] = ()
-        self.failed_cycles = self.damaged_cycles = self.ask_at = self.pins = 0
-        self.faulted = self.confirmed = False
-        self.errors: IntFlag = NO_ERROR
-        self.stamp = self.ticks = self.error = 0
-        self.position = self.velocity = self.load = self.voltage = self.temperature = 0.0
+        self.others: Collection[int] = ()  # ids of the servos of other joints
         self.goal_key = (model.protocol, model.goal.address, model.goal.length)
-        self.fastest = model.speed_maximum
-        self._port, self._protocol = port, model.protocol
-        self._version = version or Version()
-        self._unpack, self._order = model.feedback.layout.unpack, model.feedback_order
-        self._watchdog = watchdog
+        self.fastest = model.speed_maximum  # highest goal speed, counts
+
+        self.identity: ServoIdentity | None = None  # None until it was found
+        self.link = LinkState.UNKNOWN
+        self.acknowledges_writes = True  # Status Return Level 2
+        self.counters = Counters()
+        self.failed_cycles = 0  # in a row
+        self.damaged_cycles = 0  # the last ones of them in which a damaged reply was received
+        self.ask_at = 0  # while it is lost: monotonic time of the next ping, ns
+        self.confirmed = False  # it has confirmed torque off, and torque was not switched on since
+        self.held_by: object | None = None  # the last request to switch torque on; None: to relax
+        self.faulted = False  # it has shut itself down
+        self.errors: IntFlag = NO_ERROR  # as read last
+
+        self.stamp = 0  # of the last measurement, ns; 0: none
+        self.ticks = 0
+        self.position = 0.0  # of the joint, rad
+        self.velocity = 0.0  # rad/s
+        self.load = 0.0  # -1 to 1 of full torque, positive towards higher positions
+        self.voltage = 0.0
+        self.temperature = 0.0  # degrees Celsius
+        self.error = 0  # error byte
         whole = ServoCalibration(
             f"servo {servo_id}", servo_id, model.center, 0, model.ticks - 1, model
         )
@@ -365,9 +330,6 @@ class Servo:
         lower, upper = (memory[name] for name in model.position_limits)
         shutdown = model.errors(memory["Shutdown"] & sum(model.errors))
         identity = ServoIdentity(
-            joint_name,
-            self.id,
-            model.name,
             memory["Firmware Version"],
             (lower, upper),
             shutdown,
@@ -378,16 +340,15 @@ class Servo:
         )
         problem: ServoError | ConfigurationError | None = None
         try:
-            for check in (_check_mode, _check_offset, _check_direction, _check_secondary_id):
-                check(self, memory)
+            self._check_settings(memory)
             self.calibrate(self.calibration, identity.own_range)
         except (ServoError, ConfigurationError) as cause:
             problem = cause
         else:  # it can be read from now on
             self.identity = identity
             self.faulted = identity.faulted
-            self.failed_cycles = self.ask_at = 0
-            self._enter(LinkState.RETURNED if self.lost else LinkState.PRESENT)
+            self.failed_cycles = 0
+            self._enter(LinkState.INTERRUPTED if self.lost else LinkState.PRESENT)
         if keep_torque:
             self.confirmed = not identity.powered
         else:
@@ -396,6 +357,33 @@ class Servo:
         if problem is not None:
             raise problem
         return identity
+
+    def _check_settings(self, memory: Mapping[str, int]) -> None:
+        who = f"servo {self.id} ({self.calibration.joint_name})"
+        for name, right, why in self._wrong_settings(memory):
+            raise ServoSetupError(
+                f"{who} {why}: {name} (register {self.model.control_table[name].address}) is "
+                f"{memory[name]}; set it to {right}, for example with `servo set {self.id} "
+                f"'{name}' {right}`"
+            )
+
+    def _wrong_settings(self, memory: Mapping[str, int]) -> Iterator[tuple[str, int, str]]:
+        """Yield register name, right value, and what is wrong.
+
+        Drive Mode and offset are kept in EEPROM: another driver may have changed them.
+        """
+        model, calibration = self.model, self.calibration
+        yield from wrong_mode(self, memory)
+        if model.offset is not None and calibration.offset is not None:
+            register, right = model.offset, model.offset.from_counts(calibration.offset)
+            if memory[register.name] != right:
+                yield register.name, right, "was calibrated with another offset"
+        if calibration.reverse is not None:
+            mode = memory["Drive Mode"]
+            if bool(mode & _REVERSE) != calibration.reverse:
+                yield "Drive Mode", mode ^ _REVERSE, "turns in the other direction than configured"
+        if memory.get("Secondary ID") in self.others:
+            yield "Secondary ID", 255, "also obeys packets for a servo of another joint"
 
     def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
         """Write settings that differ, and read them back.
@@ -534,10 +522,10 @@ class Servo:
         Raises:
             ConfigurationError: They have nothing in common; nothing has changed.
         """
-        self.range = calibration.within(own_range or self.own_range)
+        self.range = calibration.within(own_range or self.own_range)  # ticks
         self.calibration = calibration
         lower, upper = sorted(map(calibration.position, self.range))
-        self.limits = (lower, upper)
+        self.limits = (lower, upper)  # rad
         self._velocity_scale = calibration.direction * self.model.speed_unit
         self._load_scale = calibration.direction / self.model.load_maximum
 
@@ -583,9 +571,8 @@ class Servo:
         self.ask_at = ask_at
         self._enter(LinkState.LOST)
 
-    def note_failure(self, cause: CommunicationError, ask_at: int) -> None:
-        """Record a cycle without a usable reply; `ask_at`: as in `lose`."""
-        self.ask_at = ask_at
+    def note_failure(self, cause: CommunicationError) -> None:
+        """Record a cycle without a usable reply."""
         self.failed_cycles += 1
         self.damaged_cycles = 0 if isinstance(cause, ReplyTimeoutError) else self.damaged_cycles + 1
         self._enter(LinkState.SILENT)
@@ -593,7 +580,7 @@ class Servo:
     def note_reply(self) -> None:
         """Record a usable reply after another link state than PRESENT."""
         interrupted = self.link in (LinkState.SILENT, LinkState.INTERRUPTED)
-        self.failed_cycles = self.damaged_cycles = self.ask_at = 0
+        self.failed_cycles = self.damaged_cycles = 0
         self._enter(LinkState.INTERRUPTED if interrupted else LinkState.PRESENT)
 
     def interrupt(self) -> None:
@@ -633,7 +620,23 @@ def model_name(number: int) -> str:
         return f"an unknown model with number {number}"
 
 
-# Identification
+def wrong_mode(servo: Servo, memory: Mapping[str, int]) -> Iterator[tuple[str, int, str]]:
+    """Yield name, right value and what is wrong of registers that prevent position control.
+
+    Args:
+        servo: The servo.
+        memory: Values of its registers, by name, with those of its modes and position limits.
+    """
+    for name, mode in servo.model.modes.items():
+        if not mode.fits(memory[name]):
+            yield name, memory[name] & ~mode.mask | mode.value, mode.otherwise
+    first, last = servo.model.position_limits
+    if servo.model.protocol == 1 and memory[first] == memory[last]:
+        low, high = servo.calibration.tick_range
+        if memory[last] == 0:
+            yield last, high, "is in wheel mode"
+        else:
+            yield first, low, "is in multi-turn mode"
 
 
 @cache
@@ -654,70 +657,3 @@ def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:
     if memory.get("Hardware Error Status", 0) & shutdown:
         return True
     return "Torque Limit" in memory and memory["Torque Limit"] == 0 < memory["Max Torque"]
-
-
-def _check_mode(servo: Servo, memory: Mapping[str, int]) -> None:
-    """Refuse a servo in another mode than position control, or with other units of speed."""
-    who, model = f"servo {servo.id} ({servo.calibration.joint_name})", servo.model
-    for name, mode in model.modes.items():
-        value = memory[name]
-        if not mode.fits(value):
-            address = model.control_table[name].address
-            right = value & ~mode.mask | mode.value
-            raise ServoSetupError(
-                f"{who} {mode.otherwise}: {name} (register {address}) is {value}; set it to "
-                f"{right}, for example with `servo set {servo.id} '{name}' {right}`"
-            )
-    lower, upper = (memory[name] for name in model.position_limits)
-    if model.protocol == 1 and lower == upper:
-        name = "wheel mode" if lower == 0 else "multi-turn mode"
-        low, high = servo.calibration.tick_range
-        raise ServoSetupError(
-            f"{who} is in {name} (both angle limits are {lower}); set its "
-            f"{' and '.join(model.position_limits)}, for example to {low} and {high} with "
-            f"`servo set {servo.id} REGISTER VALUE`"
-        )
-
-
-def _check_offset(servo: Servo, memory: Mapping[str, int]) -> None:
-    """Refuse a servo that adds another offset to its position than when it was calibrated."""
-    register, wanted = servo.model.offset, servo.calibration.offset
-    if register is None or wanted is None:
-        return
-    offset = register.counts(memory[register.name])
-    if offset != wanted:
-        raise ServoSetupError(
-            f"servo {servo.id} ({servo.calibration.joint_name}) has {register.name} {offset} in "
-            f"its memory, but the configuration was made with offset {wanted}: calibrate it "
-            f"again, or `servo set {servo.id} '{register.name}' {wanted}`"
-        )
-
-
-def _check_secondary_id(servo: Servo, memory: Mapping[str, int]) -> None:
-    """Refuse a servo that also obeys packets for a servo of another joint."""
-    other = memory.get("Secondary ID")
-    if other in servo.others:
-        raise ServoSetupError(
-            f"servo {servo.id} ({servo.calibration.joint_name}) also obeys packets for servo "
-            f"{other}, which turns another joint: remove its Secondary ID, for example with "
-            f"`servo set {servo.id} 'Secondary ID' 255`"
-        )
-
-
-def _check_direction(servo: Servo, memory: Mapping[str, int]) -> None:
-    """Refuse a servo that counts ticks in another direction than when it was calibrated.
-
-    Drive Mode is kept in EEPROM: another driver may have reversed it.
-    """
-    calibration = servo.calibration
-    if calibration.reverse is None:
-        return
-    mode = memory["Drive Mode"]
-    if bool(mode & _REVERSE) != calibration.reverse:
-        wanted, (init, low, high) = mode ^ _REVERSE, calibration.mirrored()
-        raise ServoSetupError(
-            f"servo {servo.id} ({calibration.joint_name}) has Drive Mode {mode} in its memory, and "
-            f"turns in the other direction than configured (reverse: {int(calibration.reverse)}). "
-            f"`servo set {servo.id} 'Drive Mode' {wanted}`, or configure reverse: "
-            f"{mode & _REVERSE}, init: {init}, min: {low}, max: {high}"
-        )

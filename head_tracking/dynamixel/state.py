@@ -39,16 +39,12 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """The result of an accepted command.
+    """The result of an accepted command."""
 
-    Attributes:
-        positions: Accepted goal position by joint, rad.
-        clamped: Accepted minus commanded position, rad, of joints that were moved to a limit.
-        left_out: Joints that accept no goals now, and why; their goals were dropped.
-    """
-
-    positions: Mapping[str, float]
+    positions: Mapping[str, float]  # accepted goal position by joint, rad
+    # Accepted minus commanded position, rad, of joints that were moved to a limit.
     clamped: Mapping[str, float]
+    # Joints that accept no goals now, and why; their goals were dropped.
     left_out: Mapping[str, str]
 
 
@@ -78,31 +74,19 @@ class ServoState(NamedTuple):
     If two servos drive the joint: position, velocity and stamp of the first one that answered, mean
     load, lowest voltage, highest temperature, errors of both.
 
-    Attributes:
-        joint_name: The joint.
-        id: Servo id.
-        stamp: Time of the measurement, ns, on the clock of the bus.
-        position: Joint position, rad.
-        velocity: Joint velocity, rad/s.
-        load: -1 to 1 of full torque, positive towards higher positions.
-        voltage: Supply, V.
-        temperature: Degrees Celsius.
-        error: `ErrorBits` in protocol 1.0, otherwise the model's hardware errors.
-        torque: Whether torque is on.
-        goal: Goal position, rad; None while relaxed.
     """
 
     joint_name: str
     id: int
-    stamp: int
-    position: float
-    velocity: float
-    load: float
-    voltage: float
-    temperature: float
-    error: IntFlag
-    torque: bool
-    goal: float | None
+    stamp: int  # time of the measurement, ns, on the clock of the bus
+    position: float  # joint position, rad
+    velocity: float  # joint velocity, rad/s
+    load: float  # -1 to 1 of full torque, positive towards higher positions
+    voltage: float  # supply, V
+    temperature: float  # degrees Celsius
+    error: IntFlag  # `ErrorBits` in protocol 1.0, otherwise the model's hardware errors
+    torque: bool  # whether torque is on
+    goal: float | None  # goal position, rad; None while relaxed
 
     @property
     def effort(self) -> float:
@@ -173,106 +157,61 @@ class Symptom(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BusEvent:
-    """An event on the bus.
-
-    Attributes:
-        kind: What happened.
-        joint_name: The joint; empty for the port.
-        text: One sentence for the log.
-        stuck: Whether the joint cannot reach its goals any more.
-        repeated: Whether it has happened twice in a short time; the log leaves it out.
-    """
+    """An event on the bus."""
 
     kind: EventKind
-    joint_name: str
-    text: str
-    stuck: bool = False
-    repeated: bool = False
+    joint_name: str  # the joint; empty for the port
+    text: str  # one sentence for the log
+    stuck: bool = False  # whether the joint cannot reach its goals any more
+    repeated: bool = False  # whether it has happened twice in a short time; the log leaves it out
 
 
 class BusReading(NamedTuple):
-    """Result of one bus cycle.
+    """Result of one bus cycle."""
 
-    Attributes:
-        cycle: Number of the cycle, from 1.
-        stamp: Start of the cycle, ns.
-        states: Measurements of this cycle by joint name; joints that did not answer are absent.
-        failed: Joints that did not answer in this cycle.
-        lost: Joints that have not answered for some time.
-        events: Events since the previous reading, in order.
-    """
-
-    cycle: int
-    stamp: int
+    cycle: int  # number of the cycle, from 1
+    stamp: int  # start of the cycle, ns
+    # Measurements of this cycle by joint name; joints that did not answer are absent.
     states: Mapping[str, ServoState]
-    failed: tuple[str, ...]
-    lost: tuple[str, ...]
-    events: tuple[BusEvent, ...]
+    failed: tuple[str, ...]  # joints that did not answer in this cycle
+    lost: tuple[str, ...]  # joints that have not answered for some time
+    events: tuple[BusEvent, ...]  # events since the previous reading, in order
 
 
 @dataclass(frozen=True, slots=True)
 class ServoStatistics:
-    """Counters and state of one servo.
-
-    Attributes:
-        joint_name: The joint.
-        id: Servo id.
-        replies: Successful transactions.
-        retries: Repeated transactions.
-        timeouts: Attempts without a reply.
-        corrupt: Attempts with a damaged reply.
-        lost: Whether the servo is lost.
-        model: Name of the configured model.
-        firmware_version: None before the servo was found.
-        health: Its state.
-        errors: Its errors, as read last.
-        last_stamp: Time of the last measurement, ns; None: none.
-        temperature: Degrees Celsius; None if the servo is lost.
-        voltage: Supply, V; None if the servo is lost.
-        load: -1 to 1 of full torque; None if the servo is lost.
-        torque: Why it holds or does not hold its position.
-        symptoms: Faults that the diagnosis has found, a sentence each.
-        outcome: Result of its last goal: under way, arrived, missed by a distance, or why not.
-    """
+    """Counters and state of one servo."""
 
     joint_name: str
     id: int
-    replies: int
-    retries: int
-    timeouts: int
-    corrupt: int
-    lost: bool
-    model: str = ""
-    firmware_version: int | None = None
+    replies: int  # successful transactions
+    retries: int  # repeated transactions
+    timeouts: int  # attempts without a reply
+    corrupt: int  # attempts with a damaged reply
+    model: str = ""  # name of the configured model
+    firmware_version: int | None = None  # None before the servo was found
     health: Health = Health.PRESENT
-    errors: IntFlag = NO_ERROR
-    last_stamp: int | None = None
-    temperature: float | None = None
-    voltage: float | None = None
-    load: float | None = None
-    torque: str = ""
+    errors: IntFlag = NO_ERROR  # its errors, as read last
+    last_stamp: int | None = None  # time of the last measurement, ns; None: none
+    temperature: float = 0.0  # degrees Celsius, as read last
+    voltage: float = 0.0  # supply, V, as read last
+    load: float = 0.0  # -1 to 1 of full torque, as read last
+    torque: str = ""  # why it holds or does not hold its position
+    # Faults that the diagnosis has found, a sentence each.
     symptoms: Mapping[Symptom, str] = field(default_factory=dict)
+    # Result of its last goal: under way, arrived, missed by a distance, or why not.
     outcome: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class BusStatistics:
-    """Counters of a bus.
-
-    Attributes:
-        cycles: Number of cycles.
-        refused_commands: Commands that raised GoalError.
-        clamped_commands: Commands with at least one position moved to a limit.
-        servos: One entry for each servo, in the order of the configuration.
-        connected: Whether the port is open.
-        port_losses: How often the port was lost.
-        adapter: Facts about the adapter.
-    """
+    """Counters of a bus."""
 
     cycles: int
-    refused_commands: int
-    clamped_commands: int
+    refused_commands: int  # commands that raised GoalError
+    clamped_commands: int  # commands with at least one position moved to a limit
+    # One entry for each servo, in the order of the configuration.
     servos: tuple[ServoStatistics, ...]
-    connected: bool = True
-    port_losses: int = 0
+    connected: bool = True  # whether the port is open
+    port_losses: int = 0  # how often the port was lost
     adapter: Adapter = field(default_factory=Adapter)

@@ -21,19 +21,12 @@ _CLOSING = 10.0  # s that braking, and asking every servo several times, may tak
 
 @dataclass(frozen=True, slots=True)
 class BusTiming:
-    """Timing of the cycle.
+    """Timing of the cycle."""
 
-    Attributes:
-        update_rate: Configured cycles per second.
-        reached_rate: Cycles per second in the last second; 0 before it has passed.
-        longest_cycle: Longest cycle so far, s.
-        missed: Cycles left out because an earlier one took too long.
-    """
-
-    update_rate: float
-    reached_rate: float
-    longest_cycle: float
-    missed: int
+    update_rate: float  # configured cycles per second
+    reached_rate: float  # cycles per second in the last second; 0 before it has passed
+    longest_cycle: float  # longest cycle so far, s
+    missed: int  # cycles left out because an earlier one took too long
 
 
 class BusThread:

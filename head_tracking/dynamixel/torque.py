@@ -49,7 +49,6 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     if powered and not servo.get("Torque Enable"):
         raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
     servo.confirmed = False
-    servo.pins += 1
     yield from servo.disarm()  # a tripped watchdog refuses goals
     before = servo.get("Present Position")
     if not powered:
@@ -114,9 +113,8 @@ def relaxing(
     Returns:
         By id, why a servo did not confirm; empty where it did.
     """
-    pins = {servo.id: servo.pins for servo in servos}
     for servo in servos:
-        servo.confirmed = False
+        servo.confirmed, servo.held_by = False, None
     with suppress(PortLostError, NotConnectedError):  # reported by what follows
         release(port, servos)
     yield 0.0
@@ -125,7 +123,7 @@ def relaxing(
         try:
             if servo.lost:
                 raise ServoError("the servo does not answer")
-            yield from _confirming(servo, pins[servo.id], disarm)
+            yield from while_held_by(None, [servo], _confirming(servo, disarm))
         except DynamixelError as cause:
             problems[servo.id] = str(cause)
         else:
@@ -134,23 +132,18 @@ def relaxing(
     return problems
 
 
-def _confirming(servo: Servo, pins: int, disarm: bool) -> Steps[None]:
-    """Make sure that a servo is relaxed, until somebody switches its torque on."""
-
-    def steps() -> Steps[None]:
-        if servo.get("Torque Enable"):
-            yield 0.0
-            yield from servo.switch_torque(False)
-        if disarm:
-            yield 0.0
-            yield from servo.disarm()
-
-    return unless(lambda: servo.pins != pins, steps())
+def _confirming(servo: Servo, disarm: bool) -> Steps[None]:
+    if servo.get("Torque Enable"):
+        yield 0.0
+        yield from servo.switch_torque(False)
+    if disarm:
+        yield 0.0
+        yield from servo.disarm()
 
 
-def unless(superseded: Callable[[], bool], steps: Steps[_T]) -> Steps[_T]:
+def while_held_by(request: object | None, servos: Iterable[Servo], steps: Steps[_T]) -> Steps[_T]:
     """Take steps; raise ServoError as soon as another request has switched the torque."""
-    while not superseded():
+    while all([servo.held_by is request for servo in servos]):
         try:
             yield next(steps)
         except StopIteration as end:

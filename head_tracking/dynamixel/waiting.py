@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Final
 
 from head_tracking.dynamixel.exceptions import ReplyTimeoutError
-from head_tracking.dynamixel.protocol import Status
 from head_tracking.dynamixel.reading import InstructionPacket, ReadGroup
 
 LONGEST: Final = 0.025  # s; an FTDI adapter's latency timer is 16 ms by default
@@ -67,27 +66,20 @@ class LateReplies:
 
     Args:
         clock: Monotonic time, s.
-
-    Attributes:
-        due: When they were expected, s, by protocol and id, and by bytes of data.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
-        self.due: dict[tuple[int, int], dict[int, float]] = {}
+        self.due: dict[tuple[int, int, int], float] = {}
+        """When they were expected, s, by protocol, id, and bytes of data."""
         self._clock = clock
 
     def add(self, instruction: InstructionPacket, due: float) -> None:
         """Record that a reply, expected at time `due` in s, has not arrived."""
-        key = instruction.protocol, instruction.id
-        self.due.setdefault(key, {})[instruction.length] = due
+        self.due[instruction.protocol, instruction.id, instruction.length] = due
 
     def is_ambiguous(self, instruction: InstructionPacket) -> bool:
         """Return whether a late reply has the length of the reply to this instruction."""
-        return instruction.length in self.due.get((instruction.protocol, instruction.id), ())
-
-    def accept(self, instruction: InstructionPacket) -> None:
-        """Accept a late reply as the reply to this instruction."""
-        self.due.get((instruction.protocol, instruction.id), {}).pop(instruction.length, None)
+        return (instruction.protocol, instruction.id, instruction.length) in self.due
 
     def unambiguous(self, group: ReadGroup) -> ReadGroup:
         """Return the group, or one that reads more bytes, whose replies differ from late ones.
@@ -95,8 +87,6 @@ class LateReplies:
         Raises:
             ReplyTimeoutError: There is none, after many failures within a second.
         """
-        if not self.due:
-            return group
         self.expire()
         for extra in range(_MOST_EXTRA + 1):
             longer = group.extended(extra) if extra else group
@@ -104,17 +94,12 @@ class LateReplies:
                 return longer
         raise ReplyTimeoutError(f"servo {group.ids[0]} has not answered many times")
 
-    def remove(self, protocol: int, status: Status) -> float | None:
+    def remove(self, protocol: int, servo_id: int, length: int) -> float | None:
         """Remove a late reply that has arrived; return its delay, s, or None if none is due."""
-        due = self.due.get((protocol, status.id), {}).pop(len(status.data), None)
-        self.expire()
+        due = self.due.pop((protocol, servo_id, length), None)
         return None if due is None else self._clock() - due
 
     def expire(self) -> None:
         """Remove replies that are too old to arrive."""
         oldest = self._clock() - _FORGOTTEN
-        for key, late in list(self.due.items()):
-            recent = {length: due for length, due in late.items() if due >= oldest}
-            self.due[key] = recent
-            if not recent:
-                del self.due[key]
+        self.due = {reply: due for reply, due in self.due.items() if due >= oldest}

@@ -34,13 +34,12 @@ from head_tracking.dynamixel import (
     Goal,
     GoalError,
     JointConfiguration,
-    ReadGroup,
-    ReadMethod,
     ServoBus,
     ServoModel,
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Fault,

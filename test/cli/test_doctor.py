@@ -15,14 +15,8 @@ from head_tracking.cli.doctor import network
 from head_tracking.cli.doctor.__main__ import main
 from head_tracking.cli.doctor.findings import Grade
 from head_tracking.cli.doctor.network import Received, Times, check_clocks, check_targets
-from head_tracking.dynamixel import (
-    Adapter,
-    DynamixelPort,
-    PortBusyError,
-    PortMissingError,
-    PortPermissionError,
-    servo_model,
-)
+from head_tracking.dynamixel import Adapter, DynamixelPort, PortBusyError, servo_model
+from head_tracking.dynamixel.exceptions import PortMissingError, PortPermissionError
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedLine, SimulatedServo
 

@@ -23,7 +23,8 @@ from head_tracking import (
     TargetState,
     UnreachableError,
 )
-from head_tracking.dynamixel import DynamixelError, PortMissingError, ServoNotFoundError
+from head_tracking.dynamixel import DynamixelError
+from head_tracking.dynamixel.exceptions import PortMissingError, ServoNotFoundError
 from head_tracking.transforms import Rotation, Transform
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_msgs", "std_srvs", "sensor_msgs")

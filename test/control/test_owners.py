@@ -1,8 +1,6 @@
 import math
 import random
 import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given
@@ -45,16 +43,6 @@ def test_a_joint_of_another_owner_is_refused(owners):
     with pytest.raises(OwnershipError):
         owners.check("somebody", [TILT])
     assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
-
-
-def test_a_lease_ends_without_commands(owners, clock):
-    owners.claim("somebody", [PAN], LEASE)
-    with pytest.raises(OwnershipError) as refusal:
-        owners.claim("/other", [PAN], LEASE)
-    assert refusal.value.leased
-    clock.now += 1.01 * LEASE
-    assert owners.of([PAN]) == {PAN: ""}
-    owners.claim("/other", [PAN], LEASE)
 
 
 def test_only_resume_ends_a_stop(owners, clock):
@@ -269,35 +257,3 @@ def test_no_interleaving_of_requests_moves_a_stopped_head(seed):
                         assert owners.stopped is before
             if owners.stopped:
                 assert not servo.torque
-
-
-def test_two_clients_in_two_threads_never_move_a_stopped_head():
-    owners = JointOwners()
-    servo = Servo(owners)
-    ended = threading.Event()
-
-    def client(who: str) -> int:
-        refused = 0
-        while not ended.is_set():
-            try:
-                owners.take_over(who, JOINTS)
-                servo.switch_on(owners.check(who, JOINTS))
-            except (StoppedError, OwnershipError):
-                refused += 1
-        return refused
-
-    with ThreadPoolExecutor(2) as threads:
-        clients = [threads.submit(client, who) for who in WHO[:2]]
-        try:
-            for _ in range(50):
-                owners.stop(servo.relax)
-                for _ in range(5):
-                    assert not servo.torque
-                    time.sleep(1e-4)
-                resume(owners)
-                count = servo.carried_out
-                while servo.carried_out == count:
-                    time.sleep(1e-4)
-        finally:
-            ended.set()
-        assert all(each.result() for each in clients)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from head_tracking.dynamixel import DynamixelPort, PortMissingError
+from head_tracking.dynamixel import DynamixelPort
 from head_tracking.dynamixel import port as port_module
 from head_tracking.dynamixel.adapter import Adapter, prepare_adapter, stable_name
+from head_tracking.dynamixel.exceptions import PortMissingError
 
 
 class Kernel:

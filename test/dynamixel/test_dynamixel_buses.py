@@ -19,9 +19,9 @@ from head_tracking.dynamixel import (
     GoalError,
     JointConfiguration,
     ServoBus,
-    ServoNotFoundError,
     Torque,
 )
+from head_tracking.dynamixel.exceptions import ServoNotFoundError
 from head_tracking.dynamixel.servo import run
 
 PATIENCE = 10.0

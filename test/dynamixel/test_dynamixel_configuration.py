@@ -37,12 +37,6 @@ def test_positions_of_a_reversed_servo_fall_with_ticks() -> None:
     assert REVERSED.position(501) == pytest.approx(-STEP)
 
 
-@pytest.mark.parametrize("joint", [TILT, REVERSED])
-def test_limits_are_ordered_whichever_way_round(joint: JointConfiguration) -> None:
-    assert joint.lower < 0.0 < joint.upper
-    assert {joint.ticks(joint.lower), joint.ticks(joint.upper)} == set(joint.tick_range)
-
-
 def test_max_speed_is_the_limit() -> None:
     joint = replace(PAN, joint_speed=0.5, max_speed=1.0)
     assert joint.speed_limit == 1.0
@@ -84,10 +78,6 @@ def test_tutorials_max_of_1024_is_refused_and_not_wrapped() -> None:
 def test_impossible_configuration_is_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         replace(PAN, **change)  # type: ignore[arg-type]
-
-
-def test_good_configuration_passes_the_check() -> None:
-    assert check_configuration([PAN, TILT]) == (PAN, TILT)
 
 
 @pytest.mark.parametrize(

@@ -1,26 +1,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from head_tracking.dynamixel import (
-    ConfigurationError,
-    ErrorBits,
-    RangeError,
-    Register,
-    describe_errors,
-    servo_model,
-    servo_model_by_number,
-)
+from head_tracking.dynamixel import servo_model
 from head_tracking.dynamixel.control_table import (
     ControlTable,
-    decode_sign_magnitude,
-    encode_sign_magnitude,
+    Register,
+    Sign,
 )
-from head_tracking.dynamixel.exceptions import UnknownRegisterError
+from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table
@@ -78,22 +69,6 @@ def test_table_refuses_overlaps_and_double_names() -> None:
         ControlTable("test", (BYTE, Register("Byte", 1, 1, False, False)))
 
 
-@pytest.mark.parametrize("name", ["AX-12", "AX-12A", "ax-12+"])
-def test_model_is_found_by_any_of_its_names(name: str) -> None:
-    assert servo_model(name) is AX_12
-
-
-def test_model_is_found_by_number() -> None:
-    assert servo_model_by_number(12) is AX_12
-
-
-def test_unknown_models_list_the_known_ones() -> None:
-    with pytest.raises(ConfigurationError, match=r"'AX-99'; known are .*AX-12 \(12\)"):
-        servo_model("AX-99")
-    with pytest.raises(ConfigurationError, match=r"4711; known are .*AX-12 \(12\)"):
-        servo_model_by_number(4711)
-
-
 def test_vendors_figures() -> None:
     assert AX_12.radians_per_tick == pytest.approx(0.00511327, abs=1e-8)
     assert AX_12.speed_unit == pytest.approx(0.0116239, abs=1e-7)
@@ -102,29 +77,19 @@ def test_vendors_figures() -> None:
 
 
 @pytest.mark.parametrize(
-    ("raw", "value"), [(0, 0), (100, 100), (1023, 1023), (1024, 0), (1124, -100), (2047, -1023)]
+    ("bit", "raw", "value"),
+    [
+        *[(10, 0, 0), (10, 1023, 1023), (10, 1024, 0), (10, 1124, -100), (10, 2047, -1023)],
+        *[(11, 2148, -100), (15, 32868, -100)],
+    ],
 )
-def test_bit_10_is_the_sign(raw: int, value: int) -> None:
-    assert decode_sign_magnitude(raw) == value
-
-
-@given(st.integers(-1023, 1023))
-def test_sign_and_magnitude_round_trip(value: int) -> None:
-    assert decode_sign_magnitude(encode_sign_magnitude(value)) == value
-
-
-@pytest.mark.parametrize("raw", [-1, 2048, 65535])
-def test_bits_above_the_sign_are_refused(raw: int) -> None:
-    with pytest.raises(RangeError, match="0 to 2047"):
-        decode_sign_magnitude(raw)
-
-
-@pytest.mark.parametrize("value", [1024, -1024])
-def test_magnitude_that_does_not_fit_is_refused(value: int) -> None:
-    with pytest.raises(RangeError, match="-1023 to 1023"):
-        encode_sign_magnitude(value)
-
-
-def test_error_bits_in_words() -> None:
-    assert describe_errors(ErrorBits(36)) == "overheating, overload"
-    assert describe_errors(ErrorBits(0)) == "none"
+def test_sign_and_magnitude(bit: int, raw: int, value: int) -> None:
+    register = replace(BYTE, size=2, sign=Sign(f"bit {bit}"))
+    assert register.counts(raw) == value
+    assert register.from_counts(value) == (raw if value else 0)
+    for wrong in (-1, 2 << bit):
+        with pytest.raises(RangeError):
+            register.counts(wrong)
+    for wrong in (1 << bit, -1 << bit):
+        with pytest.raises(RangeError):
+            register.from_counts(wrong)

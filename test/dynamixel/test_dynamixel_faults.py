@@ -16,7 +16,6 @@ from head_tracking.dynamixel import (
     DynamixelPort,
     EventKind,
     Goal,
-    ServoBus,
     Torque,
     servo_model,
 )
@@ -51,7 +50,7 @@ def test_adapter_that_echoes_everything_is_tolerated() -> None:
     servos = [SimulatedServo(1), SimulatedServo(2, servo_model("XM430-W350"))]
     bench = Bench(SimulatedBus(servos, echo=True))
     joints = [ordeal_joint(servo.id, servo_model(servo.model.name)) for servo in servos]
-    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus = bench.servo_bus(joints)
     bus.connect()
     for _ in range(100):
         bus.command({"j1": Goal(0.3), "j2": Goal(-0.3)})
@@ -66,7 +65,7 @@ def test_adapter_with_a_latency_of_16_ms_is_waited_for() -> None:
     bench = Bench([SimulatedServo(1), SimulatedServo(2)])
     bench.line = type(bench.line)(bench.bus, bench.clock, latency=0.016)
     joints = [ordeal_joint(i, servo_model("AX-12")) for i in (1, 2)]
-    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus = bench.servo_bus(joints)
     bus.connect()
     for _ in range(100):
         bench.pass_time(PERIOD)

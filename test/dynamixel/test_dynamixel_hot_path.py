@@ -11,15 +11,9 @@ from typing import Any
 import pytest
 from simulated_device import Bench
 
-from head_tracking.dynamixel import (
-    Goal,
-    JointConfiguration,
-    ReadGroup,
-    ReadMethod,
-    ServoBus,
-    Status,
-    servo_model,
-)
+from head_tracking.dynamixel import Goal, JointConfiguration, servo_model
+from head_tracking.dynamixel.protocol import Status
+from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.simulation import SimulatedLine, SimulatedServo
 
 
@@ -68,7 +62,7 @@ def calls(name: str) -> Counter[str]:
         )
         for i in (1, 2)
     ]
-    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus = bench.servo_bus(joints)
     bus.connect()
     for _ in range(60):
         bus.command({"j1": Goal(0.1, 1.0), "j2": Goal(-0.1, 1.0)})

@@ -9,16 +9,14 @@ from head_tracking.dynamixel import (
     ConfigurationError,
     Goal,
     JointConfiguration,
-    RangeError,
-    ReadMethod,
-    Register,
-    ServoBus,
     ServoModel,
     servo_model,
-    servo_model_by_number,
 )
-from head_tracking.dynamixel.models import all_models
+from head_tracking.dynamixel.control_table import Register
+from head_tracking.dynamixel.exceptions import RangeError
+from head_tracking.dynamixel.models import all_models, servo_model_by_number
 from head_tracking.dynamixel.protocol import Instruction
+from head_tracking.dynamixel.reading import ReadMethod
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.simulation import SimulatedServo
 
@@ -137,7 +135,7 @@ def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
         )
         for i in (1, 2)
     ]
-    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus = bench.servo_bus(joints)
     bus.connect()
     margin = 0
     if "CW Compliance Margin" in model.control_table:
@@ -178,7 +176,7 @@ def _first_methods(model: ServoModel, firmware: int = 50) -> object:
         )
         for i in (1, 2)
     ]
-    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus = bench.servo_bus(joints)
     bus.connect()
     bus.step()
     sent: list[bytes] = []

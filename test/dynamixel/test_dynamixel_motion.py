@@ -20,7 +20,6 @@ from dynamixel_fakes import (
 )
 
 from head_tracking.dynamixel import (
-    ErrorBits,
     EventKind,
     Goal,
     GoalError,
@@ -30,6 +29,7 @@ from head_tracking.dynamixel import (
     Torque,
     TorqueError,
 )
+from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.servo import run
 
 ON, OFF = b"\x01", b"\x00"
@@ -87,9 +87,7 @@ def test_torque_on_holds_the_present_position() -> None:
     assert [event.kind for event in reading.events] == [EventKind.TORQUE_ON]
 
 
-def test_old_goal_is_never_executed_after_moving_by_hand() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_old_goal_is_never_executed_after_moving_by_hand(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
     run(bus.switching_torque(["head_pan_joint"], False))
@@ -101,9 +99,7 @@ def test_old_goal_is_never_executed_after_moving_by_hand() -> None:
     assert port.servos[1]["Goal Position"] == 300
 
 
-def test_goal_of_the_moment_before_torque_off_is_dropped() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     run(bus.switching_torque(["head_pan_joint"], False))
     run(bus.switching_torque(["head_pan_joint"], True))
@@ -111,9 +107,7 @@ def test_goal_of_the_moment_before_torque_off_is_dropped() -> None:
     assert port.servos[1]["Goal Position"] == 512
 
 
-def test_nothing_is_written_to_a_relaxed_servo() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_nothing_is_written_to_a_relaxed_servo(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
     bus.step()
     run(bus.switching_torque(["head_pan_joint"], False))
@@ -123,38 +117,6 @@ def test_nothing_is_written_to_a_relaxed_servo() -> None:
         bus.step()
     assert all(set(packet[2]) == {2} for packet in writes(port.log))  # type: ignore[call-overload]
     assert port.servos[1]["Torque Enable"] == 0
-
-
-def test_relaxing_is_verified() -> None:
-    port = FakePort()
-    bus = connected(port)
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    port.servos[1]["Present Position"] = PAN.ticks(0.5)
-    bus.step()
-    port.take_log()
-    run(bus.switching_torque(["head_pan_joint"], False))
-    assert port.log == [("sync", TORQUE, {1: OFF}), ("read", 1, TORQUE, 1)]
-    assert bus.step().states["head_pan_joint"].torque is False
-
-
-def test_torque_of_all_joints() -> None:
-    port = FakePort()
-    bus = connected(port)
-    run(bus.switching_torque(None, True))
-    assert [bus.joint(joint.joint_name).torque for joint in bus.joints] == [Torque.ON] * 2
-    run(bus.switching_torque(None, False))
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
-
-
-def test_torque_on_twice_does_not_disturb_a_motion() -> None:
-    port = FakePort()
-    bus = connected(port)
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    run(bus.switching_torque(["head_pan_joint"], True))
-    bus.step()
-    assert port.servos[1]["Goal Position"] == PAN.ticks(0.5)
 
 
 @pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])
@@ -168,9 +130,7 @@ def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(
     assert writes(port.log)[0] == ("write", 2, GOAL, goal_bytes(goal, 1))
 
 
-def test_servo_that_refuses_torque_is_left_relaxed() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_servo_that_refuses_torque_is_left_relaxed(port, bus) -> None:
     port.servos[1].error = ErrorBits.ANGLE_LIMIT
     with pytest.raises(TorqueError, match=r"head_pan_joint: .*refused Goal Position.*angle limit"):
         run(bus.switching_torque(None, True))
@@ -179,18 +139,16 @@ def test_servo_that_refuses_torque_is_left_relaxed() -> None:
     assert bus.joint("head_tilt_joint").torque is Torque.ON
 
 
-def test_servo_that_keeps_its_old_goal_is_not_switched_on() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_servo_that_keeps_its_old_goal_is_not_switched_on(port, bus) -> None:
     port.servos[1].ignored.add(GOAL)
     with pytest.raises(TorqueError, match="Goal Position"):
         run(bus.switching_torque(["head_pan_joint"], True))
     assert ("write", 1, TORQUE, ON) not in port.log
 
 
-def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported(
+    port: FakePort, bus: ServoBus
+) -> None:
     port.servos[1].error = ErrorBits.RANGE
     bus.command({"head_pan_joint": Goal(0.5)})
     events = bus.step().events
@@ -201,9 +159,7 @@ def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported() -> Non
     assert port.servos[1]["Torque Enable"] == 0
 
 
-def test_relaxing_a_silent_servo_is_not_called_a_success() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_relaxing_a_silent_servo_is_not_called_a_success(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
     bus.step()
     port.servos[1].answers = False
@@ -213,9 +169,7 @@ def test_relaxing_a_silent_servo_is_not_called_a_success() -> None:
     assert port.servos[2]["Torque Enable"] == 0
 
 
-def test_torque_of_a_lost_servo() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_torque_of_a_lost_servo(port, bus) -> None:
     port.servos[1].answers = False
     for _ in range(5):
         bus.step()
@@ -227,9 +181,7 @@ def test_torque_of_a_lost_servo() -> None:
     assert port.log == [("sync", TORQUE, {1: OFF})]  # tried all the same
 
 
-def test_torque_of_an_unknown_joint_switches_nothing() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_torque_of_an_unknown_joint_switches_nothing(port, bus) -> None:
     with pytest.raises(GoalError, match=r"no joint 'elbow'.*head_pan_joint, head_tilt_joint"):
         run(bus.switching_torque(["head_pan_joint", "elbow"], True))
     assert port.log == []
@@ -238,9 +190,9 @@ def test_torque_of_an_unknown_joint_switches_nothing() -> None:
 # Commands
 
 
-def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated(
+    port: FakePort, bus: ServoBus
+) -> None:
     bus.command({"head_pan_joint": Goal(0.5, 1.0), "head_tilt_joint": Goal(-0.2, 0.5)})
     bus.step()
     expected = (
@@ -258,18 +210,7 @@ def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated() -> None:
     assert port.log == [("read", 1, 36, 8), ("read", 2, 36, 8), expected]
 
 
-def test_newest_goal_wins() -> None:
-    port = FakePort()
-    bus = connected(port)
-    for position in (0.1, 0.2, 0.3):
-        bus.command({"head_pan_joint": Goal(position)})
-    bus.step()
-    assert port.servos[1]["Goal Position"] == PAN.ticks(0.3)
-
-
-def test_goal_without_speed_uses_the_joints_speed() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_goal_without_speed_uses_the_joints_speed(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
     assert port.servos[1]["Moving Speed"] == speed_ticks(PAN, 2.0)
@@ -280,9 +221,7 @@ def test_goal_without_speed_uses_the_joints_speed() -> None:
 
 
 @pytest.mark.parametrize("speed", [1e-12, 1e-3, 5e-3])
-def test_slow_is_never_zero_on_the_wire(speed: float) -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_slow_is_never_zero_on_the_wire(port, bus, speed: float) -> None:
     bus.command({"head_pan_joint": Goal(0.5, speed)})
     bus.step()
     assert port.servos[1]["Moving Speed"] == 1
@@ -326,20 +265,7 @@ def test_bad_command_is_refused_and_nothing_moves(
     assert bus.statistics().refused_commands == 1
 
 
-def test_refused_command_leaves_the_old_goal() -> None:
-    port = FakePort()
-    bus = connected(port)
-    bus.command({"head_pan_joint": Goal(0.3)})
-    bus.step()
-    with pytest.raises(GoalError):
-        bus.command({"head_pan_joint": Goal(math.nan)})
-    bus.step()
-    assert port.servos[1]["Goal Position"] == PAN.ticks(0.3)
-
-
-def test_one_tick_beyond_the_limit_counts_as_on_the_limit() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_one_tick_beyond_the_limit_counts_as_on_the_limit(port, bus) -> None:
     result = bus.command({"head_tilt_joint": Goal(TILT.upper + 0.99 * TICK)})
     assert result.positions == {"head_tilt_joint": TILT.upper}
     assert result.clamped == {}
@@ -350,9 +276,7 @@ def test_one_tick_beyond_the_limit_counts_as_on_the_limit() -> None:
 
 
 @pytest.mark.parametrize(("position", "ticks"), [(9.0, 800), (-9.0, 300)])
-def test_clamping_is_reported(position: float, ticks: int) -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_clamping_is_reported(port, bus, position: float, ticks: int) -> None:
     result = bus.command({"head_tilt_joint": Goal(position)}, clamp=True)
     limit = TILT.position(ticks)
     assert result.positions == {"head_tilt_joint": limit}
@@ -362,30 +286,9 @@ def test_clamping_is_reported(position: float, ticks: int) -> None:
     assert port.servos[2]["Goal Position"] == ticks
 
 
-def test_goals_stay_within_the_servos_own_limits() -> None:
-    port = FakePort()
-    port.servos[1]["CCW Angle Limit"] = 600
-    bus = connected(port)
-    bus.command({"head_pan_joint": Goal(2.0)}, clamp=True)
-    bus.step()
-    assert port.servos[1]["Goal Position"] == 600
-
-
-def test_goals_of_a_reversed_servo() -> None:
-    port = FakePort(1)
-    joint = replace(PAN, min=800, max=300)
-    bus = connected(port, (joint,))
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    assert port.servos[1]["Goal Position"] == 512 - 98
-    assert bus.command({"head_pan_joint": Goal(9.0)}, clamp=True).positions == {
-        "head_pan_joint": joint.position(300)
-    }
-
-
-def test_command_to_a_joint_relaxed_on_request_is_refused_with_the_remedy() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_command_to_a_joint_relaxed_on_request_is_refused_with_the_remedy(
+    port: FakePort, bus: ServoBus
+) -> None:
     run(bus.switching_torque(["head_pan_joint"], False))
     with pytest.raises(GoalError, match=r"torque_enable"):
         bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)})
@@ -398,9 +301,7 @@ def test_command_to_a_joint_relaxed_on_request_is_refused_with_the_remedy() -> N
     assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
 
 
-def test_lost_joint_does_not_stop_the_others() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_lost_joint_does_not_stop_the_others(port, bus) -> None:
     port.servos[1].answers = False
     for _ in range(5):
         bus.step()
@@ -416,20 +317,7 @@ def test_lost_joint_does_not_stop_the_others() -> None:
         bus.command({"head_pan_joint": Goal(0.1)})
 
 
-def test_lost_joint_gets_no_goals() -> None:
-    port = FakePort()
-    bus = connected(port)
-    bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.2)})
-    bus.step()
-    port.servos[1].answers = False
-    for _ in range(6):
-        bus.step()
-    assert set(writes(port.log)[-1][2]) == {2}  # type: ignore[call-overload]
-
-
-def test_command_while_a_servo_goes_missing_is_dropped() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_command_while_a_servo_goes_missing_is_dropped(port, bus) -> None:
     port.servos[1].answers = False
     for _ in range(4):
         bus.step()
@@ -449,38 +337,7 @@ def test_impossible_joint_speed_is_refused(speed: float) -> None:
 # Stopping
 
 
-def test_hold_makes_the_present_position_the_goal() -> None:
-    port = FakePort()
-    bus = connected(port)
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    bus.command({"head_tilt_joint": Goal(0.5)})  # not under way yet: must not start
-    port.servos[1]["Present Position"] = 550
-    port.take_log()
-    bus.hold()
-    assert port.log == [
-        ("read", 1, 36, 8),
-        ("sync", GOAL, {1: goal_bytes(550, speed_ticks(PAN, 2.0))}),
-    ]
-    bus.step()
-    assert port.servos[2]["Torque Enable"] == 0
-
-
-def test_hold_uses_the_last_known_position_of_a_silent_servo() -> None:
-    port = FakePort()
-    bus = connected(port)
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    port.servos[1]["Present Position"] = 540
-    bus.step()
-    port.failures[1].extend([ReplyTimeoutError("late")] * 2)
-    bus.hold()
-    assert port.servos[1]["Goal Position"] == 540
-
-
-def test_close_holds_then_relaxes_then_closes() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_close_holds_then_relaxes_then_closes(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
     port.servos[1]["Present Position"] = 530
@@ -493,16 +350,7 @@ def test_close_holds_then_relaxes_then_closes() -> None:
     assert not port.opened
 
 
-def test_close_twice_is_harmless() -> None:
-    port = FakePort()
-    bus = connected(port)
-    bus.close()
-    assert bus.close() == ()
-
-
-def test_close_repeats_a_lost_torque_off() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_close_repeats_a_lost_torque_off(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
     port.failures[1].extend([None, ReplyTimeoutError("late"), ReplyTimeoutError("late")])
@@ -510,9 +358,9 @@ def test_close_repeats_a_lost_torque_off() -> None:
     assert port.servos[1]["Torque Enable"] == 0
 
 
-def test_close_names_joints_that_did_not_confirm_and_relaxes_the_rest() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_close_names_joints_that_did_not_confirm_and_relaxes_the_rest(
+    port: FakePort, bus: ServoBus
+) -> None:
     bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
     bus.step()
     port.servos[1].answers = False
@@ -521,9 +369,7 @@ def test_close_names_joints_that_did_not_confirm_and_relaxes_the_rest() -> None:
     assert not port.opened
 
 
-def test_bus_can_be_connected_again_after_closing() -> None:
-    port = FakePort()
-    bus = connected(port)
+def test_bus_can_be_connected_again_after_closing(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.close()
     bus.connect()

@@ -23,14 +23,13 @@ from head_tracking.dynamixel import (
     GoalError,
     JointConfiguration,
     PortLostError,
-    PortMissingError,
-    ServoBus,
     ServoCalibration,
     ServoState,
     Symptom,
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
 
@@ -94,13 +93,7 @@ class Rig:
         self.each_cycle: list[Callable[[], object]] = []
 
     def connect(self) -> Rig:
-        self.bus = ServoBus(
-            self.port,
-            self.joints,
-            self.bench.now,
-            monotonic=self.bench.now,
-            pause=self.bench.pass_time,
-        )
+        self.bus = self.bench.servo_bus(self.joints)
         self.bus.connect()
         return self
 

@@ -10,7 +10,6 @@ from head_tracking.dynamixel import (
     Goal,
     GoalError,
     JointConfiguration,
-    ServoBus,
     ServoCalibration,
     Torque,
     servo_model,
@@ -41,13 +40,7 @@ class Pair:
         bus.couple(1, 2)
         self.servos = servos
         self.bench = Bench(bus)
-        self.bus = ServoBus(
-            self.bench.port,
-            [self.joint],
-            self.bench.now,
-            monotonic=self.bench.now,
-            pause=self.bench.pass_time,
-        )
+        self.bus = self.bench.servo_bus([self.joint])
         self.bus.connect()
         self.apart = 0.0
         self.goals_apart = 0

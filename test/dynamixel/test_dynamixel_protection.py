@@ -24,11 +24,9 @@ from head_tracking.dynamixel import (
     BusSettings,
     ConfigurationError,
     EepromSettings,
-    ErrorBits,
     EventKind,
     Goal,
     GoalError,
-    HardwareErrors,
     Health,
     JointConfiguration,
     ReplyTimeoutError,
@@ -40,6 +38,7 @@ from head_tracking.dynamixel import (
     TorqueError,
     servo_model,
 )
+from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -159,14 +158,6 @@ def test_fault_that_is_still_there_after_recover_is_told_again() -> None:
     assert rig.torque is Torque.OFF_BY_FAULT
 
 
-def test_recover_without_a_fault_does_nothing() -> None:
-    rig = Rig().switched_on()
-    assert run(rig.bus.recovering(["head_pan_joint"])) == ()
-    assert rig.torque is Torque.ON
-    with pytest.raises(GoalError, match="elbow"):
-        run(rig.bus.recovering(["elbow"]))
-
-
 def test_recover_that_fails_says_so() -> None:
     rig = Rig().switched_on()
     rig.pan.error = ErrorBits.OVERLOAD
@@ -261,13 +252,6 @@ def test_silent_servo_gets_no_goals() -> None:
 # Watchdog
 
 
-def test_watchdog_is_set_with_the_torque() -> None:
-    rig = xm_rig(settings=BusSettings(watchdog=0.5)).switched_on()
-    assert rig.pan["Bus Watchdog"] == 25
-    without = xm_rig(settings=BusSettings(watchdog=0.0)).switched_on()
-    assert without.pan["Bus Watchdog"] == 0
-
-
 def test_servos_that_may_have_stopped_by_themselves_are_held_where_they_are() -> None:
     rig = xm_rig(settings=BusSettings(watchdog=0.5)).switched_on(0.5)
     rig.pan["Present Position"] = 2100
@@ -318,22 +302,6 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     assert rig.torque is Torque.OFF_STOPPED
 
 
-def test_started_joint_takes_commands_again() -> None:
-    rig = Rig().switched_on()
-    run(rig.bus.stopping(["head_pan_joint"]))
-    run(rig.bus.starting(["head_pan_joint"]))
-    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
-    rig.bus.command({"head_pan_joint": Goal(0.1)})
-    rig.steps(2)
-    assert rig.pan["Goal Position"] == PAN.ticks(0.1)
-
-
-def test_start_of_a_running_joint_changes_nothing() -> None:
-    rig = Rig().switched_on()
-    run(rig.bus.starting(None))
-    assert rig.torque is Torque.ON
-
-
 def test_joint_whose_servo_is_missing_at_the_start_is_looked_for() -> None:
     rig = Rig()
     run(rig.bus.stopping(["head_pan_joint"]))
@@ -359,14 +327,6 @@ def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> No
     rig.bus.command({"head_pan_joint": Goal(0.1, 3.0)})
     rig.steps()
     assert rig.pan["Moving Speed"] == speed_ticks(PAN, 3.0)
-
-
-def test_impossible_limits_change_nothing() -> None:
-    rig = Rig().switched_on()
-    before = rig.bus.joint("head_pan_joint").limits
-    with pytest.raises(ConfigurationError):
-        rig.bus.joint("head_pan_joint").reconfigure(lowest=2000)
-    assert rig.bus.joint("head_pan_joint").limits == before
 
 
 # Two servos on a joint
@@ -457,21 +417,6 @@ def test_servo_that_does_not_keep_a_setting_is_named() -> None:
         run(rig.bus.writing_eeprom("head_pan_joint", EepromSettings()), pauses().append)
 
 
-def test_eeprom_of_an_x_servo() -> None:
-    rig = xm_rig()
-    changed = run(
-        rig.bus.writing_eeprom("head_pan_joint", EepromSettings(shutdown=("overload",))),
-        pauses().append,
-    )
-    assert set(changed[1]) == {
-        "Return Delay Time",
-        "Min Position Limit",
-        "Max Position Limit",
-        "Shutdown",
-    }
-    assert rig.pan["Shutdown"] == 32
-
-
 def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
     rig = Rig()
     rig.port.failures[1].extend([ReplyTimeoutError("late")] * 2)
@@ -491,7 +436,7 @@ def simulated(position: float = 2048.0) -> tuple[SimulatedServo, Bench, ServoBus
     servo = SimulatedServo(1, XM, position=position)
     bench = Bench([servo])
     joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=XM)
-    bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
+    bus = bench.servo_bus([joint])
     bus.connect()
     return servo, bench, bus
 

@@ -20,7 +20,6 @@ from head_tracking.dynamixel import (
     Goal,
     GoalError,
     JointConfiguration,
-    ServoBus,
     Torque,
     servo_model,
 )
@@ -79,9 +78,7 @@ class Requests(RuleBasedStateMachine):
             for i, (name, model) in enumerate(zip(self.servos, models, strict=True), start=1)
         ]
         bench = self.bench
-        self.bus = ServoBus(
-            bench.port, configurations, bench.now, monotonic=bench.now, pause=bench.pass_time
-        )
+        self.bus = bench.servo_bus(configurations)
         self.bus.connect()
         self.expected = {name: Expected() for name in self.servos}
         self.plugged = True

@@ -10,13 +10,13 @@ from head_tracking.dynamixel import (
     ConfigurationError,
     DynamixelPort,
     JointConfiguration,
-    PortMissingError,
     ServoBus,
     Torque,
     TorqueError,
     relax_servos,
     servo_model,
 )
+from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -77,7 +77,7 @@ def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
     joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
-    bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now, pause=bench.pass_time)
+    bus = bench.servo_bus([joint])
     bus.connect()
     run(bus.switching_torque(None, True))
     assert servo.register("Bus Watchdog") > 0

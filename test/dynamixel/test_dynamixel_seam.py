@@ -17,11 +17,11 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoCalibration,
     ServoModel,
-    ServoSetupError,
     Torque,
     TorqueError,
     servo_model,
 )
+from head_tracking.dynamixel.exceptions import ServoSetupError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -95,13 +95,7 @@ class Rig:
             "j", 1, case.zero, *ends, controller="c", model=model, second=second
         )
         self.bench = Bench(self.servos)
-        self.bus = ServoBus(
-            self.bench.port,
-            [self.joint],
-            self.bench.now,
-            monotonic=self.bench.now,
-            pause=self.bench.pass_time,
-        )
+        self.bus = self.bench.servo_bus([self.joint])
         self.bus.connect()
         self.before = self.servos[0].true_ticks
         self.turned = float(begin)  # ticks of the first servo, beyond a turn, too
@@ -255,7 +249,7 @@ def test_extended_position_mode_is_refused() -> None:
     model, servo = model_in_extended_mode()
     bench = Bench([servo])
     joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
-    bus = ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
+    bus = bench.servo_bus([joint])
     with pytest.raises(ServoSetupError):
         bus.connect()
     assert servo.register("Torque Enable") == 0
@@ -269,7 +263,7 @@ def reversed_in_memory(mode: int, reverse: bool | None) -> tuple[SimulatedServo,
     joint = JointConfiguration(
         "j", 1, 2048, 1024, 2901, controller="c", model=model, reverse=reverse
     )
-    return servo, ServoBus(bench.port, [joint], bench.now, monotonic=bench.now)
+    return servo, bench.servo_bus([joint])
 
 
 @pytest.mark.parametrize(("mode", "reverse"), [(0, True), (1, False)])
@@ -286,19 +280,6 @@ def test_a_servo_that_counts_as_configured_is_used(mode: int, reverse: bool | No
     _, bus = reversed_in_memory(mode, reverse)
     bus.connect()
     bus.close()
-
-
-def test_mirrored_values_fit_the_other_drive_mode() -> None:
-    """The same angles of the shaft are named by init, min and max of both Drive Modes."""
-    servo, _ = reversed_in_memory(1, None)
-    model = servo_model("XL430-W250")
-    joint = JointConfiguration("j", 1, 2048, 1024, 2901, controller="c", model=model)
-    before = joint.position(servo.true_ticks)
-    servo.set_register("Drive Mode", 0)
-    init, low, high = joint.mirrored()
-    other = JointConfiguration("j", 1, init, low, high, controller="c", model=model)
-    assert other.position(servo.true_ticks) == pytest.approx(before)
-    assert (other.lower, other.upper) == pytest.approx((joint.lower, joint.upper))
 
 
 def test_a_time_based_profile_is_refused() -> None:
@@ -329,7 +310,7 @@ def test_a_servo_that_obeys_packets_for_another_joint_is_refused(
         JointConfiguration("pan", 1, 2048, 0, 4095, controller="p", model=model),
         JointConfiguration("tilt", 2, 2048, 0, 4095, controller="t", model=model, second=second),
     ]
-    bus = ServoBus(bench.port, joints, bench.now, monotonic=bench.now)
+    bus = bench.servo_bus(joints)
     if refused:
         with pytest.raises(ServoSetupError):
             bus.connect()

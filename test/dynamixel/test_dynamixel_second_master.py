@@ -14,14 +14,12 @@ from head_tracking.dynamixel import (
     DynamixelPort,
     Goal,
     JointConfiguration,
-    ServoBus,
     ServoModel,
-    Status,
     TorqueError,
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import LineBusyError
-from head_tracking.dynamixel.protocol import sync_write_packet
+from head_tracking.dynamixel.protocol import Status, sync_write_packet
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -141,9 +139,7 @@ def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float, model: Ser
         JointConfiguration(f"j{i}", i, model.center, first, last, model, controller=f"c{i}")
         for i in (1, 2)
     ]
-    bus = ServoBus(
-        made.port, joints, made.now, monotonic=made.now, pause=lambda s: made.pass_time(float(s))
-    )
+    bus = made.servo_bus(joints)
     bus.connect()
     for _ in range(50):
         bus.command({"j1": Goal(0.3), "j2": Goal(-0.3)})

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 
 from head_tracking.dynamixel import servo_model
-from head_tracking.dynamixel.control_table import decode_sign_magnitude, encode_sign_magnitude
-from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.protocol import (
     decode_status,
     encode_packet,
@@ -124,15 +122,3 @@ def test_what_is_written_under_the_lock_is_forgotten_at_power_off() -> None:
     servo.power_off()
     servo.power_on()
     assert servo.register("Temperature Limit") == 60
-
-
-@pytest.mark.parametrize("bit", [10, 11, 15])
-def test_signed_numbers_are_a_magnitude_and_a_sign_bit(bit: int) -> None:
-    largest = (1 << bit) - 1
-    for number in (0, 1, -1, 100, -100, largest, -largest):
-        raw = encode_sign_magnitude(number, bit)
-        assert raw == abs(number) + (1 << bit if number < 0 else 0)
-        assert decode_sign_magnitude(raw, bit) == number
-    for number in (largest + 1, -largest - 1):
-        with pytest.raises(RangeError):
-            encode_sign_magnitude(number, bit)

@@ -21,13 +21,12 @@ from head_tracking.dynamixel import (
     EventKind,
     Goal,
     JointConfiguration,
-    ServoBus,
-    ServoSetupError,
     Symptom,
     Torque,
     check_configuration,
     servo_model,
 )
+from head_tracking.dynamixel.exceptions import ServoSetupError
 from head_tracking.dynamixel.servo import Servo, run
 from head_tracking.feetech import FeetechErrors
 from head_tracking.simulation import SimulatedJoints, SimulatedServo
@@ -43,10 +42,7 @@ class Rig:
     def __init__(self, servo: SimulatedServo, joint: JointConfiguration = JOINT) -> None:
         self.servo, self.bench = servo, Bench([servo])
         self.joint = joint
-        now = self.bench.now
-        self.bus = ServoBus(
-            self.bench.port, [joint], now, monotonic=now, pause=self.bench.pass_time
-        )
+        self.bus = self.bench.servo_bus([joint])
         self.events: list[BusEvent] = []
 
     def steps(self, seconds: float) -> Rig:
@@ -272,16 +268,6 @@ def test_a_goal_resets_the_acceleration_that_another_program_left() -> None:
     rig.go(0.5)
     assert servo.register("Acceleration") == 0
     assert rig.states["pan"].position == pytest.approx(0.5, abs=0.02)
-
-
-@pytest.mark.parametrize("minor", [9, 10])
-def test_the_firmware_does_not_matter(minor: int) -> None:
-    """lerobot issue 1010: firmware 3.9 with a program that needs 3.10."""
-    servo = SimulatedServo(1, STS)
-    servo.set_register("Firmware Minor Version", minor)
-    rig = Rig(servo)
-    rig.bus.connect()
-    assert rig.go(0.4).states["pan"].position == pytest.approx(0.4, abs=0.02)
 
 
 @pytest.mark.parametrize("model", [STS, SCS], ids=["STS", "SCS"])

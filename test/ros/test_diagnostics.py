@@ -10,11 +10,11 @@ from head_tracking.dynamixel import (
     Adapter,
     BusStatistics,
     BusTiming,
-    ErrorBits,
     Health,
     ServoState,
     ServoStatistics,
 )
+from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
 
 SERVO = ServoStatistics(

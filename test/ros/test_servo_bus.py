@@ -8,7 +8,8 @@ from sensor_msgs.msg import JointState
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
-from head_tracking.dynamixel import ErrorBits, JointConfiguration, ServoState
+from head_tracking.dynamixel import JointConfiguration, ServoState
+from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.ros.bus.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 

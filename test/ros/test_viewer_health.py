@@ -6,15 +6,8 @@ from importlib.util import find_spec
 import pytest
 from waiting import wait_for
 
-from head_tracking.dynamixel import (
-    BusStatistics,
-    BusTiming,
-    ErrorBits,
-    HardwareErrors,
-    Health,
-    ServoState,
-    ServoStatistics,
-)
+from head_tracking.dynamixel import BusStatistics, BusTiming, Health, ServoState, ServoStatistics
+from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.page.robot import SilenceWatch
 from head_tracking.page.status import advice, faults
@@ -28,7 +21,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 SERVO = ServoStatistics(
-    "pan", 1, 100, 2, 1, 1, False, "AX-12", 24, last_stamp=1_000_000_000,
+    "pan", 1, 100, 2, 1, 1, "AX-12", 24, last_stamp=1_000_000_000,
     temperature=35.0, voltage=11.9, load=0.1, torque="torque on",
 )  # fmt: skip
 STATE = ServoState("pan", 1, 0, 0.5, 0.0, 0.1, 11.9, 35.0, ErrorBits(0), True, 0.5)

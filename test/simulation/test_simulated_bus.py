@@ -4,7 +4,7 @@ import pytest
 from simulated_golden_vectors import INSTRUCTIONS, STATUSES
 from simulated_packets import StatusPacket
 
-from head_tracking.dynamixel import ErrorBits
+from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.simulation import (
     SimulatedBus,
     SimulatedServo,

@@ -7,10 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 
-from head_tracking.dynamixel import (
-    ErrorBits,
-    servo_model,
-)
+from head_tracking.dynamixel import servo_model
+from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.simulation import SimulatedServo, WriteLog
 
 Packet = InstructionPacket

@@ -11,16 +11,15 @@ from head_tracking.dynamixel import (
     Adapter,
     CommunicationError,
     JointConfiguration,
-    NotConnectedError,
     PortLostError,
-    PortMissingError,
-    ReadGroup,
     ReplyTimeoutError,
     ServoBus,
     ServoModel,
-    Status,
     servo_model,
 )
+from head_tracking.dynamixel.exceptions import NotConnectedError, PortMissingError
+from head_tracking.dynamixel.protocol import Status
+from head_tracking.dynamixel.reading import ReadGroup
 from head_tracking.dynamixel.requests import Steps
 
 T = TypeVar("T")

@@ -15,7 +15,6 @@ from head_tracking.dynamixel import (
     Goal,
     GoalError,
     JointConfiguration,
-    ServoBus,
     ServoModel,
     Torque,
     servo_model,
@@ -47,7 +46,7 @@ class Ordeal:
             ordeal_joint(servo.id, servo_model(servo.model.name)) for servo in self.servos
         ]
         bench = self.bench
-        self.bus = ServoBus(bench.port, self.joints, bench.now, monotonic=bench.now)
+        self.bus = bench.servo_bus(self.joints)
         self.bus.connect()
         self.readings: list[BusReading] = []
         self.events: list[EventKind] = []

@@ -9,7 +9,7 @@ from statistics import mean
 from simulated_device import Bench
 
 from head_tracking.configuration import configured_head
-from head_tracking.dynamixel import Goal, ServoBus
+from head_tracking.dynamixel import Goal
 from head_tracking.dynamixel.servo import run
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file, robot_parameters
@@ -51,13 +51,7 @@ class Pursuit:
         self._origin = straight.translation
         self._ahead = straight @ (1.0, 0.0, 0.0)
         self._bench = Bench(mounted_servos(self.servos))
-        self._bus = ServoBus(
-            self._bench.port,
-            self.servos,
-            self._bench.now,
-            monotonic=self._bench.now,
-            pause=self._bench.pass_time,
-        )
+        self._bus = self._bench.servo_bus(self.servos)
         self._tracker = Tracker(self.head, LAWS["predictive"](self.head, PERIOD))
         self._begin = 0.0
         self.errors: list[float] = []

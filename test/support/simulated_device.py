@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from head_tracking.dynamixel import Adapter, DynamixelPort
+from head_tracking.dynamixel import Adapter, DynamixelPort, JointConfiguration, ServoBus
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 
@@ -33,6 +33,15 @@ class Bench:
         self.line = SimulatedLine(self.bus, self.clock)
         self.port = DynamixelPort(
             "simulated", open_device=lambda *_: SimulatedDevice(self.line), clock=self.clock
+        )
+
+    def servo_bus(self, joints: Iterable[JointConfiguration]) -> ServoBus:
+        return ServoBus(
+            self.port,
+            joints,
+            self.now,
+            monotonic=self.now,
+            pause=self.pass_time,
         )
 
     def now(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
-from head_tracking.dynamixel import ErrorBits
+from head_tracking.dynamixel.protocol import ErrorBits
 
 Packet = InstructionPacket
 

@@ -20,13 +20,12 @@ from head_tracking.dynamixel import (
     PortError,
     PortLostError,
     ReplyTimeoutError,
-    Servo,
     ServoError,
     Symptom,
     describe_errors,
 )
 from head_tracking.dynamixel.diagnosis import conditions, swapped
-from head_tracking.dynamixel.servo import run
+from head_tracking.dynamixel.servo import Servo, run
 
 _READINGS: Final = 50
 _FEW_FAILURES: Final = 0.05  # share of failed readings that is amber

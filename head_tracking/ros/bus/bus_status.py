@@ -55,7 +55,7 @@ class BusStatus:
         """The status in a few words, such as "50 Hz"."""
         if not self.statistics.connected:
             return "unplugged"
-        silent = sum(servo.lost for servo in self.statistics.servos)
+        silent = sum(servo.health in _BAD for servo in self.statistics.servos)
         if silent:
             return f"{silent} of {len(self.statistics.servos)} servos silent"
         return f"{self.timing.reached_rate:.0f} Hz"
@@ -145,7 +145,7 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
         ("voltage (V)", servo.voltage, ".1f"),
         ("temperature (degrees Celsius)", servo.temperature, ".0f"),
     ):
-        if number is not None and servo.health in (Health.PRESENT, Health.FAULTED):
+        if servo.health in (Health.PRESENT, Health.FAULTED):
             values[name] = f"{number:{form}}"
     name = f"servo_bus: {servo.joint_name}"
     if sum(other.joint_name == servo.joint_name for other in status.statistics.servos) > 1:
@@ -174,7 +174,7 @@ def _verdict(
         level = Level.ERROR if serious else Level.WARN
         texts = [f"{symptom.value}: {text}" for symptom, text in servo.symptoms.items()]
         return level, "; ".join(texts), ", ".join(symptom.value for symptom in servo.symptoms)
-    temperature = servo.temperature or 0.0
+    temperature = servo.temperature
     warm = f"{temperature:.0f} degrees Celsius; {servo.torque}"
     if temperature >= status.settings.hot:
         return Level.ERROR, warm, FaultName.HOT

@@ -39,9 +39,9 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoState,
     StoppedError,
-    fastest_speed,
     servo_model,
 )
+from head_tracking.dynamixel.configuration import fastest_speed
 from head_tracking.exceptions import RefusedError
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.bus.bus_services import BusServices
@@ -145,7 +145,11 @@ class ServoBusNode(ClosingNode):
     def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
         """Return port, baud rate, and the models of the servos on it by id, of each bus."""
         return [
-            (each.bus.port_name, baud_rate, {servo.id: servo.model for servo in each.bus.servos})
+            (
+                each.bus.port_name,
+                baud_rate,
+                {servo.id: servo.model.name for servo in each.bus.servos},
+            )
             for each, baud_rate in zip(self.backend.threads, self._baud_rates, strict=True)
         ]
 

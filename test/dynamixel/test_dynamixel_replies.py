@@ -1,11 +1,11 @@
-"""Protocol 2.0 on the wire: the fact sheet's golden vectors through the real port."""
+"""Published packets, damaged replies and any bytes at all, through the port."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_device import Bench
 from simulated_packets import StatusPacket2
@@ -15,11 +15,10 @@ from head_tracking.dynamixel import (
     CommunicationError,
     CorruptReplyError,
     DynamixelPort,
-    ReadGroup,
-    ReadMethod,
     servo_model,
 )
 from head_tracking.dynamixel.protocol import (
+    ErrorBits,
     Status,
     crc16,
     decode_status,
@@ -27,6 +26,7 @@ from head_tracking.dynamixel.protocol import (
     find_packet,
     split_joint_status,
 )
+from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.simulation import SimulatedServo
 
 ACK = "FF FF FD 00 01 04 00 55 00 A1 0C"
@@ -73,36 +73,48 @@ def group(method: ReadMethod, address: int, length: int, *ids: int) -> ReadGroup
     return ReadGroup(method, 1 if method is ReadMethod.BULK else 2, address, length, ids)
 
 
+READ = "FF FF 01 04 02 24 02 D2"
+POSITION_512 = "FF FF 01 04 00 00 02 F8"
+PONG = "FF FF 01 02 00 FC"
+READ_2 = "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"
+POSITION_166 = "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"
+OVERLOADED = "FF FF 01 04 20 00 02 D8"
+
+
 Call = Callable[[DynamixelPort], object]
 
 
 @pytest.mark.parametrize(
     ("call", "sent", "reply", "result"),
     [
+        (lambda p: p.ping(1), "FF FF 01 02 01 FB", PONG, 0),
+        (lambda p: p.read(1, 36, 2), READ, POSITION_512, Status(1, 0, b"\0\x02")),
+        (lambda p: p.read(1, 36, 2), READ, OVERLOADED, Status(1, ErrorBits.OVERLOAD, b"\0\x02")),
+        (
+            lambda p: p.write(1, 30, b"\x00\x02"),
+            "FF FF 01 05 03 1E 00 02 D6",
+            "FF FF 01 02 02 FA",
+            ErrorBits.ANGLE_LIMIT,
+        ),
+        (
+            lambda p: p.write(1, 24, b"\x01", acknowledged=False),
+            "FF FF 01 04 03 18 01 DE",
+            "",
+            0,
+        ),
+        (
+            lambda p: p.sync_write(30, {1: b"\x00\x02", 2: b"\x2c\x01"}),
+            "FF FF FE 0A 83 1E 02 01 00 02 02 2C 01 22",
+            "",
+            None,
+        ),
         (
             lambda p: p.ping(1, 2),
             "FF FF FD 00 01 03 00 01 19 4E",
             "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D",
             0,
         ),
-        (
-            lambda p: p.read(1, 132, 4, 2),
-            "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15",
-            "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0",
-            Status(1, 0, b"\xa6\0\0\0"),
-        ),
-        (
-            lambda p: p.read(1, 132, 4, 2),
-            "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15",
-            "FF FF FD 00 01 08 00 55 00 FF FF FF FF 96 38",
-            Status(1, 0, b"\xff\xff\xff\xff"),
-        ),
-        (
-            lambda p: p.write(1, 116, b"\x00\x02\x00\x00", protocol=2),
-            "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
-            ACK,
-            0,
-        ),
+        (lambda p: p.read(1, 132, 4, 2), READ_2, POSITION_166, Status(1, 0, b"\xa6\0\0\0")),
         (
             lambda p: p.write(1, 64, b"\x01", protocol=2),
             "FF FF FD 00 01 06 00 03 40 00 01 DB 66",
@@ -126,8 +138,10 @@ Call = Callable[[DynamixelPort], object]
 )
 def test_golden_packets(call: Call, sent: str, reply: str, result: object) -> None:
     port, device = scripted(reply)
-    told = call(port)
-    assert (told._replace(stamp=0.0) if isinstance(told, Status) else told) == result
+    returned = call(port)
+    if isinstance(returned, Status):
+        returned = returned._replace(stamp=0.0)
+    assert returned == result
     assert device.sent == sent
 
 
@@ -155,6 +169,71 @@ def test_golden_group_questions(wanted: ReadGroup, sent: str) -> None:
     assert device.sent == sent
     assert len(replies) == len(wanted.ids)
     assert all(isinstance(reply, CommunicationError) for reply in replies)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        "00",
+        "FF",
+        "00 01 02 03 04 05 06 07",
+        "FF FF 02 04 00 FF 01 F9",  # an answer of another servo
+        "FF FF FE 02 00 FF",
+        "FF FF 01 02 80 7C",  # bit 7 of the error byte never occurs
+        READ,  # the echo of an adapter
+    ],
+)
+def test_noise_before_a_reply_is_skipped(noise: str) -> None:
+    port, _ = scripted(f"{noise} {POSITION_512}")
+    assert port.read(1, 36, 2).data == b"\x00\x02"
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        "FF FF 01 04 00 00 02 F9",  # checksum
+        "FF FF 01 04 00 00",  # truncated
+        "FF FF 01",
+        "FF FF 01 02 08 F4",  # error without data: IndexError in the SDK
+        "FF FF 01 02 00 FC",  # no data
+        "FF FF 01 03 00 20 DB",  # one byte: the SDK takes the checksum for the second
+        "FF FF 01 06 00 00 02 00 00 F6",  # too long
+        "FF FF 01 00 00 FE",  # impossible length
+        "FF FF 01 01 00 FD",
+        "FF FF 01 04 10 00 02 E8",  # the servo received a damaged packet
+    ],
+)
+def test_a_damaged_reply_is_an_error(reply: str) -> None:
+    port, _ = scripted(reply)
+    with pytest.raises(CommunicationError):
+        port.read(1, 36, 2)
+
+
+pieces = st.one_of(
+    st.binary(max_size=12),
+    st.sampled_from([b"\xff\xff\x01", b"\xff\xff\xfd\x00\x01", b"\xff\xff\xfd\x00\xfe"]),
+    st.sampled_from([READ, POSITION_512, PONG, READ_2, POSITION_166]).map(bytes.fromhex),
+)
+groups = st.builds(
+    ReadGroup,
+    st.sampled_from(list(ReadMethod)),
+    st.sampled_from([1, 2]),
+    st.just(36),
+    st.sampled_from([2, 4]),
+    st.sampled_from([(1,), (1, 2), (3, 1, 2)]),
+).filter(lambda group: group.method is not ReadMethod.EACH or len(group.ids) == 1)
+
+
+@settings(max_examples=400)
+@given(st.lists(pieces, max_size=6).map(b"".join), groups)
+def test_any_bytes_are_replies_of_the_right_length_or_errors(
+    answer: bytes, group: ReadGroup
+) -> None:
+    port, _ = scripted(answer.hex())
+    replies = port.read_group(group)
+    assert len(replies) == len(group.ids)
+    for reply in replies:
+        assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
 
 
 def test_golden_crc_and_instructions() -> None:
