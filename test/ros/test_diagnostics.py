@@ -24,7 +24,6 @@ SERVO = ServoStatistics(
     2,
     1,
     1,
-    False,
     "AX-12",
     24,
     last_stamp=1_000_000_000,
@@ -76,7 +75,7 @@ def test_a_servo_that_answers_is_ok():
     ("changes", "level"),
     [
         ({"health": Health.UNKNOWN}, DiagnosticStatus.ERROR),
-        ({"health": Health.LOST, "lost": True}, DiagnosticStatus.ERROR),
+        ({"health": Health.LOST}, DiagnosticStatus.ERROR),
         ({"health": Health.FAULTED}, DiagnosticStatus.ERROR),
         ({"health": Health.STALE}, DiagnosticStatus.STALE),
         ({"health": Health.STOPPED}, DiagnosticStatus.WARN),
@@ -93,7 +92,7 @@ def test_only_a_healthy_servo_with_fresh_data_is_ok(changes, level):
 
 
 def test_old_measurements_of_a_lost_servo_are_not_told():
-    lost = replace(with_servo(health=Health.LOST, lost=True), states={})
+    lost = replace(with_servo(health=Health.LOST), states={})
     told = values(entry(lost, "pan"))
     assert "temperature (degrees Celsius)" not in told
     assert "position (rad)" not in told
