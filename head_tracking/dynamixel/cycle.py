@@ -86,6 +86,7 @@ class Cycle:
         self._search_at = None
         self._last = self._monotonic()
         self._planned = -1
+        self._list_missing()
         self.diagnosis.report_swapped()
 
     def end(self) -> None:

@@ -496,6 +496,8 @@ def test_bus_starts_without_a_servo_if_it_may() -> None:
     bus, clock = make(port)
     assert bus.connect(allow_missing=True) == "1 AX-12 servo: id 1"
     assert [servo.health for servo in bus.statistics().servos] == [Health.PRESENT, Health.UNKNOWN]
+    with pytest.raises(GoalError):
+        bus.command({"head_tilt_joint": Goal(0.1)})
     reading = bus.step()
     assert (set(reading.states), reading.lost) == ({"head_pan_joint"}, ("head_tilt_joint",))
     port.servos[2] = FakeServo(2)

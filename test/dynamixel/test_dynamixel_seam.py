@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_device import Bench
 
@@ -160,49 +160,37 @@ relaxed = settings(
 )
 
 
+@pytest.mark.parametrize(
+    ("name", "pair"),
+    [
+        ("XM430-W350", False),
+        ("XM430-W350", True),
+        ("MX-28", False),
+        ("AX-12", False),
+        ("STS3215", False),
+        ("SCS0009", False),
+    ],
+)
 @relaxed
-@given(case=cases("XM430-W350", False))
-@example(case=Case("XM430-W350", 3000, 4095, 3500, None, 4199, (0.1,)))
-@example(case=Case("XM430-W350", 0, 900, 500, None, -140, (0.9, 0.0)))
-@example(case=Case("XM430-W350", 0, 4095, 2000, None, -30, (0.5,)))
-def test_an_x_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
-    drive(case)
+@given(data=st.data())
+def test_no_servo_turns_through_what_is_forbidden(
+    data: st.DataObject, name: str, pair: bool
+) -> None:
+    drive(data.draw(cases(name, pair)))
 
 
-@relaxed
-@given(case=cases("MX-28", False))
-@example(case=Case("MX-28", 3000, 4095, 3500, None, 4199, (0.1,), True))
-@example(case=Case("MX-28", 0, 900, 500, None, -140, (0.9, 0.0)))
-def test_an_mx_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
-    drive(case)
-
-
-@relaxed
-@given(case=cases("AX-12", False))
-@example(case=Case("AX-12", 200, 800, 500, None, 1023, (0.1,)))
-@example(case=Case("AX-12", 0, 51, 0, None, -206, (0.0,)))
-def test_an_ax_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
-    drive(case)
-
-
-@relaxed
-@given(case=cases("XM430-W350", True))
-@example(case=Case("XM430-W350", 1000, 2000, 1500, 3000, 900, (0.5,)))
-def test_two_servos_of_a_joint_never_turn_through_what_is_forbidden(case: Case) -> None:
-    drive(case)
-
-
-@relaxed
-@given(case=cases("STS3215", False))
-@example(case=Case("STS3215", 3000, 4095, 3500, None, 4199, (0.1,)))
-@example(case=Case("STS3215", 0, 900, 500, None, -140, (0.9, 0.0)))
-def test_an_sts_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
-    drive(case)
-
-
-@relaxed
-@given(case=cases("SCS0009", False))
-def test_an_scs_servo_never_turns_through_what_is_forbidden(case: Case) -> None:
+@pytest.mark.parametrize(
+    "case",
+    [
+        Case("XM430-W350", 0, 4095, 2000, None, -30, (0.5,)),
+        Case("MX-28", 3000, 4095, 3500, None, 4199, (0.1,), True),
+        Case("MX-28", 0, 900, 500, None, -140, (0.9, 0.0)),
+        Case("XM430-W350", 1000, 2000, 1500, 3000, 900, (0.5,)),
+        Case("STS3215", 3000, 4095, 3500, None, 4199, (0.1,)),
+        Case("STS3215", 0, 900, 500, None, -140, (0.9, 0.0)),
+    ],
+)
+def test_no_servo_turns_over_the_end_of_its_scale(case: Case) -> None:
     drive(case)
 
 
