@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -22,8 +23,6 @@ from head_tracking.vision.markers import MarkerParameters
 
 _POLL: Final = 0.02  # s
 _START: Final = 0.5  # s within which the head begins to turn
-_AT_REST: Final = 0.4  # s without motion
-_STILL: Final = 0.004  # rad: less is no motion
 _INFO: Final = 2.0  # s for a picture and its camera_info
 _PATIENCE: Final = 10.0  # s until the head rests, or until a picture
 
@@ -181,16 +180,12 @@ class _PointedHead:
         if not gaze.reached:
             raise UnreachableError(point, frame, np.pi, gaze.reason)
         _check(robot.modes.look_at(frame, point))
-        begun = moved = time.monotonic()
-        before = self.joints
-        while (now := time.monotonic()) < max(begun + _START, moved + _AT_REST):
-            if now > begun + _PATIENCE:
-                raise CalibrationEndedError("the head does not come to rest")
-            time.sleep(_POLL)
-            self._check_mode()
-            joints = self.joints
-            if any(abs(joints[name] - before[name]) > _STILL for name in joints):
-                before, moved = joints, now
+        begun = time.monotonic()
+        while (
+            time.monotonic() < begun + _START
+            or robot.topics.status(POINTER).get("state") == "turning"
+        ):
+            self._wait(begun + _PATIENCE, "the head does not come to rest")
 
     def camera(self) -> tuple[str, Camera | None]:
         """Return the frame of the camera, and its lens; None: it is not published.
@@ -200,8 +195,7 @@ class _PointedHead:
         """
         begun, picture, lens = time.monotonic(), None, None
         while lens is None and time.monotonic() < begun + _INFO:
-            time.sleep(_POLL)
-            self._check_mode()
+            self._wait()
             self._robot.poll()
             picture = self._picture()
             lens = None if picture is None else self._robot.topics.camera(picture)
@@ -215,10 +209,7 @@ class _PointedHead:
         _check(modes.set_mode(Mode.POINT))
         self._is_pointed = True
         while (speed := modes.value(POINTER, "max_velocity")) is None:  # it has just been started
-            if time.monotonic() > begun + _PATIENCE:
-                raise CalibrationEndedError(f"{POINTER} has no parameter max_velocity")
-            time.sleep(_POLL)
-            self._check_mode()
+            self._wait(begun + _PATIENCE, f"{POINTER} has no parameter max_velocity")
         self._normal_speed = speed
         _check(modes.set_value(POINTER, "max_velocity", max_velocity))
 
@@ -234,13 +225,19 @@ class _PointedHead:
             self._robot.poll()
             picture = self._picture()
             if picture is None or picture.number == number:
-                time.sleep(_POLL)
-                self._check_mode()
+                self._wait()
                 continue
             number, image = picture.number, picture.image()
             if image is not None:
                 heard, rgb = time.monotonic(), np.asarray(image.convert("RGB"))
                 yield picture.stamp * 1e-9, np.ascontiguousarray(rgb[:, :, ::-1])
+
+    def _wait(self, deadline: float = math.inf, late: str = "") -> None:
+        """Wait a moment; raise CalibrationEndedError as `_check_mode`, or after the deadline."""
+        if time.monotonic() > deadline:
+            raise CalibrationEndedError(late)
+        time.sleep(_POLL)
+        self._check_mode()
 
     def _check_mode(self) -> None:
         """Raise CalibrationEndedError after a STOP, or in another mode."""

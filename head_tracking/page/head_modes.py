@@ -31,7 +31,7 @@ SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target")
 
 _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
-_RELEASE = 1.0  # s until a disabled controller has released the joints
+_BUSY = 1.0  # s that a target waits for a change of the mode
 _REFUSAL = 0.8  # s in which a controller refuses a target
 _POLL = 0.02  # s
 
@@ -229,7 +229,7 @@ class HeadModes:
         stops = self._stop.count
         _refuse_if(self._stop.refusal)
         before, sent = {one: self._topics.status(one) for one in CONTROLLERS}, time.monotonic()
-        if not self._changing.acquire(timeout=_RELEASE):
+        if not self._changing.acquire(timeout=_BUSY):
             raise _Refused("The mode is being changed: try again in a moment.")
         try:
             mode, changed = self._take_over(stops)
@@ -330,7 +330,6 @@ class HeadModes:
         _wait(
             lambda: not set(self._topics.owners().values()) & set(CONTROLLERS),
             "The controller of the head has not released the joints.",
-            patience=_RELEASE,
         )
         return text
 
@@ -391,7 +390,7 @@ class HeadModes:
         if self._services.offered(service) and self._topics.enabled(name) is not on:
             _text_of(self._services.switch(service, on))
             before, late = not on, f"{name} is still {'disabled' if on else 'enabled'}."
-            _wait(lambda: self._topics.enabled(name) is not before, late, patience=_RELEASE)
+            _wait(lambda: self._topics.enabled(name) is not before, late)
         elif not on and self._is_enabled(name):
             raise _Refused(f"{name} can't be disabled: end it first.")
         elif not on and not self._exists(name):
@@ -473,21 +472,18 @@ class HeadModes:
                 self._sending = None
 
 
-def _wait(
-    done: Callable[[], bool], late: str, ended: Callable[[], str] = str, patience: float = _PATIENCE
-) -> None:
+def _wait(done: Callable[[], bool], late: str, ended: Callable[[], str] = str) -> None:
     """Wait until something is done.
 
     Args:
         done: whether it is done.
         late: the refusal if it is not done in time.
         ended: returns why not to wait any longer; empty: none.
-        patience: how long it may take [s].
 
     Raises:
         _Refused: it is not done.
     """
-    deadline = time.monotonic() + patience
+    deadline = time.monotonic() + _PATIENCE
     while not done():
         _refuse_if(ended() or (late if time.monotonic() > deadline else ""))
         time.sleep(_POLL)

@@ -365,18 +365,9 @@ def _box(
     camera: Camera,
     distance: float | None,
 ) -> dict[str, Any]:
-    """Return a box for JSON: left, top, width and height in fractions of the picture's size.
-
-    Args:
-        frame: of a person; empty: what the head follows.
-        label: what is in the box.
-        box: left, top, width and height [pixels].
-        camera: has taken the picture.
-        distance: from the camera [m]; None: not known.
-    """
-    left, top, width, height = box
-    across, down = camera.width, camera.height
-    fractions = [left / across, top / down, width / across, height / down]
+    """Return a box for JSON, in fractions of the picture's size instead of pixels."""
+    sizes = (camera.width, camera.height) * 2
+    fractions = [pixels / size for pixels, size in zip(box, sizes, strict=True)]
     return {"frame": frame, "label": label, "box": fractions, "distance": distance}
 
 

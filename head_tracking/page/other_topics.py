@@ -16,7 +16,6 @@ from PIL import Image
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Bool, Float64
@@ -45,7 +44,7 @@ _MOST_VALUES = 200  # of a status
 _MOST_TEXT = 1000  # characters
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
-_CALIBRATION = set(CameraInfo.get_fields_and_field_types()) - {"header"}
+_CALIBRATION_PERIOD = 1.0  # s
 _LATEST = QoSProfile(depth=1)
 _REGION = "visual_target/roi"
 
@@ -115,7 +114,7 @@ class OtherTopics:
         self._requesting = threading.Lock()
         self._diagnostics: dict[str, dict[str, Received]] = {}
         self._warnings: tuple[str, ...] = ()
-        self._cameras: dict[str, tuple[bytes, Camera | None]] = {}
+        self._cameras: dict[str, tuple[float, Camera | None]] = {}
         self._images: tuple[str, ...] = ()
         self._infos: tuple[str, ...] = ()
         self._discovery_due = 0.0
@@ -241,13 +240,11 @@ class OtherTopics:
             received = self._request(CameraInfo, name, MEASUREMENT) if name in self._infos else None
             if received is None:
                 continue
-            before, camera = self._cameras.get(name, (b"", None))
-            calibration = _calibration(received.message)
-            if calibration != before:
-                camera = None
+            due, camera = self._cameras.get(name, (0.0, None))
+            if received.at >= due:  # every message has the calibration, which seldom changes
                 with contextlib.suppress(CameraError):
                     camera = camera_of(received.message)
-                self._cameras[name] = calibration, camera
+                self._cameras[name] = received.at + _CALIBRATION_PERIOD, camera
             if camera is not None and (camera.width, camera.height) == (
                 picture.width,
                 picture.height,
@@ -289,12 +286,6 @@ def _recent(received: Received | None) -> Any:
     """Return a message; None if it was received long ago."""
     is_recent = received is not None and time.monotonic() - received.at < _FRESH
     return received.message if received is not None and is_recent else None
-
-
-def _calibration(message: CameraInfo) -> bytes:
-    """Return a camera's calibration as bytes: messages with the same one differ in their stamps."""
-    message = CameraInfo(**{name: getattr(message, name) for name in _CALIBRATION})
-    return bytes(serialize_message(message))
 
 
 def node_of(name: str) -> str:

@@ -19,7 +19,7 @@ from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.status import Status, head_status
 from head_tracking.page.stop import Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
-from head_tracking.recording.recording import Observation, known_joints, outer_frames
+from head_tracking.recording.recording import Observation, observed
 from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices, Outcome
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
 from head_tracking.ros.targets.latest_target import LatestTarget
@@ -85,7 +85,7 @@ class Robot:
             requests, self._graph, (node.get_name(), "run_monitor", "node_starter")
         )
         self.recorder = Recorder(
-            node, self._graph.is_below, recorder_parameters, self.buffer, self.parameters.values
+            node, self._graph.is_below, recorder_parameters, self.parameters.values
         )
         others = OtherNodes(
             OtherServices(requests),
@@ -105,7 +105,7 @@ class Robot:
 
     def close(self) -> None:
         """End the page's own nodes; nothing else of the robot changes."""
-        self.recorder.close()
+        self.recorder.stop()
         self._requests.close()
         self.stop.close()
         self._polled.destroy_node()
@@ -159,18 +159,15 @@ class Robot:
         status = self.topics.status(controller)
         # point_head keeps its target; head_tracker needs it again and again
         target = self._targets.latest(math.inf if mode is Mode.POINT else _TARGET_AGE)
-        return Observation(
+        return observed(
             self._now,
-            known_joints(self.buffer, model),
-            outer_frames(self.buffer, model, self._frame_watch.silent(self.buffer.latest_stamps())),
-            None if target is None else target.point,
-            "" if target is None else str(target.target),
+            self.buffer,
+            model,
+            None if target is None else (target.target, target.point, target.stamp),
             self.topics.error(controller) if controller and watched else None,
             controller,
-            status.get("state", ""),
-            status.get("detail", ""),
-            status.get("refusal", ""),
-            None if target is None else target.stamp,
+            status,
+            self._frame_watch.silent(self.buffer.latest_stamps()),
         )
 
     def status(self, live: Observation) -> Status:

@@ -88,9 +88,10 @@ def head_status(
         return Status(Word.HOLDING, "no controller is enabled")
     word = _WORDS.get(live.state)
     if word is None:  # point_head, or a tracker without a target
-        if live.error is None:
-            return Status(Word.HOLDING, live.detail or "no target has been received")
-        return Status(Word.ON_TARGET if live.error < _ON_TARGET else Word.MOVING, live.detail)
+        if live.error is not None and live.error < _ON_TARGET:
+            return Status(Word.ON_TARGET, "")
+        is_moving = live.error is not None or live.state == "turning"
+        return Status(Word.MOVING if is_moving else Word.HOLDING, live.detail)
     if word is not Word.ON_TARGET:
         return Status(word, live.detail)
     if live.target_stamp is None or live.stamp - live.target_stamp > _SEEN * 1e9:

@@ -14,7 +14,7 @@ from mcap_ros2._dynamic import EncoderFunction, serialize_dynamic
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 
 from head_tracking.ros.kit.message_types import message_definition
-from head_tracking.transforms import Transform, TransformBuffer
+from head_tracking.transforms import Transform
 
 _CHUNK = 1 << 20  # bytes
 
@@ -126,24 +126,6 @@ def transform_of(stamp: int, parent: str, child: str, transform: Transform) -> d
         "child_frame_id": child,
         "transform": {"translation": xyz(transform[:3]), "rotation": rotation},
     }
-
-
-def transforms_of_joints(
-    buffer: TransformBuffer, stamp: int, *, moving: bool | None = None
-) -> list[dict[str, Any]]:
-    """Return the known transforms of a model's joints, as robot_state_publisher publishes them.
-
-    Args:
-        buffer: has the robot's model.
-        stamp: for the messages [ns].
-        moving: only joints that move, or only those that do not; None: all.
-    """
-    model, found = buffer.model, []
-    for joint in () if model is None else model.joints.values():
-        if moving in (None, joint.moves) and buffer.can_transform(joint.parent, joint.child):
-            transform = buffer.lookup_transform(joint.parent, joint.child).transform
-            found.append(transform_of(stamp, joint.parent, joint.child, transform))
-    return found
 
 
 class _Dumper(yaml.SafeDumper):

@@ -6,12 +6,14 @@ The subscriptions have the quality of service that all publishers of a topic can
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, count
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -23,24 +25,16 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
 from head_tracking.parameters import parameter
-from head_tracking.recording.bag_writer import (
-    LATCHED_OFFER,
-    OFFER,
-    BagWriter,
-    offer,
-    transforms_of_joints,
-)
+from head_tracking.recording.bag_writer import BagWriter, offer
 from head_tracking.ros.kit.images import picture_of
 from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.threads import take_message
-from head_tracking.transforms import RobotModel, TransformBuffer
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError, cv2
 
 _PERIOD = 0.02  # s between polls
 _DISCOVERY_PERIOD = 0.5  # s
-_FRAMES_PERIOD = 0.05  # s
 _CHUNK_PERIOD = 1.0  # s: what a crash loses at most
 _PICTURE_PERIOD = 0.1  # s
 _JPEG_QUALITY = 80
@@ -78,7 +72,6 @@ class Recorder:
         beside: the node that it belongs to.
         belongs: whether a topic, by its full name, is this robot's.
         parameters: where recordings are kept; read at each start.
-        buffer: the robot's frames, which are written to /tf where nobody publishes them.
         values: returns the parameters of all nodes, by node and name, which are attached.
     """
 
@@ -87,21 +80,17 @@ class Recorder:
         beside: Node,
         belongs: Callable[[str], bool],
         parameters: RecorderParameters,
-        buffer: TransformBuffer,
         values: Callable[[], Mapping[str, Mapping[str, Any]]],
     ) -> None:
         self._parameters = parameters
-        self._begin = partial(_Session, beside, belongs, buffer, values)
+        self._begin = partial(_Session, beside, belongs, values)
         self._lock = threading.Lock()
         self._session: _Session | None = None
 
     @property
     def directory(self) -> Path:
         """The folder of the recordings."""
-        folder = Path(self._parameters.record_directory)
-        with contextlib.suppress(RuntimeError):  # there is no home: `start` reports it
-            folder = folder.expanduser()
-        return folder
+        return Path(os.path.expanduser(self._parameters.record_directory))
 
     @property
     def file(self) -> Path | None:
@@ -143,19 +132,12 @@ class Recorder:
             session.close()
             return Outcome(True, session.status())
 
-    def close(self) -> None:
-        """End the file, if there is one."""
-        if self.file is not None:
-            self.stop()
-
 
 def _new_file(directory: Path) -> Path:
     name = time.strftime("head-%Y%m%d-%H%M%S")
-    for ending in ("", *(f"-{number}" for number in range(2, 100))):
-        file = directory / f"{name}{ending}.mcap"
-        if not file.exists():
-            return file
-    raise FileExistsError(f"{directory} has 99 recordings of this second")
+    names = chain([name], (f"{name}-{number}" for number in count(2)))
+    files = (directory / f"{one}.mcap" for one in names)
+    return next(file for file in files if not file.exists())
 
 
 class _Topic:
@@ -200,15 +182,12 @@ class _Session:
         self,
         beside: Node,
         belongs: Callable[[str], bool],
-        buffer: TransformBuffer,
         values: Callable[[], Mapping[str, Mapping[str, Any]]],
         file: Path,
         limit: int,
     ) -> None:
         self.file = file
-        self._belongs, self._buffer, self._values, self._limit = belongs, buffer, values, limit
-        self._model: RobotModel | None = None
-        self._frame_channels: tuple[int, int] | None = None
+        self._belongs, self._values, self._limit = belongs, values, limit
         self._stream = file.open("xb")
         self._bag = BagWriter(self._stream)
         self._topics: dict[str, _Topic] = {}
@@ -248,7 +227,7 @@ class _Session:
         self._thread.join()
 
     def _run(self) -> None:
-        discovery_due = chunk_due = frames_due = 0.0
+        discovery_due = chunk_due = 0.0
         attached: dict[str, Any] = {}
         try:
             while not self._ending.is_set():
@@ -257,9 +236,6 @@ class _Session:
                     discovery_due = now + _DISCOVERY_PERIOD
                     self._discover()
                 self._poll(now)
-                if now >= frames_due:
-                    frames_due = now + _FRAMES_PERIOD
-                    self._write_frames()
                 if now >= chunk_due:
                     chunk_due = now + _CHUNK_PERIOD
                     attached = self._attach(attached)
@@ -335,24 +311,6 @@ class _Session:
             self._count += 1
             number = about["publication_sequence_number"] or 0
             self._bag.write_encoded(topic.channel, stamp, about["source_timestamp"], data, number)
-
-    def _write_frames(self) -> None:
-        """Write the robot's frames where nobody publishes them (without tf2_msgs)."""
-        model = self._buffer.model
-        if model is None or "/tf" in self._topics or "/tf_static" in self._topics:
-            return
-        if self._frame_channels is None:
-            kind = "tf2_msgs/msg/TFMessage"
-            self._frame_channels = (
-                self._bag.channel("/tf_static", kind, [LATCHED_OFFER]),
-                self._bag.channel("/tf", kind, [OFFER]),
-            )
-        now = time.time_ns()
-        for channel, moving in zip(self._frame_channels, (False, True), strict=True):
-            if moving or model is not self._model:
-                found = transforms_of_joints(self._buffer, now, moving=moving)
-                self._bag.write(channel, now, {"transforms": found})
-        self._model = model
 
     def _channel(self, topic: _Topic) -> int:
         if topic.is_image:

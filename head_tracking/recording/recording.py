@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from head_tracking.tracking import Target
 from head_tracking.transforms import (
     RobotModel,
     Transform,
@@ -62,6 +63,44 @@ class Observation:
         return ": ".join(filter(None, (self.controller, self.state, self.refusal or self.detail)))
 
 
+def observed(
+    now: int,
+    buffer: TransformBuffer,
+    model: RobotModel,
+    target: tuple[Target, Vector3, int] | None,
+    error: float | None,
+    controller: str,
+    status: Mapping[str, str],
+    without: Collection[str] = (),
+) -> Observation:
+    """Return the robot at a moment.
+
+    Args:
+        now: the moment [ns].
+        buffer: has the robot's frames.
+        model: of the robot.
+        target: as it was sent, in the model's root [m], and when it was there [ns]; None: none.
+        error: angle by which the head misses the target [rad].
+        controller: the node that controls the head; empty: none.
+        status: the fields of its `~/status`.
+        without: frames that are left out.
+    """
+    sent, point, stamp = ("", None, None) if target is None else target
+    return Observation(
+        now,
+        known_joints(buffer, model),
+        outer_frames(buffer, model, without),
+        point,
+        str(sent),
+        error,
+        controller,
+        status.get("state", ""),
+        status.get("detail", ""),
+        status.get("refusal", ""),
+        stamp,
+    )
+
+
 def known_joints(buffer: TransformBuffer, model: RobotModel) -> dict[str, float]:
     """Return the latest position of every joint that is known [rad or m]."""
     found = {name: buffer.latest_joint_position(name) for name in model.independent_joints}
@@ -105,12 +144,10 @@ class RecordedPicture(NamedTuple):
 
     Attributes:
         stamp: when it was recorded [ns].
-        frame_id: the camera's optical frame.
         data: a JPEG or a PNG.
     """
 
     stamp: int
-    frame_id: str
     data: bytes
 
 
@@ -123,26 +160,21 @@ class Recording:
         urdf: the robot's model; empty: not known.
         moments: events, oldest first.
         notice: what is unusual about the recording; empty: nothing.
-        camera: the topic of its pictures; empty: there are none.
-        pictures: of that topic, oldest first.
+        pictures: of one camera, oldest first.
 
     Raises:
-        RecordingError: there is no observation, or they are not in order.
+        RecordingError: there is no observation.
     """
 
     seen: tuple[Observation, ...]
     urdf: str = ""
     moments: tuple[Moment, ...] = ()
     notice: str = ""
-    camera: str = ""
     pictures: tuple[RecordedPicture, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.seen:
             raise RecordingError("The recording is empty.")
-        stamps = [one.stamp for one in self.seen]
-        if stamps != sorted(stamps):
-            raise RecordingError("The recording's stamps are not in order.")
 
     @property
     def duration(self) -> float:

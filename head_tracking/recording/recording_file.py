@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import lz4.frame
 import zstandard
@@ -22,7 +22,6 @@ from head_tracking.recording.bag_writer import (
     BagWriter,
     header,
     transform_of,
-    transforms_of_joints,
     xyz,
 )
 from head_tracking.recording.recording import (
@@ -33,10 +32,10 @@ from head_tracking.recording.recording import (
     Recording,
     RecordingError,
     known_joints,
-    outer_frames,
+    observed,
 )
 from head_tracking.ros.kit.diagnostics import Level
-from head_tracking.tracking import Target
+from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
     RobotModelError,
@@ -54,6 +53,7 @@ _PERIOD = 0.04  # s between observations
 _MOST = 20_000  # observations: a longer recording has fewer per second
 _MOST_MOMENTS = 200
 _TARGET_AGE, _ERROR_AGE = 2_000_000_000, 1_000_000_000  # ns
+_PATIENCE = 1.0  # s until a target's transform is recorded
 _LATE = 1_000_000_000  # ns: a target that is later than this was stamped by another clock
 _START = 1_000_000_000  # ns in which latched messages come, which are no events
 _ERROR = 40  # rcl_interfaces/Log.ERROR
@@ -194,22 +194,6 @@ _STRING = "std_msgs/msg/String"
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 
 
-class _PlacedTarget(NamedTuple):
-    """A target with its point in the model's root [m].
-
-    Attributes:
-        received: when it was recorded [ns].
-        target: as it was sent.
-        point: in the model's root [m].
-        stamp: when the target was there [ns].
-    """
-
-    received: int
-    target: Target
-    point: Vector3
-    stamp: int
-
-
 class _Reading:
     """Makes observations from a file's messages.
 
@@ -233,16 +217,16 @@ class _Reading:
                 self._buffer.set_model(parse_robot_model(self._urdf))
             except RobotModelError as error:
                 self._no_model = f"its robot_description is invalid: {error}"
+        root = self._buffer.model.root if self._buffer.model else ""
+        self._placer = TargetPlacer(self._buffer, root, _PATIENCE)
         self._seen: list[Observation] = []
         self._moments: list[tuple[int, str]] = []
         self._first: int | None = None
         self._now = self._due = 0
         self._joint_stamp = 0
-        self._received_target: tuple[int, Target] | None = None
-        self._target: _PlacedTarget | None = None
+        self._target: tuple[Target, Vector3, int] | None = None
         self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and the value
         self._levels: dict[str, int] = {}
-        self._joints: Mapping[str, float] = {}
         self._pictures: list[RecordedPicture] = []
         self._picture_bytes, self._picture_period = 0, 0
         self._handlers: dict[int, Callable[[bytes], None] | None] = {}  # by number of the channel
@@ -310,61 +294,43 @@ class _Reading:
             self._urdf,
             tuple(moments),
             f"{why}; it is shown up to there" if why else "",
-            self._camera if self._pictures else "",
             tuple(self._pictures),
         )
 
     def _observe(self) -> None:
         model = self._buffer.model
-        if model is None:
-            return
-        now, target = self._now, self._placed_target()
-        joints = known_joints(self._buffer, model)
-        if not joints and not self._seen:
+        if model is None or not (self._seen or known_joints(self._buffer, model)):
             return  # the recording begins with the first measurement of the robot
-        if joints != self._joints:
-            self._joints = joints  # equal ones share one dict
         statuses = {node: self._value(f"{node}/status") or {} for node in ERRORS}
-        enabled = {
-            node: self._value(f"{node}/enabled", default=bool(statuses[node])) for node in ERRORS
-        }
-        controller = next((node for node in ERRORS if enabled[node]), "")
+        enabled = {node: self._value(f"{node}/enabled") for node in ERRORS}
+        on = (n for n in ERRORS if enabled[n] or (enabled[n] is None and statuses[n]))
+        controller = next(on, "")
         status = statuses.get(controller, {})
-        if target is not None and controller != "point_head":
-            target = target if now - target.received <= _TARGET_AGE else None
-        self._seen.append(
-            Observation(
-                now,
-                self._joints,
-                outer_frames(self._buffer, model),
-                None if target is None else target.point,
-                "" if target is None else str(target.target),
-                self._value(ERRORS.get(controller, ""), now - _ERROR_AGE),
-                controller,
-                "stopped" if self._value("stopped") else status.get("state", ""),
-                status.get("detail", ""),
-                status.get("refusal", ""),
-                None if target is None else target.stamp,
-            )
+        if self._value("stopped"):
+            status = {"state": "stopped"}
+        target = self._transformed_target()
+        if target and controller != "point_head" and self._now - target[2] > _TARGET_AGE:
+            target = None
+        error = self._value(ERRORS.get(controller, ""), self._now - _ERROR_AGE)
+        seen = observed(
+            self._now,
+            self._buffer,
+            model,
+            target,
+            error,
+            controller,
+            status,
         )
+        if self._seen and seen.joints == self._seen[-1].joints:
+            seen = replace(seen, joints=self._seen[-1].joints)  # equal ones share one dict
+        self._seen.append(seen)
 
-    def _placed_target(self) -> _PlacedTarget | None:
+    def _transformed_target(self) -> tuple[Target, Vector3, int] | None:
         """Return the latest target that could be transformed, with the joints at its stamp."""
-        model = self._buffer.model
-        if self._received_target is not None and model is not None:
-            received, target = self._received_target
-            late = self._joint_stamp - target.stamp if target.stamp and self._joint_stamp else 0
-            stamp = received - (late if 0 < late < _LATE else 0)
-            for time in (stamp, LATEST):
-                try:
-                    point = self._buffer.transform_point(
-                        target.point, model.root, target.frame_id, time
-                    )
-                except TransformException:
-                    continue
-                self._target = _PlacedTarget(received, target, point, stamp)
-                self._received_target = None
-                break
+        placed = self._placer.place_newest(self._now * 1e-9, {})
+        if placed is not None:
+            target, point = placed
+            self._target = target, point, target.stamp or self._now
         return self._target
 
     def _on_joints(self, message: Any) -> None:
@@ -390,9 +356,10 @@ class _Reading:
 
     def _on_target(self, message: Any) -> None:
         point = (message.point.x, message.point.y, message.point.z)
-        if all(map(math.isfinite, point)):
-            target = Target(_stamp(message.header), message.header.frame_id, point)
-            self._received_target = self._now, target
+        sent = _stamp(message.header)
+        late = self._joint_stamp - sent if self._joint_stamp else 0
+        stamp = self._now - (late if 0 < late < _LATE else 0) if sent else LATEST
+        self._placer.offer(Target(stamp, message.header.frame_id, point), self._now * 1e-9)
 
     def _keep(self, topic: str, message: Any) -> None:
         is_status = topic.endswith("/status")
@@ -424,7 +391,7 @@ class _Reading:
         """Keep pictures: the longer the recording, the fewer per second."""
         if self._pictures and self._now < self._pictures[-1].stamp + self._picture_period:
             return
-        picture = RecordedPicture(self._now, message.header.frame_id, bytes(message.data))
+        picture = RecordedPicture(self._now, bytes(message.data))
         self._pictures.append(picture)
         self._picture_bytes += len(picture.data)
         if self._picture_bytes > _PICTURES:
@@ -474,7 +441,11 @@ def write_recording(recording: Recording) -> bytes:
         bag.write(joints, stamp, message)
         buffer.set_joint_positions(stamp, seen.joints)
         frames = [transform_of(stamp, root, name, found) for name, found in seen.frames.items()]
-        bag.write(transforms, stamp, {"transforms": frames + transforms_of_joints(buffer, stamp)})
+        for joint in () if buffer.model is None else buffer.model.joints.values():
+            if buffer.can_transform(joint.parent, joint.child):
+                found = buffer.lookup_transform(joint.parent, joint.child).transform
+                frames.append(transform_of(stamp, joint.parent, joint.child, found))
+        bag.write(transforms, stamp, {"transforms": frames})
         if seen.target is not None:
             message = {"header": header(stamp, root), "point": xyz(seen.target)}
             bag.write(target, stamp, message)

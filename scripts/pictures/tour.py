@@ -63,7 +63,7 @@ def tabs(page: Any) -> Iterator[str]:
     yield "tune-experts"
     open_tab(page, "health")
     yield "health"
-    page.evaluate("document.querySelector('#faults details').open = true")
+    page.evaluate("document.querySelector('#statuses details').open = true")
     yield "health-values"
     open_tab(page, "record")
     yield "record"

@@ -67,15 +67,3 @@ def test_colours_and_qualities_are_written_as_rviz_writes_them(config):
             if key.endswith("Topic") and isinstance(value, dict):
                 assert value["Value"].startswith("/")
                 assert value["Depth"] > 0
-
-
-def test_rviz_is_told_the_topics_of_the_nodes(config):
-    manager = config["Visualization Manager"]
-    displays = {display["Class"].split("/")[1]: display for display in manager["Displays"]}
-    assert displays["RobotModel"]["Description Topic"]["Value"] == "/robot_description"
-    assert displays["RobotModel"]["Description Topic"]["Durability Policy"] == "Transient Local"
-    assert displays["PointStamped"]["Topic"]["Value"] == "/target_point"
-    assert displays["Marker"]["Topic"]["Value"] == "/target_point_marker"
-    assert "TF" in displays
-    assert manager["Global Options"]["Fixed Frame"] == "world"
-    assert all(display["Enabled"] for display in manager["Displays"])

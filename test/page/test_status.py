@@ -51,6 +51,7 @@ def word(live=LIVE, health=(), servos=ON, *, stopped=False, silent=()) -> Word:
         (replace(POINTED, error=0.3), Word.MOVING),
         (POINTED, Word.ON_TARGET),
         (replace(POINTED, error=None), Word.HOLDING),
+        (replace(POINTED, state="turning", error=None), Word.MOVING),
         (replace(POINTED, refusal="out of reach"), Word.REFUSED),
         # one of many points is refused
         (replace(LIVE, refusal="too old"), Word.ON_TARGET),

@@ -27,7 +27,6 @@ from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
-from head_tracking.transforms import TransformBuffer
 
 PAN = "head_pan_joint"
 VALUES = {"/servo_bus": {"rate": 50.0, "port": "/dev/ttyUSB0", "ids": [1, 2]}}
@@ -45,18 +44,15 @@ def node(monkeypatch) -> Iterator[Node]:
 
 
 @pytest.fixture
-def recorder(node, kinectbot, tmp_path) -> Iterator[Recorder]:
-    buffer = TransformBuffer()
-    buffer.set_model(kinectbot)
+def recorder(node, tmp_path) -> Iterator[Recorder]:
     recorder = Recorder(
         node,
         lambda topic: not topic.startswith("/other/"),
         RecorderParameters(record_directory=str(tmp_path), record_limit=1),
-        buffer,
         lambda: VALUES,
     )
     yield recorder
-    recorder.close()
+    recorder.stop()
 
 
 def messages(file: Path) -> list[tuple[str, Any, Any]]:
@@ -121,7 +117,6 @@ def test_all_that_is_said_is_in_the_file_as_it_was_said(node, recorder):
     levels = [d.status[0].values[0].value for topic, d, _ in found if topic == "/diagnostics"]
     assert levels == [str(number) for number in range(20)]
     assert not [topic for topic, _, _ in found if topic.startswith("/other")]
-    assert {d.transforms[0].header.frame_id for topic, d, _ in found if topic == "/tf_static"}
     stamps = [record.log_time for _, _, record in found]
     assert stamps == sorted(stamps)
     assert abs(stamps[-1] * 1e-9 - time.time()) < 60.0
@@ -232,6 +227,6 @@ def test_what_cannot_be_recorded_says_why(node, recorder, tmp_path):
     recorder.stop()
     (tmp_path / "file").write_text("")
     parameters = RecorderParameters(record_directory=str(tmp_path / "file"))
-    outcome = Recorder(node, bool, parameters, TransformBuffer(), dict).start()
+    outcome = Recorder(node, bool, parameters, dict).start()
     assert not outcome.done
     assert "record_directory" in outcome.text

@@ -1,23 +1,18 @@
 """The page's button that calibrates the camera, over real topics, without a browser."""
 
-from importlib.util import find_spec
 from typing import Any
 
 import pytest
 from robot_under_test import Robot
+from viewing import view
 from waiting import wait_for
 
 from head_tracking.calibration import Calibration, gathering
-from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.diagnostics import Health, Level
 
 pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
-pytestmark = pytest.mark.skipif(
-    find_spec("nicegui") is None,
-    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
-)
 PATIENCE = 90.0
 
 
@@ -29,9 +24,7 @@ def robot(make_module_robot) -> Robot:
 @pytest.fixture(scope="module")
 def seen(robot) -> Any:
     """The robot as the page sees it, with a camera in front of a marker."""
-    node = ViewerNode(robot.composition.buffer)
-    robot.threads.start(node)
-    seen = node.robot
+    seen = view(robot.threads, robot.composition.buffer).robot
     wait_for(lambda: seen.modes.can_start("simulated_camera"))
     assert seen.modes.start("simulated_camera").done
     wait_for(lambda: seen.modes.value("simulated_camera", "scene") is not None)

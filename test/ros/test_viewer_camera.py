@@ -1,22 +1,15 @@
 """The simulated camera on the page: started on request, drawn while somebody looks."""
 
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 import pytest
 from robot_under_test import Robot
+from viewing import PATIENCE, view
 from waiting import wait_for
 
-from head_tracking.nodes.viewer import ViewerNode
-from head_tracking.run.node_sets import started_on_request
 from head_tracking.vision.opencv import OpenCVMissingError
 
-pytestmark = pytest.mark.skipif(
-    find_spec("nicegui") is None,
-    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
-)
-PATIENCE = 30.0
 NAME = "simulated_camera"
 
 
@@ -28,10 +21,9 @@ def robot(make_robot) -> Robot:
 @pytest.fixture
 def seen(robot) -> Any:
     """The robot as the page sees it, once it knows that there could be a camera."""
-    node = ViewerNode(robot.composition.buffer)
-    robot.threads.start(node)
-    wait_for(lambda: node.robot.modes.can_start(NAME), PATIENCE)
-    return node.robot
+    seen = view(robot.threads, robot.composition.buffer).robot
+    wait_for(lambda: seen.modes.can_start(NAME), PATIENCE)
+    return seen
 
 
 def magenta(picture: Any) -> int:
@@ -76,8 +68,3 @@ def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
     assert "pip install" in outcome.text
     assert NAME not in robot.composition.nodes
     assert NAME not in robot.node.get_node_names()
-
-
-def test_only_a_simulated_head_has_a_simulated_camera():
-    assert NAME in started_on_request(simulated=True)
-    assert NAME not in started_on_request(simulated=False)

@@ -1,24 +1,18 @@
 """What the page makes of the servo bus's real diagnostics."""
 
 from dataclasses import replace
-from importlib.util import find_spec
 
 import pytest
+from viewing import view
 from waiting import wait_for
 
 from head_tracking.dynamixel import BusStatistics, BusTiming, Health, ServoState, ServoStatistics
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
-from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.page.robot import SilenceWatch
 from head_tracking.page.status import advice, faults
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, health_from_message
 from head_tracking.ros.kit.diagnostics import Health as PageHealth
-
-pytestmark = pytest.mark.skipif(
-    find_spec("nicegui") is None,
-    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
-)
 
 SERVO = ServoStatistics(
     "pan", 1, 100, 2, 1, 1, "AX-12", 24, last_stamp=1_000_000_000,
@@ -101,9 +95,7 @@ def test_joints_fall_silent_and_speak_again():
 
 def test_servos_are_relaxed_until_the_first_command_and_say_when_they_refuse(make_robot):
     relaxed = make_robot("--mode", "point", "--viewer")
-    node = ViewerNode(relaxed.composition.buffer)
-    relaxed.threads.start(node)
-    seen = node.robot
+    seen = view(relaxed.threads, relaxed.composition.buffer).robot
 
     def torques() -> list[tuple[bool | None, bool]]:
         return [(servo.torque, servo.refuses) for servo in seen.joints.servos()]

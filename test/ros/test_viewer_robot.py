@@ -2,14 +2,13 @@
 
 import math
 from contextlib import closing
-from importlib.util import find_spec
 from typing import Any
 
 import pytest
 import rclpy
-from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
+from viewing import view
 from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
@@ -24,11 +23,6 @@ from head_tracking.transforms import Rotation, Transform
 
 DEGREE = math.radians(1)
 
-pytestmark = pytest.mark.skipif(
-    find_spec("nicegui") is None,
-    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
-)
-
 
 @pytest.fixture
 def robot(make_robot) -> Robot:
@@ -38,9 +32,7 @@ def robot(make_robot) -> Robot:
 @pytest.fixture
 def seen(robot) -> Any:
     """The robot as the page sees it, once it has found out what is there."""
-    node = ViewerNode(robot.composition.buffer)
-    robot.threads.start(node)
-    seen = node.robot
+    seen = view(robot.threads, robot.composition.buffer).robot
     wait_for(lambda: seen.modes.mode() is Mode.TRACK and len(seen.joints.servos()) == 2)
     wait_for(lambda: all(servo.joint for servo in seen.joints.servos()))
     wait_for(lambda: any(setting.name == "k_pan" for setting in seen.parameters.settings()))
@@ -85,34 +77,23 @@ def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen
     wait_for(lambda: robot.true("head_pan_joint") < 0.0)
 
 
-def test_a_frame_is_followed(robot, seen):
+def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
     core = robot.composition.buffer.core
 
-    def put(y: float) -> None:
-        place = Transform((1.0, y, 0.5), Rotation.identity())
-        core.set_transform(0, "base_link", "gripper", place, static=True)
-
-    put(0.5)
-    assert seen.modes.set_mode(Mode.FOLLOW, "gripper").done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.5)))
-    put(-0.5)
-    wait_for(lambda: head_is_at(robot, bearing(1.0, -0.5)))
-
-
-def test_a_head_is_not_on_a_person_of_whom_nothing_comes_any_more(robot, seen):
-    core = robot.composition.buffer.core
-    place = Transform((1.0, 0.5, 0.5), Rotation.identity())
-
-    def word_while_seen() -> Word:
+    def word_while_seen(y: float = -0.5) -> Word:
         now = robot.node.get_clock().now().nanoseconds
+        place = Transform((1.0, y, 0.5), Rotation.identity())
         core.set_transform(now, "base_link", "person_1", place)
         return seen.status(seen.observe()).word
 
     word_while_seen()
     assert seen.modes.set_mode(Mode.FOLLOW, "person_1").done
-    wait_for(lambda: word_while_seen() is Word.ON_TARGET)
+    for y in (0.5, -0.5):
+        wait_for(
+            lambda y=y: word_while_seen(y) is Word.ON_TARGET and head_is_at(robot, bearing(1.0, y))
+        )
     wait_for(lambda: seen.status(seen.observe()).word is Word.HOLDING)
-    assert head_is_at(robot, bearing(1.0, 0.5))
+    assert head_is_at(robot, bearing(1.0, -0.5))
 
 
 def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
@@ -151,87 +132,30 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     assert seen.modes.mode() is Mode.OFF
 
 
-def test_what_can_t_be_is_refused_with_a_reason(seen):
-    for outcome, words in (
-        (seen.modes.look_at("nowhere", (1.0, 0.0, 0.0)), "no frame 'nowhere'"),
-        (seen.modes.look_at("base_link", (math.nan, 0.0, 0.0)), "numbers"),
-        (seen.modes.set_mode(Mode.FOLLOW, "nowhere"), "no frame 'nowhere'"),
-        (seen.parameters.set("/head_tracker", "k_pan", 1000.0), "Max: 20.0"),
-        (seen.parameters.set("/nobody", "k_pan", 1.0), "/nobody"),
-    ):
-        assert not outcome.done
-        assert words in outcome.text
-
-
-def test_a_joint_moved_by_hand_switches_tracking_off(robot, seen):
-    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
-    outcome = seen.joints.move({"head_pan_joint": -0.4, "head_tilt_joint": 0.3})
-    assert outcome.done
-    assert seen.modes.mode() is Mode.OFF
-    wait_for(lambda: head_is_at(robot, -0.4))
-    wait_for(lambda: abs(robot.true("head_tilt_joint") - 0.3) < 2 * DEGREE)
-    assert seen.modes.set_mode(Mode.TRACK).done
-    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
-
-
-def torques(seen: Any) -> list[bool | None]:
-    return [servo.torque for servo in seen.joints.servos()]
+@pytest.mark.parametrize(
+    ("frame", "point"), [("nowhere", (1.0, 0.0, 0.0)), ("base_link", (math.nan, 0.0, 0.0))]
+)
+def test_an_unknown_frame_and_invalid_coordinates_are_refused(seen, frame, point):
+    assert not seen.modes.look_at(frame, point).done
+    assert frame == "base_link" or not seen.modes.set_mode(Mode.FOLLOW, frame).done
 
 
 def word(seen: Any) -> str:
     return str(seen.status(seen.observe()).word)
 
 
-def test_torque_is_switched_servo_by_servo(robot, seen):
-    assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.3)))
-    assert seen.joints.set_torque("head_tilt_controller", False).done
-    wait_for(lambda: torques(seen) == [True, False])
-    assert seen.joints.set_torque("", False).done
-    wait_for(lambda: torques(seen) == [False, False])
-
-
-def test_after_stop_nothing_moves_before_resume(robot, seen):
+def test_a_stop_relaxes_the_servos_until_resume_and_nothing_goes_on_by_itself(robot, seen):
     assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
     wait_for(lambda: word(seen) == "on target")
-    outcome = seen.stop_everything()
-    assert outcome.done
-    assert outcome.text == "head_pan_joint relaxed, head_tilt_joint relaxed"
-    wait_for(lambda: word(seen) == "stopped" and torques(seen) == [False, False])
-    assert seen.modes.mode() is Mode.OFF
+    assert seen.stop_everything().done
+    wait_for(lambda: word(seen) == "stopped" and seen.modes.mode() is Mode.OFF)
+    assert not seen.joints.set_torque("", True).done
     robot.lead_pan(-0.5)  # by a hand, away from the target
     wait_for(lambda: head_is_at(robot, -0.5, 3 * DEGREE))
-    assert not seen.joints.set_torque("", True).done
-    assert "Resume" in seen.joints.move({"head_pan_joint": 0.5}).text
-    assert not seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
+    assert seen.stop.resume().done
+    wait_for(lambda: word(seen) == "holding")
     robot.at_rest(1.0)
     assert head_is_at(robot, -0.5, 3 * DEGREE)
-    assert word(seen) == "stopped"
-    velocities = robot.listen_to_velocity("head_pan_joint")
-    assert seen.stop.resume().done
-    wait_for(lambda: word(seen) == "holding" and torques(seen) == [True, True])
-    robot.at_rest(1.0)
-    assert head_is_at(robot, -0.5, 3 * DEGREE), "by itself nothing of before goes on"
-    assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.3)))
-    assert max(velocities) < 0.5, "slowly until it has arrived once"
-    wait_for(lambda: word(seen) == "on target")
-
-
-def test_a_choice_of_mode_ends_no_stop(robot, seen):
-    assert seen.stop_everything().done
-    wait_for(lambda: word(seen) == "stopped")
-    for mode in (Mode.POINT, Mode.TRACK, Mode.FICTITIOUS):
-        assert seen.modes.set_mode(mode) == (False, seen.stop.refusal)
-    assert seen.modes.set_mode(Mode.OFF).done
-    assert torques(seen) == [False, False]
-    assert seen.stop.resume().done
-    wait_for(lambda: not seen.stop.refusal)
-    assert seen.modes.set_mode(Mode.POINT).done
-    assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, -0.6)))
 
 
 @pytest.mark.parametrize("mode", [Mode.POINT, Mode.TRACK])
@@ -257,10 +181,6 @@ def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen)
     names = {one.name for one in seen.parameters.settings()}
     assert "rate" not in names, "it can't be changed"
     assert "robot_description" not in names, "a wrong one ends the robot's program"
-
-
-def test_a_state_that_is_published_is_shown(robot, seen):
-    wait_for(lambda: seen.observe().state or seen.modes.look_at("base_link", (1, 0, 0)))
 
 
 def test_without_hardware_the_page_says_where_the_joints_are():
@@ -296,11 +216,6 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
         ViewerNode()
 
 
-def test_a_page_for_the_network_is_warned_of(robot):
-    robot.forget_log()
-    node = ViewerNode(
-        robot.composition.buffer, parameter_overrides=[Parameter("host", value="0.0.0.0")]
-    )
-    robot.threads.start(node)
-    robot.logged("/?token=")
-    robot.logged("knows the token can steer the robot")
+def test_the_log_has_the_token_of_a_page_for_the_network(robot):
+    node = view(robot.threads, robot.composition.buffer, host="0.0.0.0")
+    robot.logged(f"/?token={node.page.token}")

@@ -4,7 +4,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from waiting import wait_for
@@ -48,8 +47,3 @@ def test_what_a_person_points_at_reaches_the_head(make_robot):
     topic = tool["Topic"]["Value"]
     for listener in wait_for(lambda: robot.node.get_subscriptions_info_by_topic(topic)):
         assert listener.topic_type == "geometry_msgs/msg/PointStamped"
-
-
-@pytest.mark.parametrize("library", ["visualization_msgs", "tf2_msgs"])
-def test_the_file_says_what_it_needs(library):
-    assert library in CONFIG.read_text().split("Panels:")[0]

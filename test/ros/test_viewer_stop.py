@@ -3,26 +3,18 @@
 import time
 from collections.abc import Callable
 from contextlib import closing
-from importlib.util import find_spec
 from typing import Any
 
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from viewing import PATIENCE, view
 from waiting import wait_for
 
-from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import Path
 from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
-
-pytestmark = pytest.mark.skipif(
-    find_spec("nicegui") is None,
-    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
-)
-PATIENCE = 30.0
 
 
 @pytest.fixture
@@ -34,19 +26,16 @@ def start(threads) -> Callable[[Any], Any]:
     return start
 
 
-def page(start: Callable[[Any], Any], namespace: str = "", **overrides: Any) -> Any:
-    """A page as it is when it has found what there is."""
-    given = [Parameter(name, value=value) for name, value in overrides.items()]
-    start(RobotStatePublisherNode(namespace=namespace, parameter_overrides=given))
-    node = start(ViewerNode(namespace=namespace, parameter_overrides=[Parameter("port", value=0)]))
-    wait_for(node.robot.model, PATIENCE)
-    return node.robot
+@pytest.fixture
+def page(threads) -> Callable[..., Any]:
+    """Starts a page, and returns the robot as it sees it."""
+    return lambda **options: view(threads, **options).robot
 
 
-def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start):
+def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, page):
     bus = start(BusStandIn())
     bus.confirms = {"head_pan_joint"}
-    robot = page(start)
+    robot = page()
     outcome = robot.stop.stop()
     assert not outcome.done
     assert outcome.text == "head_pan_joint relaxed, head_tilt_joint NOT confirmed"
@@ -60,18 +49,18 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start):
     assert robot.stop.outcome is None
 
 
-def test_a_bus_without_stop_is_relaxed_and_what_turned_the_head_switched_off(start):
+def test_a_bus_without_stop_is_relaxed_and_what_turned_the_head_switched_off(start, page):
     bus, tracker = start(BusStandIn(offers=("relax",))), start(ControllerStandIn("head_tracker"))
-    robot = page(start)
+    robot = page()
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     assert robot.stop_everything().done
     assert set(bus.calls) == {"relax"}
     wait_for(lambda: not tracker.on)  # such a bus obeys the next command
 
 
-def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start):
+def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start, page):
     other = start(BusStandIn(offers=("relax",)))
-    robot = page(start)
+    robot = page()
     bus = BusStandIn(offers=("stop",))
     bus.hangs["stop"] = 2.0
     with closing(NodeThreads()) as elsewhere:
@@ -82,8 +71,8 @@ def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start):
         assert "relax" in other.calls
 
 
-def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start):
-    robot = page(start)
+def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start, page):
+    robot = page()
     outcome = robot.stop.stop()
     assert not outcome.done
     assert "NOT confirmed" in outcome.text
@@ -91,10 +80,10 @@ def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start):
     wait_for(lambda: "stop" in bus.calls)
 
 
-def test_who_wants_the_head_to_move_again_ends_the_attempts(start):
+def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
     bus = start(BusStandIn())
     bus.confirms = set()
-    robot = page(start)
+    robot = page()
     assert not robot.stop.stop().done
     bus.say_stopped(False)  # resumed by somebody else
     wait_for(lambda: robot.stop.outcome is None)
@@ -104,9 +93,9 @@ def test_who_wants_the_head_to_move_again_ends_the_attempts(start):
 
 
 @pytest.mark.parametrize("by_page", [True, False])
-def test_a_stop_ends_what_the_page_sends_for_good(start, by_page):
+def test_a_stop_ends_what_the_page_sends_for_good(start, page, by_page):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
-    robot = page(start)
+    robot = page()
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     assert robot.modes.follow_path(Path([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1).done
     assert robot.modes.mode() is Mode.PATH
@@ -119,10 +108,10 @@ def test_a_stop_ends_what_the_page_sends_for_good(start, by_page):
     wait_for(lambda: robot.modes.mode() is Mode.TRACK)
 
 
-def test_a_mode_is_chosen_after_resume_only(start):
+def test_a_mode_is_chosen_after_resume_only(start, page):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
     pointer = start(ControllerStandIn("point_head", on=False))
-    robot = page(start)
+    robot = page()
     wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     bus.confirms = set()
@@ -141,10 +130,10 @@ def test_a_mode_is_chosen_after_resume_only(start):
     assert pointer.asked == [True]
 
 
-def test_a_stop_ends_a_change_of_modes_that_is_under_way(start):
+def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, page):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
     pointer = start(ControllerStandIn("point_head", on=False))
-    robot = page(start)
+    robot = page()
     wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     switch = tracker.switch
@@ -161,37 +150,32 @@ def test_a_stop_ends_a_change_of_modes_that_is_under_way(start):
     assert pointer.asked == []
 
 
-def test_a_parameter_without_a_value_kills_nothing(start):
+def test_a_parameter_without_a_value_hides_no_other(start, page):
     common = Node("common_node")
     common.declare_parameter("serial_number", Parameter.Type.STRING)
     common.declare_parameter("exposure", 0.5)
     start(common)
-    bus = start(BusStandIn())
-    robot = page(start)
+    robot = page()
     wait_for(lambda: any(one.name == "exposure" for one in robot.parameters.settings()), PATIENCE)
     assert robot.parameters.set("/common_node", "exposure", 0.25).done
-    assert robot.stop_everything().done
-    assert "stop" in bus.calls
 
 
-def test_stop_does_not_wait_for_other_requests(start):
+def test_stop_does_not_wait_for_other_requests(start, page):
     """All else that the page asks for goes through one thread; that may hang."""
     bus = start(BusStandIn())
-    robot = page(start)
+    robot = page()
     robot._requests.node.create_timer(0.01, lambda: time.sleep(60.0))
     wait_for(robot.stop._stop.service_is_ready)
     assert robot.stop.stop().done
     assert "stop" in bus.calls
 
 
-@pytest.mark.parametrize("prefixed", [False, True])
-def test_two_robots_in_one_graph_have_a_page_each(start, prefixed):
+def test_two_robots_in_one_graph_have_a_page_each(start, page):
     buses, pages = {}, {}
     for side in ("left", "right"):
         buses[side] = start(BusStandIn(side))
         start(ControllerStandIn("head_tracker", namespace=side))
-        prefix = {"frame_prefix": f"{side}_"} if prefixed else {}
-        pages[side] = page(start, side, **prefix)
+        pages[side] = page(namespace=side)
     for side, robot in pages.items():
         wait_for(lambda robot=robot: robot.modes.mode() is Mode.TRACK, PATIENCE)
         wait_for(lambda robot=robot: len(robot.joints.servos()) == 2, PATIENCE)
@@ -216,45 +200,30 @@ def test_two_robots_in_one_graph_have_a_page_each(start, prefixed):
     assert buses["right"].calls == []
 
 
-def test_a_page_above_other_robots_is_none_of_theirs(start):
+def test_a_page_above_other_robots_is_none_of_theirs(start, page):
     buses = [start(BusStandIn(namespace)) for namespace in ("", "left")]
-    robot = page(start)
+    robot = page()
     wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
     assert robot.stop_everything().done
     assert buses[0].calls
     assert not buses[1].calls
 
 
-def test_what_is_switched_on_is_what_the_nodes_say(start):
-    tracker, pointer = start(ControllerStandIn("head_tracker")), ControllerStandIn("point_head")
-    pointer.on = False
-    start(pointer).switch(False)
-    robot = page(start)
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
-    tracker.switch(False)  # by somebody else
-    wait_for(lambda: robot.modes.mode() is Mode.OFF)
-    pointer.switch(True)
-    wait_for(lambda: robot.modes.mode() is Mode.POINT)
-    assert robot.modes.set_mode(Mode.TRACK).done
-    assert (tracker.on, pointer.on) == (True, False)
-    assert robot.modes.mode() is Mode.TRACK
-
-
-def test_a_page_that_opens_late_knows_what_was_said_before(start):
+def test_a_page_that_opens_late_knows_what_was_said_before(start, page):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker", on=False))
     tracker.say(state="disabled", detail="tracking is disabled")
     bus.own("/head_tracker")
     bus.say_stopped(True)
-    robot = page(start)
+    robot = page()
     wait_for(lambda: robot.stop.stopped)
     wait_for(lambda: robot.topics.status("head_tracker").get("state") == "disabled")
     wait_for(lambda: robot.topics.enabled("head_tracker") is False)
     wait_for(lambda: set(robot.topics.owners().values()) == {"head_tracker"})
 
 
-def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(start):
+def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(start, page):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
-    robot = page(start)
+    robot = page()
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
     assert robot.joints.move({"head_pan_joint": 0.2}).done
@@ -268,10 +237,10 @@ def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_
     assert "somebody" in outcome.text
 
 
-def test_two_senders_or_two_controllers_are_named(start):
+def test_two_senders_or_two_controllers_are_named(start, page):
     for name in ("head_tracker", "point_head"):
         start(ControllerStandIn(name))
-    robot = page(start)
+    robot = page()
     wait_for(lambda: "both control the head" in "".join(robot.notices()), PATIENCE)
     camera = start(ControllerStandIn("visual_target"))
     wait_for(lambda: robot.modes.mode() is Mode.VISUAL, PATIENCE)

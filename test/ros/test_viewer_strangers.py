@@ -4,7 +4,6 @@ import json
 import math
 import random
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import Any
 
 import httpx
@@ -12,20 +11,14 @@ import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from viewing import PATIENCE, view
 from waiting import wait_for
 from websockets.sync.client import connect
 
 from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.ros.kit.diagnostics import Level
-from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.transforms import Rotation, Transform
 
-pytestmark = pytest.mark.skipif(
-    find_spec("nicegui") is None,
-    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
-)
-PATIENCE = 30.0
 NUMBERS = (0.0, -1.0, 1e-320, 1e308, math.nan, math.inf, -math.inf)
 TEXTS = (
     "",
@@ -43,11 +36,7 @@ OTHERS = {"/tf", "/tf_static", "/clock"}
 
 @pytest.fixture
 def viewer(threads) -> ViewerNode:
-    threads.start(RobotStatePublisherNode())
-    node = ViewerNode(parameter_overrides=[Parameter("port", value=0)])
-    threads.start(node)
-    wait_for(node.robot.model, PATIENCE)
-    return node
+    return view(threads)
 
 
 def filled(rnd: random.Random, kind: str) -> Any:

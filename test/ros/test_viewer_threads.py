@@ -6,38 +6,26 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from importlib.util import find_spec
+from itertools import count
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from contract_nodes import ControllerStandIn
 from geometry_msgs.msg import PointStamped
-from rclpy.parameter import Parameter
 from std_msgs.msg import Header
+from viewing import PATIENCE, view
 from waiting import wait_for
 
-from head_tracking.nodes.viewer import ViewerNode
 from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.transforms import Transform, TransformBuffer
-
-pytestmark = pytest.mark.skipif(
-    find_spec("nicegui") is None,
-    reason="NiceGUI is missing: pip install -r requirements/viewer.txt",
-)
-PATIENCE = 30.0
 
 
 @pytest.fixture
 def robot(threads) -> Any:
-    threads.start(RobotStatePublisherNode())
-    node = ViewerNode(parameter_overrides=[Parameter("port", value=0)])
-    threads.start(node)
-    wait_for(node.robot.model, PATIENCE)
-    return node.robot
+    return view(threads).robot
 
 
 class SlowController(ControllerStandIn):
@@ -70,16 +58,18 @@ def test_two_choices_of_a_mode_leave_one_node_in_charge(threads, robot):
         wait_for(lambda: robot.modes.mode() is Mode.TRACK)
 
 
-def test_nothing_ends_while_joints_come_to_be_moved_by_hand(threads, robot):
-    """So many that they are still read for a message when the next one comes."""
+def test_joints_that_are_moved_all_the_time_are_published_all_the_time(threads, robot):
+    """More often than messages go out, and so many that they take longer to write."""
     wait_for(lambda: robot.joints.free, PATIENCE)
     robot.joints.move({f"joint_{number}": 0.1 for number in range(20_000)})
-    for number in range(40):
-        time.sleep(0.055)
-        robot.joints.move({f"another_{number}": 0.1})
+    numbers = count()
+
+    def is_published() -> bool:
+        robot.joints.move({f"another_{next(numbers)}": 0.1, "head_pan_joint": 0.25})
+        return robot.observe().joints.get("head_pan_joint") == pytest.approx(0.25)
+
+    wait_for(is_published, PATIENCE)
     assert threads.failure is None
-    assert robot.joints.move({"head_pan_joint": 0.25}).done
-    wait_for(lambda: robot.observe().joints.get("head_pan_joint") == pytest.approx(0.25), PATIENCE)
 
 
 class Listens:
@@ -120,17 +110,3 @@ def test_targets_come_in_another_thread_than_they_are_asked_for():
         sending.join()
     node.heard(PointStamped(header=Header(frame_id="camera")))
     assert targets.latest() is not None
-
-
-def test_a_joint_that_is_moved_all_the_time_is_published_all_the_time(robot):
-    wait_for(lambda: robot.joints.free, PATIENCE)
-    begun = time.monotonic()
-
-    def moved() -> bool:
-        """Faster than messages go out."""
-        robot.joints.move({"head_pan_joint": 0.1 + 0.01 * (time.monotonic() - begun)})
-        return "head_pan_joint" in robot.observe().joints
-
-    while not moved():
-        assert time.monotonic() < begun + PATIENCE
-        time.sleep(0.01)

@@ -1,7 +1,7 @@
 // The camera picture with boxes: click to look there, drag to look around, tap a name to follow a person.
 import { button, by, element, write } from "./dom.js";
 
-const DRAG = 6, DRAG_PERIOD = 120, MOST_CROPPED = 1.25; // pixels, ms, ratio
+const DRAG = 6, MOST_CROPPED = 1.25; // pixels, ratio
 
 export class CameraPicture {
   /**
@@ -25,10 +25,7 @@ export class CameraPicture {
       if (!this.pressed) return;
       const moved = Math.hypot(event.clientX - this.pressed.x, event.clientY - this.pressed.y) > DRAG;
       this.pressed.dragged ||= moved;
-      if (this.pressed.dragged && performance.now() > (this.dragDue ?? 0)) {
-        this.dragDue = performance.now() + DRAG_PERIOD;
-        this.point(event);
-      }
+      if (this.pressed.dragged) this.point(event);
     });
     card.addEventListener("pointerup", (event) => { if (this.pressed) this.point(event); this.pressed = null; });
     card.addEventListener("pointercancel", () => { this.pressed = null; });

@@ -1,5 +1,5 @@
 // Helpers for the page's elements, and requests to its server.
-const SVG = "http://www.w3.org/2000/svg";
+const SVG = "http://www.w3.org/2000/svg", PERIOD = 50; // ms
 
 export const by = (id) => document.getElementById(id);
 export const degrees = (radians) => (radians * 180) / Math.PI;
@@ -58,7 +58,7 @@ export async function send(path, body = {}, method = "POST") {
 export const get = (path) => send(path, null, "GET");
 export const command = (name, body) => send(`/head/do/${name}`, body);
 
-/** Return a function that sends values one after the other. While one is being sent, only the latest is kept. */
+/** Return a function that sends values one after the other, 20 a second at most. Meanwhile only the latest is kept. */
 export function latestOnly(send) {
   let next = null, isSending = false;
   return async (...values) => {
@@ -69,7 +69,7 @@ export function latestOnly(send) {
       while (next) {
         const present = next;
         next = null;
-        await send(...present);
+        await Promise.all([send(...present), new Promise((resolve) => setTimeout(resolve, PERIOD))]);
       }
     } finally { isSending = false; }
   };

@@ -2,7 +2,7 @@
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
 const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20; // m
-const CLICK = 6, GRASP = 0.04, PERIOD = 33, DRAG_PERIOD = 120, SLOW_PERIOD = 250; // pixels, rad, ms
+const CLICK = 6, GRASP = 0.04, PERIOD = 33, SLOW_PERIOD = 250; // pixels, rad, ms
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
 
 function lineOf(colour, points, kind = THREE.Line) {
@@ -84,7 +84,7 @@ export class RobotScene {
   /** A click on the floor looks there; dragging the target moves it parallel to the screen. */
   listen(onPoint) {
     const canvas = this.renderer.domElement, floor = new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), { ray } = this.caster;
-    let pressed = null, dragged = null, due = 0;
+    let pressed = null, dragged = null;
     const aim = ({ clientX, clientY }) => {
       const { left, top, width, height } = canvas.getBoundingClientRect();
       this.caster.setFromCamera(new THREE.Vector2((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height), this.camera);
@@ -105,9 +105,7 @@ export class RobotScene {
     }, { capture: true }); // before the view's own listener
     const isClick = (event) => pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= CLICK;
     canvas.addEventListener("pointermove", (event) => {
-      if (!dragged || isClick(event) || performance.now() < due) return;
-      due = performance.now() + DRAG_PERIOD;
-      look(event, dragged);
+      if (dragged && !isClick(event)) look(event, dragged);
     });
     canvas.addEventListener("pointerup", (event) => {
       if (dragged ? !isClick(event) : isClick(event)) look(event, dragged ?? floor);

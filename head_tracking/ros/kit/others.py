@@ -66,7 +66,7 @@ class Graph:
         return name.startswith(self.namespace.rstrip("/") + "/")
 
 
-_PATIENCE = 5.0  # s
+_PATIENCE = 15.0  # s: a slow machine may need so long to start a node
 
 
 class Outcome(NamedTuple):

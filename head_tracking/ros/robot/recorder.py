@@ -10,7 +10,6 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.others import Graph, OtherParameters
 from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
-from head_tracking.tf import listening_buffer
 
 _DISCOVERY_PERIOD = 1.0  # s
 _NICENESS = 10
@@ -40,7 +39,6 @@ class RecorderNode(ClosingNode):
             self,
             self._graph.is_below,
             parameters,
-            listening_buffer(self).core,
             self._others.values,
         )
         self._has_ended = False

@@ -1,0 +1,35 @@
+"""The node of the page in a test; modules that import this are skipped without NiceGUI."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rclpy.parameter import Parameter
+from waiting import wait_for
+
+pytest.importorskip("nicegui", reason="needs NiceGUI: pip install -r requirements/viewer.txt")
+
+from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
+
+PATIENCE = 30.0
+
+
+def view(threads: NodeThreads, buffer: Any = None, namespace: str = "", **given: Any) -> ViewerNode:
+    """Start a page on any free port; return it when it knows the robot's model.
+
+    Args:
+        threads: spin the node.
+        buffer: of the robot; None: a robot_state_publisher is started as well.
+        namespace: of the robot.
+        given: parameters of the page.
+    """
+    if buffer is None:
+        threads.start(RobotStatePublisherNode(namespace=namespace))
+    parameters = [Parameter(name, value=value) for name, value in ({"port": 0} | given).items()]
+    node = ViewerNode(buffer, namespace=namespace, parameter_overrides=parameters)
+    threads.start(node)
+    wait_for(node.robot.model, PATIENCE)
+    return node
