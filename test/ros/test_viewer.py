@@ -158,7 +158,7 @@ def test_the_page_shows_the_robot(page):
         return int(np.count_nonzero((b > r + 40) & (b > g + 20)))
 
     page.locator("#scene").scroll_into_view_if_needed()
-    wait_for(lambda: blue() > 300, PATIENCE)  # the torso
+    wait_for(lambda: blue() > 150, PATIENCE)  # the torso
     assert page.title() == "kinectbot"
 
 
