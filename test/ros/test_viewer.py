@@ -101,7 +101,7 @@ def page(robot, viewer, opened) -> Any:
     """The page of a robot with torque, whatever the test before has left."""
     if viewer.robot.stop.refusal or is_relaxed(robot):
         assert robot.call("resume").success
-        assert robot.call("torque_enable", True).success
+        wait_for(lambda: robot.call("torque_enable", True).success, PATIENCE)
         wait_for(lambda: not viewer.robot.stop.refusal and not is_relaxed(robot))
     opened.evaluate("headPage.replay.opened && headPage.replay.close()")
     wait_for(lambda: word(opened) not in ("stopped", "relaxed", "replay"), PATIENCE)
