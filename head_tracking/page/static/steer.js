@@ -93,7 +93,7 @@ export class Steering {
     const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode) || (mode === "path" && own), path: mode === "path", points: mode === "path" && own };
     for (const node of by("options").querySelectorAll("[data-for]")) node.hidden = !wanted[node.dataset.for];
     by("options").hidden = !Object.values(wanted).some(Boolean);
-    by("cards").classList.toggle("compact", !by("options").hidden);
+    for (const id of ["live", "cards"]) by(id).classList.toggle("options", !by("options").hidden);
     write(this.submit, mode === "path" ? "Look along it" : mode === "follow a frame" ? "Follow" : "Point head");
     write(this.addPoint, `Add point (${this.points.length} so far)`);
   }
