@@ -323,7 +323,7 @@ class _Watcher:
         if text == "got":
             self.ready = True
         elif text.startswith("camera "):
-            self.topic = text.removeprefix("camera ")
+            self.topic, self.ready = text.removeprefix("camera "), True
         elif text == "blind":
             self.topic = None
 

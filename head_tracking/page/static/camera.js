@@ -1,7 +1,7 @@
 // The camera picture with boxes: click to look there, drag to look around, tap a name to follow a person.
 import { button, by, element, write } from "./dom.js";
 
-const DRAG = 6, MOST_CROPPED = 1.25; // pixels, ratio
+const DRAG = 6, MOST_CROPPED = 1.25, DECODING = 1000; // pixels, ratio, ms: a picture that is replaced may never be decoded
 
 export class CameraPicture {
   /**
@@ -51,7 +51,7 @@ export class CameraPicture {
   async showBlob(blob) {
     const before = this.image.src;
     this.image.src = URL.createObjectURL(blob);
-    await this.image.decode().catch(() => {});
+    await Promise.race([this.image.decode().catch(() => {}), new Promise((end) => setTimeout(end, DECODING))]);
     if (before) URL.revokeObjectURL(before);
     this.place();
   }
