@@ -1,4 +1,4 @@
-"""Calibration of the camera mounting and joint zeros of a head, with a marker.
+"""Calibration of the camera mounting and joint zeros of a head by what its camera sees.
 
 `Head.calibrate` measures them, `Calibration` is the file format, and `calibrated` applies a file to
 a robot model.

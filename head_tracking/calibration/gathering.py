@@ -1,4 +1,4 @@
-"""Record views of a marker while the head moves slowly."""
+"""Record views of a marker, a face or the room while the head moves slowly."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.result import Calibration
+from head_tracking.calibration.sights import Observe, observer
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
@@ -19,20 +20,21 @@ from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.camera_follower import DEFAULT_VIEW, pictures
 from head_tracking.vision.candidate import Frame
 from head_tracking.vision.images import Picture, Pixels
-from head_tracking.vision.markers import MarkerDetector, MarkerParameters
+from head_tracking.vision.markers import MarkerParameters
 
 MOST_VIEWS: Final = 25
 LONGEST: Final = 90.0  # s
 
 _SPEED: Final = 0.6  # rad/s
 _SETTLING: Final = 0.4  # s after an arrival, because images are late
-_STILL: Final = 1.0  # px: maximum motion between two images
-_PATIENCE: Final = 1.5  # s to wait for a still image of a marker,
+_STILL: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
+"""Maximum motion between two images [px]; a face is located less exactly than a corner."""
+_PATIENCE: Final = 1.5  # s to wait for a still image,
 _COMPARED: Final = 4  # and minimum number of images: a busy computer is late
 _LATE: Final = 0.5  # s: maximum delay of joint measurements after an image
 _POLL: Final = 0.005  # s
 _RETRY: Final = 0.2  # s
-_REACH: Final = 0.75  # of half the image: range of marker positions
+_REACH: Final = 0.75  # of half the image: range of positions of the sight
 _DISTANCE: Final = 2.0  # m: distance of the points to look at
 _STEPS: Final = 5  # in each direction
 _CROSSED: Final = math.radians(3.0)  # motion after which the play is certainly crossed
@@ -58,21 +60,24 @@ def calibrate_camera(
     head: TurningHead,
     camera: int | str | Iterable[tuple[float, Pixels]] = 0,
     *,
-    marker: MarkerParameters,
+    sight: str = "marker",
+    marker: MarkerParameters | None = None,
     frame: str = "camera_optical_frame",
     model: Camera | None = None,
     focal_length: bool = False,
     report: Callable[[str], object] = lambda text: None,
 ) -> Calibration:
-    """Calibrate the camera mounting: the head looks around a marker, at most 25 views and 90 s.
+    """Calibrate the camera mounting: the head looks around at most 25 times and for 90 s.
 
-    The marker does not move and is visible at the start. `head.stop()` in any thread ends it.
+    What the camera sees does not move. `head.stop()` in any thread ends it.
 
     Args:
         head: the head.
         camera: number, device, file or URL; or images (blue, green, red; shape (height, width, 3))
             with their times [s, as time.time()].
-        marker: family, number and size of the marker.
+        sight: what to look at: "marker", "face" (of a person who stands still) or "room" (any
+            surroundings with texture).
+        marker: family, number and size of the marker; not used for the other sights.
         frame: optical frame of the camera.
         model: the camera; None: a horizontal field of view of 60 degrees.
         focal_length: whether to estimate the focal length.
@@ -82,14 +87,13 @@ def calibrate_camera(
         The calibration; neither files nor the model of the head are changed.
 
     Raises:
-        CalibrationError: no image is received, the marker is not visible, or the views contradict
+        CalibrationError: no image is received, the sight is not visible, or the views contradict
             each other or the model.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is unknown, or the joints are not measured until the end.
-        ValueError: the marker has no size.
+        ValueError: there is no such sight, or the marker has no size.
     """
-    if marker.marker_size <= 0.0:
-        raise ValueError("marker_size is not above 0; set it to the edge of the black square [m]")
+    observe = observer(sight, marker)
     robot = head.frames.model
     assert robot is not None
     pan, tilt = head.joints
@@ -100,11 +104,11 @@ def calibrate_camera(
         raise _no_picture()
     height, width = first.shape[:2]
     lens = model or camera_with_view(width, height, DEFAULT_VIEW)
-    views = _gather(_Observer(head, source, lens, marker), head, geometry, lens, report)
+    still = _Observer(head, source, lens, observe, _STILL[sight])
+    views = _gather(still, head, geometry, lens, report)
     report(f"{len(views)} views; computing")
-    return Calibration.of(
-        geometry, solve(geometry, lens, views, marker.marker_size, focal_length=focal_length)
-    )
+    size = marker.marker_size if marker and sight == "marker" else None
+    return Calibration.of(geometry, solve(geometry, lens, views, size, focal_length=focal_length))
 
 
 class _Observer:
@@ -114,7 +118,8 @@ class _Observer:
         head: the head.
         source: images with their times [s].
         camera: the camera.
-        marker: the marker.
+        observe: finds the sight in an image.
+        still: maximum motion between two images of a still sight [px].
     """
 
     def __init__(
@@ -122,14 +127,15 @@ class _Observer:
         head: TurningHead,
         source: Iterator[tuple[float, Pixels]],
         camera: Camera,
-        marker: MarkerParameters,
+        observe: Observe,
+        still: float,
     ) -> None:
         self._head, self._source, self._camera = head, source, camera
-        self._detector = MarkerDetector(marker)
+        self._observe, self._still = observe, still
         self._positions, self._directions = tuple(head.joints.values()), [0, 0]
 
     def views(self) -> list[View]:
-        """Return the visible markers as soon as the image is still; empty: no marker.
+        """Return what is visible as soon as the image is still; empty: nothing.
 
         The joints must be at rest from a measurement before the images to one after them, because
         measurements and the start of a motion may be late.
@@ -152,7 +158,7 @@ class _Observer:
                 view
                 for number, view in found.items()
                 if number in before
-                and float(np.abs(view.corners - before[number].corners).max()) < _STILL
+                and float(np.abs(view.corners - before[number].corners).max()) < self._still
             ]
             if still or (stamp > end and compared >= _COMPARED):
                 return still
@@ -164,10 +170,8 @@ class _Observer:
         pan, tilt = self._head.joints.values()
         directions = self._directions[0], self._directions[1]
         return {
-            int(each.label): View(
-                pan, tilt, int(each.label), np.asarray(each.points, float), directions
-            )
-            for each in self._detector.detect(frame, [])
+            number: View(pan, tilt, number, corners, directions)
+            for number, corners in self._observe(frame).items()
         }
 
     def _measured(self) -> float:
@@ -211,22 +215,23 @@ def _gather(
     camera: Camera,
     report: Callable[[str], object],
 ) -> list[View]:
-    """Return views with the marker at positions all over the image, in random order.
+    """Return views with the sight at positions all over the image, in random order.
 
-    Random order distinguishes a motion of marker or camera from a wrong mounting.
+    Random order distinguishes a motion of the sight or the camera from a wrong mounting.
     """
     end = time.monotonic() + LONGEST
     views = observer.views()
     if not views:
         raise CalibrationError(
             Reason.FEW_VIEWS,
-            "no marker is visible: turn the head or the marker, and check the family and number of "
-            "the marker",
+            "nothing to look at is visible: turn the head, and check the light; of a marker, check "
+            "its family and number",
         )
     directions = _directions(camera)
     random.Random(1).shuffle(directions)
     directions = directions[: MOST_VIEWS - 1]
-    nearest = views[0]
+    middle = (camera.cx, camera.cy)
+    nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))
     for number, (right, down) in enumerate(directions, 1):
         if time.monotonic() > end:
             break
@@ -256,7 +261,7 @@ def _turn(head: TurningHead, point: Vector3, frame: str, end: float) -> bool:
 
 
 def _directions(camera: Camera) -> list[tuple[float, float]]:
-    """Return the wanted positions of the marker in the image: x and y at z = 1."""
+    """Return the wanted positions of the sight in the image: x and y at z = 1."""
     across = _REACH * camera.width / 2.0 / camera.fx
     down = _REACH * camera.height / 2.0 / camera.fy
     steps = np.linspace(-1.0, 1.0, _STEPS)
@@ -266,7 +271,7 @@ def _directions(camera: Camera) -> list[tuple[float, float]]:
 def _point_beside(
     head: TurningHead, geometry: HeadGeometry, camera: Camera, seen: View, right: float, down: float
 ) -> tuple[float, float, float]:
-    """Return the point to look at [m] that moves a marker to x and y, at z = 1, in the image."""
+    """Return the point to look at [m] that moves the sight to x and y, at z = 1, in the image."""
     u, v = seen.corners.mean(axis=0).tolist()
     x, y = camera.ray((u, v))
     joints = dict(zip(head.joints, (seen.pan, seen.tilt), strict=True))

@@ -80,6 +80,30 @@ class Estimate(NamedTuple):
     observable: bool
 
 
+class Residuals(NamedTuple):
+    """Where the camera sees the corners or points, and where they are expected.
+
+    Attributes:
+        focal: focal length [px].
+        seen: in the images, relative to the optical axis, shape (N, 2) [px].
+        before: by how much the model's expectation differs, shape (N, 2) [px].
+        after: by how much the calibrated model's expectation differs, shape (N, 2) [px].
+    """
+
+    focal: float
+    seen: Array
+    before: Array
+    after: Array
+
+    def errors(self) -> tuple[float, float]:
+        """Return the rms errors of direction before and after the calibration [rad]."""
+        before, after = (
+            float(np.sqrt((each**2).sum(axis=1).mean())) / self.focal
+            for each in (self.before, self.after)
+        )
+        return before, after
+
+
 class Solution(NamedTuple):
     """Result of the estimation.
 
@@ -89,6 +113,7 @@ class Solution(NamedTuple):
         noise: standard deviation of a corner in the image [px].
         views: number of used views.
         left_out: number of excluded outliers.
+        residuals: of the used views.
     """
 
     changes: Array
@@ -96,6 +121,7 @@ class Solution(NamedTuple):
     noise: float
     views: int
     left_out: int
+    residuals: Residuals
 
 
 @dataclass(frozen=True, slots=True)

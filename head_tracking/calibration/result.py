@@ -17,6 +17,7 @@ from head_tracking.calibration.geometry import (
     PARAMETERS,
     Estimate,
     HeadGeometry,
+    Residuals,
     Solution,
 )
 from head_tracking.exceptions import HeadTrackingError
@@ -72,6 +73,9 @@ class Calibration:
         noise: standard deviation of a corner in the image [px].
         views: number of used views.
         left_out: number of excluded outliers.
+        error_before: rms error of direction of the views with the uncalibrated model [rad].
+        error_after: the same with the calibrated model [rad].
+        residuals: of the views; None: loaded from a file.
         source: file of the calibration; None: not loaded from a file.
     """
 
@@ -83,6 +87,9 @@ class Calibration:
     noise: float
     views: int
     left_out: int
+    error_before: float
+    error_after: float
+    residuals: Residuals | None = field(default=None, compare=False, repr=False)
     source: Path | None = field(default=None, compare=False)
 
     @property
@@ -111,6 +118,8 @@ class Calibration:
             solution.noise,
             solution.views,
             solution.left_out,
+            *solution.residuals.errors(),
+            solution.residuals,
         )
 
     def save(self, path: Path) -> None:
@@ -138,6 +147,8 @@ class Calibration:
             "noise": self.noise,
             "views": self.views,
             "left_out": self.left_out,
+            "error_before": self.error_before,
+            "error_after": self.error_after,
         }
         draft = path.with_name(f".{path.name}.draft")
         draft.write_text(_HEADER + yaml.safe_dump(document, sort_keys=False))
@@ -198,7 +209,9 @@ class Calibration:
                 _positive(found["noise"]),
                 int(found["views"]),
                 int(found["left_out"]),
-                path,
+                _finite(found["error_before"]),
+                _finite(found["error_after"]),
+                source=path,
             )
         except OSError as error:
             raise CalibrationFileError(path, error.strerror or str(error)) from error

@@ -1,4 +1,4 @@
-"""Estimate the calibration errors of a head from views of markers at rest.
+"""Estimate the calibration errors of a head from views of markers or points at rest.
 
 A bundle adjustment by least squares with priors: the errors of the head, the poses of the markers
 and the errors of the joint readings are estimated together (Hartley and Zisserman, Multiple View
@@ -24,6 +24,7 @@ from head_tracking.calibration.geometry import (
     Array,
     Estimate,
     HeadGeometry,
+    Residuals,
     Solution,
     rotation_matrices,
 )
@@ -42,11 +43,13 @@ _OUTLYING: Final = 5.0  # deviations: such a view is excluded,
 _MOST_LEFT_OUT: Final = 0.2  # at most this share of all
 _MOST_NOISE: Final = 4.0  # px
 _UNSTEADY: Final = 2.5  # times the stated deviation of the readings
-_MOVED: Final = 25.0  # decrease of the cost: chi-square with 6 degrees of freedom, p = 5e-9
+_MOVED: Final = 5.7  # deviations: a motion reduces the cost by a chi-square with p = 5e-9
 _SPLITS: Final = (0.25, 0.4, 0.5, 0.6, 0.75)
 _SIZES: Final = (0.5, 2.0)  # factors of the stated marker size that are tried
 _RESIZED: Final = 5.4  # decrease of the cost: chi-square with 1 degree of freedom, p = 0.001
 _POSE: Final = 6
+_POINT_DISTANCE: Final = 2.0  # m: expected distance of a point from the camera,
+_POINT_SPREAD: Final = 1.5  # m: and its standard deviation
 
 
 class Reason(StrEnum):
@@ -73,13 +76,14 @@ class CalibrationError(HeadTrackingError):
 
 
 class View(NamedTuple):
-    """A marker in an image, with the head at rest.
+    """A marker or a point in an image, with the head at rest.
 
     Attributes:
         pan: measured position of the pan joint [rad].
         tilt: measured position of the tilt joint [rad].
-        marker: number of the marker.
-        corners: corners in the image, clockwise from the marker's upper left, shape (4, 2) [px].
+        marker: number of the marker or of the point.
+        corners: corners in the image, clockwise from the marker's upper left, shape (4, 2) [px]; of
+            a point, shape (1, 2).
         directions: directions of the last motion of pan and tilt: 1, -1, or 0: unknown.
     """
 
@@ -94,7 +98,7 @@ def solve(
     geometry: HeadGeometry,
     camera: Camera,
     views: Sequence[View],
-    marker_size: float,
+    marker_size: float | None,
     *,
     reading_deviation: float = 0.0015,
     focal_length: bool = False,
@@ -104,31 +108,35 @@ def solve(
     Args:
         geometry: geometry of the head in its model.
         camera: the camera.
-        views: views in the order of recording.
-        marker_size: edge of the black square of the markers [m].
+        views: views in the order of recording, all of markers or all of points.
+        marker_size: edge of the black square of the markers [m]; None: the views show points.
         reading_deviation: standard deviation of the joint readings [rad].
         focal_length: whether to estimate the focal length.
 
     Raises:
         CalibrationError: there are too few views, or they contradict each other or the model.
     """
-    if len(views) < FEWEST_VIEWS:
+    images = len({(view.pan, view.tilt) for view in views})
+    if images < FEWEST_VIEWS:
         raise CalibrationError(
             Reason.FEW_VIEWS,
-            f"the marker is visible in {len(views)} views; {FEWEST_VIEWS} are needed: use more "
-            "light, or a smaller distance",
+            f"the marker is visible in {images} images; {FEWEST_VIEWS} are needed: use more light, "
+            "or a smaller distance",
         )
     free = [k for k in range(len(PARAMETERS)) if focal_length or k != FOCAL_LENGTH]
-    observations, square = _Observations.of(views, camera), _square(marker_size)
-    fit = min(
-        (
-            _Fit(
-                geometry, camera.focal_length(), observations, square, reading_deviation, poses
-            ).run(free, 1.0)
-            for poses in _first_poses(geometry, observations, square)
-        ),
-        key=lambda each: each.cost,
-    )
+    observations = _Observations.of(views, camera)
+    if marker_size is None:
+        shape, spread = np.zeros((1, 3)), _POINT_SPREAD
+        guesses = [_first_points(geometry, observations)]
+    else:
+        shape, spread = _square(marker_size), math.inf
+        guesses = _first_poses(geometry, observations, shape)
+    focal = camera.focal_length()
+    fits = [
+        _Fit(geometry, focal, observations, shape, reading_deviation, poses, spread).run(free, 1.0)
+        for poses in guesses
+    ]
+    fit = min(fits, key=lambda each: each.cost)
     noise = fit.noise()
     fit.run(free, noise)
     moved = fit.movement(free, noise)
@@ -160,8 +168,8 @@ def solve(
             f"camera and joints differ by {math.degrees(unsteady * reading_deviation):.2f} "
             "degrees: the camera is loose, or the joints have play",
         )
-    factor = fit.better_size(free, noise)
-    if factor is not None:
+    factor = None if marker_size is None else fit.better_size(free, noise)
+    if marker_size is not None and factor is not None:
         raise CalibrationError(
             Reason.FAR_FROM_MODEL,
             f"the views fit a marker of {factor * marker_size:g} m better than one of "
@@ -171,22 +179,25 @@ def solve(
     while True:
         fit.run(free, noise, robust=False)
         deviations = fit.deviations(free, held)
-        _check_plausible(fit.changes, deviations, free, marker_size)
+        _check_plausible(fit.changes, deviations, free)
         unknown = [k for k in free if deviations[k] > _KNOWN * _PRIORS[k]]
         if not unknown:
             break
         free.remove(unknown[-1])
         held += [unknown[-1]] * (unknown[-1] not in ZEROS)
     changes = fit.changes
+    exact = fit.with_exact_readings()
+    after, before = exact.misses(), exact.run([], noise, robust=False).misses()
+    residuals = Residuals(focal, fit.pixels(), before, after)
     estimates = {
         parameter.name: Estimate(float(changes[k]), float(deviations[k]), k in free)
         for k, parameter in enumerate(PARAMETERS)
         if focal_length or k != FOCAL_LENGTH
     }
-    return Solution(changes, estimates, noise, len(kept), len(views) - len(kept))
+    return Solution(changes, estimates, noise, len(kept), len(views) - len(kept), residuals)
 
 
-def _check_plausible(changes: Array, deviations: Array, free: Sequence[int], size: float) -> None:
+def _check_plausible(changes: Array, deviations: Array, free: Sequence[int]) -> None:
     """Raise CalibrationError if an estimate is implausible for this model."""
     for k in free:
         change, unit = PARAMETERS[k].displayed(changes[k])
@@ -195,22 +206,24 @@ def _check_plausible(changes: Array, deviations: Array, free: Sequence[int], siz
             raise CalibrationError(
                 Reason.FAR_FROM_MODEL,
                 f"{PARAMETERS[k].name} differs by {change:.1f} {unit} from the model: check the "
-                f"marker size ({size:g} m) and the robot model",
+                "marker size, the angle of view and the robot model",
             )
 
 
 class _Observations(NamedTuple):
-    """Markers in images, one in each view.
+    """Markers (K = 4 corners) or points (K = 1) in images, one in each view.
 
     Attributes:
         positions: measured pan and tilt, shape (N, 2) [rad].
         directions: directions of the last motion, shape (N, 2); see `View`.
+        images: index of the image of each view, shape (N,).
         markers: index of the marker of each view, shape (N,).
-        rays: rays of the corners, x and y at z = 1, shape (N, 4, 2).
+        rays: rays of the corners, x and y at z = 1, shape (N, K, 2).
     """
 
     positions: Array
     directions: Array
+    images: npt.NDArray[np.intp]
     markers: npt.NDArray[np.intp]
     rays: Array
 
@@ -218,11 +231,14 @@ class _Observations(NamedTuple):
     def of(views: Sequence[View], camera: Camera) -> _Observations:
         """Convert views."""
         _, markers = np.unique([view.marker for view in views], return_inverse=True)
+        readings = [(view.pan, view.tilt) for view in views]
+        _, images = np.unique(readings, axis=0, return_inverse=True)
         corners = np.array([view.corners for view in views], dtype=np.float64)
         rays = [camera.ray((u, v)) for u, v in corners.reshape(-1, 2).tolist()]
         return _Observations(
-            np.array([(view.pan, view.tilt) for view in views]),
+            np.array(readings),
             np.array([view.directions for view in views], dtype=np.float64),
+            images.ravel(),
             markers,
             np.array(rays).reshape(corners.shape),
         )
@@ -235,9 +251,10 @@ class _Fit:
         geometry: geometry of the head in its model.
         focal: focal length of the camera [px].
         seen: observations of N views.
-        square: corners of a marker in its frame, shape (4, 3) [m].
+        shape: corners of a marker in its frame, shape (K, 3) [m].
         reading: standard deviation of a reading [rad].
         poses: `T_base_marker` of the markers: rotation vectors and positions, shape (M, 6).
+        spread: standard deviation of `poses` [m]; infinite: only the views determine them.
 
     Attributes:
         cost: half the sum of the squared, normalised residuals.
@@ -249,39 +266,50 @@ class _Fit:
         geometry: HeadGeometry,
         focal: float,
         seen: _Observations,
-        square: Array,
+        shape: Array,
         reading: float,
         poses: Array,
+        spread: float,
     ) -> None:
-        self._geometry, self._focal, self._square, self._reading = geometry, focal, square, reading
+        self._geometry, self._focal, self._shape, self._reading = geometry, focal, shape, reading
         self.cost = math.inf
         self.changes = np.zeros(len(PARAMETERS))
         self._noise = 1.0
         self._seen, self._poses = seen, poses
-        self._readings = np.zeros((2, len(seen.positions)))
+        self._expected, self._spread = poses, spread
+        self._readings = np.zeros((2, 1 + int(seen.images.max())))
 
     def with_views(self, kept: Sequence[int]) -> _Fit:
         """Return a problem with some of the views, starting at the present solution."""
         fit = copy(self)
-        positions, directions, markers, rays = self._seen
-        fit._seen = _Observations(positions[kept], directions[kept], markers[kept], rays[kept])
-        fit._readings = self._readings[:, kept]
-        fit._regroup(fit._seen.markers, self._poses)
+        positions, directions, images, markers, rays = self._seen
+        used, images = np.unique(images[kept], return_inverse=True)
+        fit._seen = _Observations(
+            positions[kept], directions[kept], images, markers[kept], rays[kept]
+        )
+        fit._readings = self._readings[:, used]
+        fit._regroup(fit._seen.markers)
+        return fit
+
+    def with_exact_readings(self) -> _Fit:
+        """Return the problem in which the joints are exactly where they were measured."""
+        fit = copy(self)
+        fit._reading, fit._readings = 1e-6, np.zeros_like(self._readings)
         return fit
 
     def moved_at(self, first: int) -> _Fit:
         """Return the problem in which all markers have new poses from a view on."""
         fit = copy(self)
         later = np.arange(len(self._seen.positions)) >= first
-        fit._regroup(
-            self._seen.markers + later * len(self._poses), np.concatenate([self._poses] * 2)
-        )
+        fit._regroup(self._seen.markers + later * len(self._poses))
         return fit
 
-    def _regroup(self, markers: npt.NDArray[np.intp], poses: Array) -> None:
-        """Set the index of the pose of each view; remove poses without a view."""
+    def _regroup(self, markers: npt.NDArray[np.intp]) -> None:
+        """Set the index of the pose of each view, modulo the number of poses."""
         used, markers = np.unique(markers, return_inverse=True)
-        self._seen, self._poses = self._seen._replace(markers=markers), poses[used]
+        used %= len(self._poses)
+        self._seen = self._seen._replace(markers=markers)
+        self._poses, self._expected = self._poses[used], self._expected[used]
 
     def run(self, free: Sequence[int], noise: float, *, robust: bool = True) -> _Fit:
         """Solve the problem for some parameters; the others are 0.
@@ -328,43 +356,53 @@ class _Fit:
         self._poses = poses.reshape(-1, _POSE)
 
     def _residuals(self, x: Array, free: Sequence[int]) -> Array:
-        """Return the normalised residuals: corners, then priors of parameters and readings."""
+        """Return the normalised residuals: corners, then priors of the unknowns."""
         self._set(x, free)
-        priors = x[: len(free) + self._readings.size]
+        priors = x.copy()
+        priors[len(free) + self._readings.size :] -= self._expected.ravel()
+        priors[len(free) + self._readings.size :] /= self._spread
         return np.concatenate([self._errors().ravel() / self._noise, priors])
 
     def _errors(self) -> Array:
-        """Return the reprojection errors of the corners, shape (N, 4, 2) [px]."""
+        """Return the reprojection errors of the corners, shape (N, K, 2) [px]."""
         behind = 0.5 * self.changes[[PAN_PLAY, TILT_PLAY]] * self._seen.directions
-        pans, tilts = (self._seen.positions - behind).T + self._readings
+        pans, tilts = (self._seen.positions - behind).T + self._readings[:, self._seen.images]
         rotations, positions = self._geometry.cameras(self.changes, pans, tilts)
         turns = rotation_matrices(self._poses[:, :3])
-        corners = self._poses[:, None, 3:] + self._square @ turns.transpose(0, 2, 1)
+        corners = self._poses[:, None, 3:] + self._shape @ turns.transpose(0, 2, 1)
         seen = (corners[self._seen.markers] - positions[:, None]) @ rotations
         depth = np.maximum(seen[..., 2:], 1e-3)
         scale = math.exp(self.changes[FOCAL_LENGTH])
         return np.asarray(self._focal * (scale * seen[..., :2] / depth - self._seen.rays))
 
     def _differences(self, x: Array, free: Sequence[int]) -> Array:
-        """Return the Jacobian by finite differences; a reading affects its own view only."""
-        step, n, count = 1e-6, len(free), len(self._seen.positions)
+        """Return the Jacobian by finite differences.
+
+        A reading affects its own image only, and a pose its own marker: one difference serves all.
+        """
+        step, n, images = 1e-6, len(free), self._readings.shape[1]
         here = self._residuals(x, free)
-        jacobian = np.zeros((len(here), len(x)))
-        corners = self._seen.rays.size
-        each = corners // count
-        for k in (*range(n), *range(n + 2 * count, len(x))):
-            aside = x.copy()
-            aside[k] += step
-            jacobian[:, k] = (self._residuals(aside, free) - here) / step
+        corners = np.arange(self._seen.rays.size)
+        each = self._seen.rays[0].size
+        poses = n + 2 * images
+        blocks = [(np.array([k]), np.zeros_like(corners)) for k in range(n)]
         for joint in range(2):
-            columns = n + joint * count + np.arange(count)
+            columns = n + joint * images + np.arange(images)
+            blocks.append((columns, np.repeat(self._seen.images, each)))
+        for part in range(_POSE):
+            blocks.append(
+                (np.arange(poses + part, len(x), _POSE), np.repeat(self._seen.markers, each))
+            )
+        jacobian = np.zeros((len(here), len(x)))
+        for columns, owners in blocks:
             aside = x.copy()
             aside[columns] += step
-            slopes = (self._residuals(aside, free) - here)[:corners].reshape(count, each) / step
-            for view in range(count):
-                rows = slice(view * each, (view + 1) * each)
-                jacobian[rows, columns[view]] = slopes[view]
-                jacobian[corners + columns[view], columns[view]] = 1.0
+            slopes = (self._residuals(aside, free) - here)[: corners.size] / step
+            jacobian[corners, columns[owners]] = slopes
+        unknowns = np.arange(len(x))
+        jacobian[corners.size + unknowns, unknowns] = np.where(
+            unknowns < poses, 1.0, 1.0 / self._spread
+        )
         self._set(x, free)
         return jacobian
 
@@ -375,10 +413,18 @@ class _Fit:
         share = math.sqrt(misses.size / max(misses.size - used, 0.25 * misses.size))
         return max(0.05, float(np.median(misses)) / 0.6745 * share)
 
+    def pixels(self) -> Array:
+        """Return the seen corners relative to the optical axis, shape (N * K, 2) [px]."""
+        return self._focal * self._seen.rays.reshape(-1, 2)
+
+    def misses(self) -> Array:
+        """Return the differences of the expected corners from the seen ones, as `pixels`."""
+        return self._errors().reshape(-1, 2)
+
     def consistent_views(self) -> list[int]:
         """Return the indices of the views that are no outliers."""
         misses = np.sqrt((self._errors() ** 2).mean(axis=(1, 2))) / self.noise()
-        aside = np.abs(self._readings).max(axis=0) / self._reading
+        aside = np.abs(self._readings).max(axis=0)[self._seen.images] / self._reading
         limit = _OUTLYING * max(1.0, self.unsteadiness())
         return np.flatnonzero((misses < _OUTLYING) & (aside < limit)).tolist()
 
@@ -390,7 +436,9 @@ class _Fit:
         count = len(self._seen.positions)
         for share in _SPLITS:
             first = round(share * count)
-            if self.cost - self.moved_at(first).run(free, noise).cost > _MOVED:
+            moved = self.moved_at(first)
+            added = (len(moved._poses) - len(self._poses)) * (_POSE if len(self._shape) > 1 else 3)
+            if added and self.cost - moved.run(free, noise).cost > 0.5 * _unlikely(added):
                 return first
         return None
 
@@ -406,7 +454,7 @@ class _Fit:
     def resized(self, factor: float) -> _Fit:
         """Return the problem with markers of another size, at another distance."""
         fit = copy(self)
-        fit._square = factor * self._square
+        fit._shape = factor * self._shape
         fit._poses = self._poses * np.repeat((1.0, factor), 3)
         return fit
 
@@ -452,6 +500,22 @@ def _first_poses(geometry: HeadGeometry, seen: _Observations, square: Array) -> 
             vector, _ = cv2.Rodrigues(rotation @ cv2.Rodrigues(turns[k])[0])
             guess.append(np.concatenate([vector.ravel(), position + rotation @ shifts[k].ravel()]))
     return [np.array(guess) for guess in guesses]
+
+
+def _first_points(geometry: HeadGeometry, seen: _Observations) -> Array:
+    """Return initial guesses of points at one distance, as poses without a rotation."""
+    rotations, positions = geometry.cameras(np.zeros(len(PARAMETERS)), *seen.positions.T)
+    _, first = np.unique(seen.markers, return_index=True)
+    rays = np.pad(seen.rays[first, 0], ((0, 0), (0, 1)), constant_values=1.0)
+    rays *= _POINT_DISTANCE / np.linalg.norm(rays, axis=1, keepdims=True)
+    points = positions[first] + np.einsum("nij,nj->ni", rotations[first], rays)
+    return np.pad(points, ((0, 0), (3, 0)))
+
+
+def _unlikely(freedom: int) -> float:
+    """Return the chi-square that is `_MOVED` deviations too large (Wilson and Hilferty, 1931)."""
+    variance = 2.0 / (9.0 * freedom)
+    return freedom * (1.0 - variance + _MOVED * math.sqrt(variance)) ** 3
 
 
 def _square(size: float) -> Array:

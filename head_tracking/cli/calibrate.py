@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from head_tracking.calibration import summary
+from head_tracking.calibration import Calibration, summary
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, between, exit_code
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head import Head
 from head_tracking.transforms import Rotation, Transform
 
@@ -25,7 +26,8 @@ SIMULATED_MOUNTING: Final = Transform(
 """Pose of the simulated camera in the optical frame of the model."""
 
 _EPILOG = """\
-Fix the marker 1 to 3 m away, where the camera sees it. The head turns slowly for at most 90 s.
+Fix the marker 1 to 3 m away, where the camera sees it; or stand still there (--sight face), or let
+it see the room (--sight room). The head turns slowly for at most 90 s.
 Ctrl-C ends the calibration and relaxes the servos.
 exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed; 130 Ctrl-C
 """
@@ -48,35 +50,51 @@ def _calibrate(options: argparse.Namespace) -> int:
         )
         width, height = (320, 240) if options.sim else options.size
         calibration = head.calibrate(
-            _simulated_images(head) if options.sim else options.camera,
+            _simulated_images(head, options.sight) if options.sim else options.camera,
+            sight=options.sight,
             marker=marker,
             model=camera_with_view(width, height, math.radians(options.view)),
             focal_length=options.focal_length,
             report=lambda text: print(text, file=sys.stderr),
         )
     calibration.save(options.output)
+    if options.picture:
+        _draw(calibration, options.picture, (width, height))
     for name, change, deviation in summary(calibration):
         print(f"{name:<22} {change:>18}  +- {deviation}")
     print(
         f"{calibration.views} views used, {calibration.left_out} ignored; corner noise "
-        f"{calibration.noise:.2f} px\nwritten: {options.output}\n"
+        f"{calibration.noise:.2f} px\nthe views disagree by "
+        f"{math.degrees(calibration.error_before):.2f} degrees before, "
+        f"{math.degrees(calibration.error_after):.2f} degrees after (rms)\n"
+        f"written: {options.output}\n"
         f"use it:  head_tracking --robot {options.robot} --calibration {options.output}"
     )
     return DONE
 
 
-def _simulated_images(head: Head) -> Iterable[tuple[float, Pixels]]:
+def _simulated_images(head: Head, sight: str) -> Iterable[tuple[float, Pixels]]:
     """Return the images of a camera whose pose differs from the model."""
     from head_tracking.scene import film
 
     pose = partial(head.pose, "camera_optical_frame", "base_link")
-    return film("still marker", lambda stamp: pose(stamp=stamp) @ SIMULATED_MOUNTING)
+    scene = "empty" if sight == "room" else f"still {sight}"
+    return film(scene, lambda stamp: pose(stamp=stamp) @ SIMULATED_MOUNTING)
+
+
+def _draw(calibration: Calibration, file: Path, size: tuple[int, int]) -> None:
+    from head_tracking.calibration.picture import residual_picture
+    from head_tracking.vision.opencv import cv2
+
+    assert calibration.residuals is not None
+    if not cv2.imwrite(str(file), residual_picture(calibration.residuals, size)):
+        raise HeadTrackingError(f"cannot write the picture {file}")
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="calibrate",
-        description="Measures the pose of a head's camera: the head looks around a marker.",
+        description="Measures the pose of a head's camera: the head looks around.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -93,6 +111,10 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--focal-length", action="store_true", help="measure the angle of view as well")
     add(
+        "--sight", choices=("marker", "face", "room"), default="marker",
+        help="what to look at (%(default)s)",
+    )  # fmt: skip
+    add(
         "--marker-size", type=between(0.005, 2.0, "m"), default=0.16, metavar="M",
         help="edge of the marker's black square [m] (%(default)s)",
     )  # fmt: skip
@@ -102,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
         "--output", default="calibration.yaml", type=Path, metavar="FILE",
         help="the file to write (%(default)s)",
     )  # fmt: skip
+    add("--picture", type=Path, metavar="FILE", help="draw the errors before and after (.png)")
     add("--yes", action="store_true", help="start without confirmation")
     return parser
 

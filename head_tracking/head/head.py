@@ -398,7 +398,8 @@ class Head:
         self,
         camera: int | str | Iterable[tuple[float, Pixels]] = 0,
         *,
-        marker: MarkerParameters,
+        sight: str = "marker",
+        marker: MarkerParameters | None = None,
         frame: str = "camera_optical_frame",
         model: Camera | None = None,
         focal_length: bool = False,
@@ -408,8 +409,8 @@ class Head:
         from head_tracking.calibration.gathering import calibrate_camera
 
         return calibrate_camera(
-            self, camera, marker=marker, frame=frame, model=model, focal_length=focal_length,
-            report=report,
+            self, camera, sight=sight, marker=marker, frame=frame, model=model,
+            focal_length=focal_length, report=report,
         )  # fmt: skip
 
     def learn(

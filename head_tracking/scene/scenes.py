@@ -94,6 +94,7 @@ _THINGS: Mapping[str, Callable[[np.random.Generator], dict[str, Thing]]] = {
     "ball": lambda rng: {"ball": Ball(0.08, ORANGE, _moving())},
     "marker": lambda rng: {"marker": marker_board(_moving())},
     "still marker": lambda rng: {"marker": marker_board(lambda _: (1.5, 0.2, 0.7))},
+    "still face": lambda rng: {"face": face(lambda _: (1.5, 0.2, 0.7))},
     "picture": lambda rng: {"picture": Board(pattern(rng), 0.35, _moving())},
     "everything": lambda rng: {
         **_people(1.9, phase=2.0),

@@ -13,27 +13,31 @@ from head_tracking.calibration.geometry import PARAMETERS
 from head_tracking.calibration.solver import solve
 
 HEADS = 200
+_SIGHTS = {0: "marker", 1: "face", 12: "12 points of a room"}
 
 
 def calibration() -> str:
     """Return the table."""
-    rows = [_row(noise, play) for noise, play in ((0.5, 0.0), (2.0, 0.0), (0.5, 1.0))]
+    rows = [
+        _row(*case)
+        for case in ((0.5, 0.0, 0), (2.0, 0.0, 0), (0.5, 1.0, 0), (1.0, 0.0, 1), (1.0, 0.0, 12))
+    ]
     return table(
-        "noise of a corner, play behind the encoders | pointing error on held-out views before: "
+        "sight, its noise, play behind the encoders | pointing error on held-out views before: "
         "median, worst | after: median, worst; rms | intervals of 95 % with the truth inside | "
         "play found: error, median, worst | time to compute",
         rows,
     )
 
 
-def _row(noise: float, play: float) -> str:
+def _row(noise: float, play: float, points: int) -> str:
     geometry = kinectbot_geometry()
     before, after, times, plays = [], [], [], []
     inside: list[bool] = []
     for seed in range(1000, 1000 + HEADS):
-        head = random_head(geometry, seed, noise, play=math.radians(play))
+        head = random_head(geometry, seed, noise, play=math.radians(play), points=points)
         begin = time.perf_counter()
-        found = solve(geometry, CAMERA, head.views, SIZE)
+        found = solve(geometry, CAMERA, head.views, None if points else SIZE)
         times.append(time.perf_counter() - begin)
         before.append(math.degrees(pointing_error(geometry, head, np.zeros(10))))
         after.append(math.degrees(pointing_error(geometry, head, found.changes)))
@@ -45,7 +49,7 @@ def _row(noise: float, play: float) -> str:
                 inside.append(abs(estimate.value - truth) < 1.96 * estimate.deviation)
     rms = math.sqrt(np.mean(np.square(after)))
     return row(
-        f"{noise:g} px, {play:g} degrees",
+        f"{_SIGHTS[points]}, {noise:g} px, {play:g} degrees",
         f"{np.median(before):.2f}, {max(before):.2f} degrees",
         f"{np.median(after):.2f}, {max(after):.2f}; {rms:.2f} degrees",
         f"{100.0 * np.mean(inside):.1f} % of {len(inside)}",

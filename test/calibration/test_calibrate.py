@@ -4,6 +4,7 @@ import math
 import time
 from collections import deque
 
+import cv2
 import numpy as np
 import pytest
 
@@ -30,17 +31,23 @@ def quick(monkeypatch):
     monkeypatch.setattr(gathering, "_SPEED", 2.0)
 
 
-def test_a_wrong_mounting_is_corrected(quick, tmp_path):
-    output = tmp_path / "camera.yaml"
-    arguments = ["camera", "--sim", "--yes", "--output", str(output)]
-    assert calibrate.main(arguments) == DONE
+@pytest.mark.parametrize(("sight", "degrees"), [("marker", 0.7), ("face", 1.2), ("room", 1.4)])
+def test_a_wrong_mounting_is_corrected(quick, tmp_path, sight, degrees):
+    output, picture = tmp_path / "camera.yaml", tmp_path / "camera.png"
+    arguments = ["camera", "--sim", "--yes", "--sight", sight, "--output", str(output)]
+    assert calibrate.main([*arguments, "--picture", str(picture)]) == DONE
     model = load_robot_model(robot_file("kinectbot"))
     found = calibrated(model, output).transform("neck_link", "camera_optical_frame", {})
     true = model.transform("neck_link", "camera_optical_frame", {}) @ calibrate.SIMULATED_MOUNTING
     apart = found.inverse() @ true
-    assert 2.0 * np.linalg.norm(apart[3:6]) < np.radians(0.6)  # it was 3.8 degrees
-    assert np.linalg.norm(apart.translation) < 0.008  # m; it was 11 mm
-    assert Calibration.load(output).views > 8
+    assert 2.0 * np.linalg.norm(apart[3:6]) < np.radians(degrees)  # it was 3.8 degrees
+    assert sight != "marker" or np.linalg.norm(apart.translation) < 0.008  # m; it was 11 mm
+    calibration = Calibration.load(output)
+    assert calibration.views > 8
+    assert calibration.error_after < 0.5 * calibration.error_before
+    drawn = cv2.imread(str(picture)).astype(int)
+    red, green = drawn[..., 2] - drawn[..., 1] > 60, drawn[..., 1] - drawn[..., 2] > 60
+    assert red.sum() > 2 * green.sum()
 
 
 def test_nothing_moves_without_confirmation(tmp_path):
@@ -50,7 +57,7 @@ def test_nothing_moves_without_confirmation(tmp_path):
     assert not output.exists()
 
 
-def test_no_marker_in_view_is_a_failure(quick, tmp_path):
+def test_no_marker_in_view_is_a_failure(tmp_path):
     output = tmp_path / "camera.yaml"
     arguments = ["camera", "--sim", "--yes", "--marker-id", "3", "--output", str(output)]
     assert calibrate.main(arguments) == FAILED

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from random_head import kinectbot_geometry
+from random_head import RESIDUALS, kinectbot_geometry
 
 from head_tracking import Head
 from head_tracking.calibration import Calibration, CalibrationFileError, Estimate, calibrated
@@ -28,7 +28,7 @@ def geometry():
 @pytest.fixture
 def file(geometry, tmp_path):
     estimates = {"camera pitch": Estimate(0.03, 0.001, True)}
-    calibration = Calibration.of(geometry, Solution(CHANGES, estimates, 0.3, 20, 1))
+    calibration = Calibration.of(geometry, Solution(CHANGES, estimates, 0.3, 20, 1, RESIDUALS))
     calibration.save(tmp_path / "calibration.yaml")
     return tmp_path / "calibration.yaml"
 
@@ -50,6 +50,7 @@ def test_a_file_is_what_was_saved(file):
     assert found.estimates == {"camera pitch": Estimate(0.03, 0.001, True)}
     assert (found.robot, found.noise, found.views, found.left_out) == ("kinectbot", 0.3, 20, 1)
     assert found.focal_length == pytest.approx(math.exp(0.02))
+    assert (found.error_before, found.error_after) == pytest.approx((0.1, 0.001))
     assert 0.0 <= found.age < 3600.0
     again = file.with_name("again.yaml")
     found.save(again)
@@ -154,7 +155,7 @@ def test_a_tilt_axis_that_the_urdf_leaves_out(tmp_path):
         '<parent link="tilted"/><child link="optical"/></joint></robot>'
     )
     geometry = HeadGeometry.of(model, "pan", "tilt", "optical")
-    calibration = Calibration.of(geometry, Solution(CHANGES, {}, 0.3, 20, 1))
+    calibration = Calibration.of(geometry, Solution(CHANGES, {}, 0.3, 20, 1, RESIDUALS))
     calibration.save(tmp_path / "calibration.yaml")
     found = calibrated(model, tmp_path / "calibration.yaml").joint("tilt").axis
     assert np.allclose(found, calibration.joints[1].axis, atol=1e-9)

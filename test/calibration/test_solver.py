@@ -17,12 +17,15 @@ def geometry():
     return kinectbot_geometry()
 
 
-@pytest.mark.parametrize("noise", [0.5, 2.0])
-def test_pointing_error_after_a_calibration(geometry, noise):
+@pytest.mark.parametrize(("noise", "points"), [(0.5, 0), (2.0, 0), (1.0, 1), (1.0, 12)])
+def test_pointing_error_after_a_calibration(geometry, noise, points):
+    """Of a marker, of one point (a face), and of points of a room."""
     before, after, inside = [], [], []
-    for seed in range(100, 106):
-        head = random_head(geometry, seed, noise)
-        solution = solve(geometry, CAMERA, head.views, SIZE)
+    for seed in range(100, 104):
+        head = random_head(geometry, seed, noise, points=points)
+        solution = solve(geometry, CAMERA, head.views, None if points else SIZE)
+        expected, remaining = solution.residuals.errors()
+        assert remaining < 0.5 * expected
         before.append(pointing_error(geometry, head, np.zeros(10)))
         after.append(pointing_error(geometry, head, solution.changes))
         for name, truth in zip(
@@ -40,10 +43,9 @@ def test_pointing_error_after_a_calibration(geometry, noise):
 
 
 def test_wrong_joint_zeros_do_not_affect_the_result(geometry):
-    for seed in (110, 111):
-        head = random_head(geometry, seed, 0.5, zeros=math.radians(2.0))
-        solution = solve(geometry, CAMERA, head.views, SIZE)
-        assert pointing_error(geometry, head, solution.changes) < math.radians(0.3)
+    head = random_head(geometry, 110, 0.5, zeros=math.radians(2.0))
+    solution = solve(geometry, CAMERA, head.views, SIZE)
+    assert pointing_error(geometry, head, solution.changes) < math.radians(0.3)
 
 
 def test_the_focal_length_is_found(geometry):
@@ -58,11 +60,12 @@ def test_the_focal_length_is_found(geometry):
     assert found.deviation < 0.02
 
 
-@pytest.mark.parametrize("degrees", [0.0, 0.5, 1.0, 2.0])
-def test_the_play_behind_the_encoders_is_found(geometry, degrees):
-    for seed in (140, 141, 142):
-        head = random_head(geometry, seed, 0.5, play=math.radians(degrees))
-        solution = solve(geometry, CAMERA, head.views, SIZE)
+@pytest.mark.parametrize("points", [0, 1])
+@pytest.mark.parametrize("degrees", [0.5, 2.0])
+def test_the_play_behind_the_encoders_is_found(geometry, degrees, points):
+    for seed in (142, 143):
+        head = random_head(geometry, seed, 0.5, play=math.radians(degrees), points=points)
+        solution = solve(geometry, CAMERA, head.views, None if points else SIZE)
         for name in ("pan play", "tilt play"):
             found = solution.estimates[name]
             assert found.observable
@@ -78,9 +81,7 @@ def test_play_is_not_observable_from_one_direction(geometry):
     assert not estimates["tilt play"].observable
 
 
-@pytest.mark.parametrize(
-    ("factor", "seed"), [(2.0, 137), (2.0, 140), (2.0, 142), (0.5, 130), (0.5, 143)]
-)
+@pytest.mark.parametrize(("factor", "seed"), [(2.0, 137), (2.0, 140), (0.5, 130)])
 def test_a_wrong_marker_size_is_refused(geometry, factor, seed):
     """The distance of the marker is not observable in these views; the scale is."""
     with pytest.raises(CalibrationError) as refusal:
@@ -88,16 +89,16 @@ def test_a_wrong_marker_size_is_refused(geometry, factor, seed):
     assert refusal.value.reason is Reason.FAR_FROM_MODEL
 
 
-@pytest.mark.parametrize("seed", [130, 131])
-def test_a_marker_that_slips_is_found(geometry, seed):
-    views = random_head(geometry, seed, 0.5).views
+@pytest.mark.parametrize("points", [0, 1, 12])
+def test_a_sight_that_moves_is_found(geometry, points):
+    views = random_head(geometry, 130, 0.5, points=points).views
     half = len(views) // 2
     slipped = [
         view if index < half else view._replace(corners=view.corners + np.array((3.0, 7.0)))
         for index, view in enumerate(views)
     ]
     with pytest.raises(CalibrationError) as refusal:
-        solve(geometry, CAMERA, slipped, SIZE)
+        solve(geometry, CAMERA, slipped, None if points else SIZE)
     assert refusal.value.reason is Reason.MOVED
 
 

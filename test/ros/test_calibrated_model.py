@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from random_head import kinectbot_geometry
+from random_head import RESIDUALS, kinectbot_geometry
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from ros_domain import own_domain
@@ -32,7 +32,7 @@ NO_SIGNALS = SignalHandlerOptions.NO
 def file(tmp_path):
     changes = np.array([0.03, 0.05, -0.02, 0.004, 0.003, 0.006, 0.01, 0.0, 0.0, 0.0])
     path = tmp_path / "calibration.yaml"
-    Calibration.of(kinectbot_geometry(), Solution(changes, {}, 0.3, 20, 1)).save(path)
+    Calibration.of(kinectbot_geometry(), Solution(changes, {}, 0.3, 20, 1, RESIDUALS)).save(path)
     return path
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from head_tracking.calibration.geometry import HeadGeometry, rotation_matrices
+from head_tracking.calibration.geometry import HeadGeometry, Residuals, rotation_matrices
 from head_tracking.calibration.solver import View
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
@@ -16,6 +16,10 @@ from head_tracking.vision.camera import camera_with_view
 SIZE = 0.16  # m
 CAMERA = camera_with_view(640, 480, math.radians(60.0))
 READING = 0.0015  # rad; deviation of the joints' readings
+RESIDUALS = Residuals(
+    500.0, np.zeros((2, 2)), np.array([(30.0, 40.0), (-40.0, 30.0)]), np.array([(0.5, 0), (0, 0.5)])
+)
+"""Of a solution that was not computed: 0.1 rad before, 0.001 rad after."""
 _SIGNS = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
 _AHEAD = 0.5  # rad: how far a held-out view is aside at most
 
@@ -42,7 +46,12 @@ class Seen(NamedTuple):
 
 
 def random_head(
-    geometry: HeadGeometry, seed: int, noise: float, zeros: float = 0.0, play: float = 0.0
+    geometry: HeadGeometry,
+    seed: int,
+    noise: float,
+    zeros: float = 0.0,
+    play: float = 0.0,
+    points: int = 0,
 ) -> Seen:
     """Draw a head that is about 5 degrees and 10 mm wrong, and a marker 1 to 3 m away.
 
@@ -52,6 +61,7 @@ def random_head(
         noise: of a corner [px].
         zeros: deviation of the joints' zeros [rad].
         play: of both joints, between encoder and camera, from side to side [rad].
+        points: show so many points 1 to 4 m away instead of a marker.
     """
     rng = np.random.default_rng(seed)
     changes = np.zeros(12)
@@ -72,13 +82,22 @@ def random_head(
         middle
         + 0.5 * SIZE * _SIGNS @ (facing @ rotation_matrices(rng.normal(0.0, 0.3, (1, 3)))[0]).T
     )
+    shapes = [corners]
+    if points:
+        asides = rng.uniform(-0.35, 0.35, (points, 2)) * (points > 1)
+        spheres = [(azimuth + aside, elevation + up) for aside, up in asides]
+        shapes = [
+            rng.uniform(1.0, 4.0)
+            * np.array([[math.cos(a) * math.cos(e), math.sin(a) * math.cos(e), math.sin(e)]])
+            for a, e in spheres
+        ]
 
     def optical(pan: float, tilt: float, points: np.ndarray) -> np.ndarray:
         (turn,), (place,) = geometry.cameras(changes, np.array([pan]), np.array([tilt]))
         return np.asarray((points - place) @ turn)
 
-    def seen(pan: float, tilt: float) -> np.ndarray | None:
-        pixels = [CAMERA.pixel(point) for point in optical(pan, tilt, corners).tolist()]
+    def seen(pan: float, tilt: float, shape: np.ndarray = corners) -> np.ndarray | None:
+        pixels = [CAMERA.pixel(point) for point in optical(pan, tilt, shape).tolist()]
         inside = all(p is not None and 3 < p[0] < 636 and 3 < p[1] < 476 for p in pixels)
         return np.array(pixels) if inside else None
 
@@ -90,12 +109,14 @@ def random_head(
         step = np.sign(np.subtract((aside, up), before))
         before, turned = (aside, up), np.where(step, step, turned)
         pan, tilt = azimuth + aside, up - elevation
-        found = seen(pan, tilt)
-        if found is not None:
-            wrong = rng.normal(0.0, READING, 2)
-            found = found + rng.normal(0.0, noise, found.shape)
-            read = np.array((pan, tilt)) + wrong + 0.5 * play * turned
-            views.append(View(read[0], read[1], 7, found, tuple(turned.astype(int).tolist())))
+        wrong = rng.normal(0.0, READING, 2)
+        read = np.array((pan, tilt)) + wrong + 0.5 * play * turned
+        for number, shape in enumerate(shapes):
+            found = seen(pan, tilt, shape)
+            if found is not None:
+                found = found + rng.normal(0.0, noise, found.shape)
+                directions = tuple(turned.astype(int).tolist())
+                views.append(View(read[0], read[1], number, found, directions))
     held_out = []
     for _ in range(60):
         pan = azimuth + rng.uniform(-_AHEAD, _AHEAD)

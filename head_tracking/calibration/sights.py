@@ -1,0 +1,102 @@
+"""What a calibration looks at: a marker, a still face, or the room."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from head_tracking.calibration.geometry import Array
+from head_tracking.vision.candidate import Frame
+from head_tracking.vision.faces import FaceDetector, FaceParameters
+from head_tracking.vision.images import Pixels
+from head_tracking.vision.markers import MarkerDetector, MarkerParameters
+from head_tracking.vision.opencv import cv2
+
+SIGHTS: Final = ("marker", "face", "room")
+
+Observe: TypeAlias = Callable[[Frame], dict[int, Array]]
+"""Returns the visible markers or points by their number: corners (4, 2), or a point (1, 2) [px]."""
+
+_CELLS: Final = 6, 4  # of the first image: at most one point of the room in each
+_KEYPOINTS: Final = 1500
+_PARALLAX: Final = 0.025  # of the image width: points at different distances move differently
+_FEWEST: Final = 6  # points of the room in an image
+
+
+def observer(sight: str, marker: MarkerParameters | None) -> Observe:
+    """Return the function that finds a sight in images.
+
+    Args:
+        sight: one of `SIGHTS`.
+        marker: family, number and size of the marker.
+
+    Raises:
+        ValueError: there is no such sight, or the marker has no size.
+    """
+    if sight not in SIGHTS:
+        raise ValueError(f"the sight is {sight!r}; allowed are {', '.join(SIGHTS)}")
+    if sight == "face":
+        return _Face()
+    if sight == "room":
+        return _Room()
+    if marker is None or marker.marker_size <= 0.0:
+        raise ValueError("marker_size is not above 0; set it to the edge of the black square [m]")
+    detector = MarkerDetector(marker)
+    return lambda frame: {
+        int(each.label): np.asarray(each.points, float) for each in detector.detect(frame, [])
+    }
+
+
+class _Face:
+    """Finds the middle of the largest face."""
+
+    def __init__(self) -> None:
+        self._detector = FaceDetector(FaceParameters(search_period=1))
+
+    def __call__(self, frame: Frame) -> dict[int, Array]:
+        faces = self._detector.detect(frame, [])
+        if not faces:
+            return {}
+        return {0: np.array([max(faces, key=lambda face: face.box.width).centre])}
+
+
+class _Room:
+    """Finds the distinct points of the first image in later images (ORB: Rublee, 2011)."""
+
+    def __init__(self) -> None:
+        self._orb = cv2.ORB_create(_KEYPOINTS)
+        self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
+        self._first: tuple[Array, Pixels] | None = None
+
+    def __call__(self, frame: Frame) -> dict[int, Array]:
+        assert frame.picture is not None
+        keypoints, descriptors = self._orb.detectAndCompute(frame.picture.gray, None)
+        if descriptors is None:
+            return {}
+        points = np.array([keypoint.pt for keypoint in keypoints])
+        if self._first is None:
+            responses = np.array([keypoint.response for keypoint in keypoints])
+            chosen = _spread(points, responses, frame.picture.size)
+            self._first = points[chosen], descriptors[chosen]
+        first, known = self._first
+        pairs = np.array(
+            [(match.queryIdx, match.trainIdx) for match in self._matcher.match(known, descriptors)]
+        ).reshape(-1, 2)
+        if len(pairs) < _FEWEST:
+            return {}
+        limit = _PARALLAX * frame.camera.width
+        _, agree = cv2.findHomography(first[pairs[:, 0]], points[pairs[:, 1]], cv2.RANSAC, limit)
+        if agree is None or agree.sum() < _FEWEST:
+            return {}
+        return {int(k): points[[j]] for k, j in pairs[agree.ravel() > 0]}
+
+
+def _spread(points: Array, responses: Array, size: tuple[int, int]) -> list[int]:
+    """Return the index of the strongest point in each cell of an image."""
+    cells = (points / size * _CELLS).astype(int) @ (1, _CELLS[0])
+    best: dict[int, int] = {}
+    for index in np.argsort(-responses).tolist():
+        best.setdefault(int(cells[index]), index)
+    return list(best.values())
