@@ -39,6 +39,7 @@ _PRIORS: Final = np.array([parameter.prior for parameter in PARAMETERS])
 _KNOWN: Final = 0.5  # of the prior deviation: a parameter with more is not observable
 _ROBUST: Final = 3.0  # deviations: larger residuals have less weight
 _FAR: Final = 3.5  # deviations: larger errors, or negative play, contradict the model
+_NEGATIVE_PLAY: Final = math.radians(0.5)  # less is noise
 _OUTLYING: Final = 5.0  # deviations: such a view is excluded,
 _MOST_LEFT_OUT: Final = 0.2  # at most this share of all
 _MOST_NOISE: Final = 4.0  # px
@@ -201,7 +202,9 @@ def _check_plausible(changes: Array, deviations: Array, free: Sequence[int]) -> 
     """Raise CalibrationError if an estimate is implausible for this model."""
     for k in free:
         change, unit = PARAMETERS[k].displayed(changes[k])
-        is_negative_play = k in (TILT_PLAY, PAN_PLAY) and changes[k] < -_FAR * deviations[k]
+        is_negative_play = k in (TILT_PLAY, PAN_PLAY) and changes[k] < -max(
+            _FAR * deviations[k], _NEGATIVE_PLAY
+        )
         if is_negative_play or abs(changes[k]) > _FAR * _PRIORS[k]:
             raise CalibrationError(
                 Reason.FAR_FROM_MODEL,

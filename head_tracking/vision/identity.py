@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from head_tracking.parameters import parameter
 from head_tracking.transforms import Transform, Vector3
-from head_tracking.vision.assignment import assign
 from head_tracking.vision.candidate import Candidate
 from head_tracking.vision.looks import Appearance, appearance_distance
 
@@ -163,7 +162,7 @@ class Identity:
             [[self._cost(track, located, T_optical_fixed) for located in found]
              for track in self.tracks]
         ).reshape(len(self.tracks), len(found))  # fmt: skip
-        pairs = assign(costs, _IMPOSSIBLE)
+        pairs = _cheapest_pairs(costs)
         assigned = set(pairs.values())
         for i, track in enumerate(self.tracks):
             if i in pairs:
@@ -245,3 +244,13 @@ class Identity:
             key=lambda track: track.latest.candidate.box.width,
             default=None,
         )
+
+
+def _cheapest_pairs(costs: Vector) -> dict[int, int]:
+    """Return the column of each row: the cheapest pair first, then the cheapest of the others."""
+    pairs: dict[int, int] = {}
+    for index in np.argsort(costs, axis=None).tolist():
+        row, column = divmod(index, costs.shape[1])
+        if costs[row, column] < _IMPOSSIBLE and row not in pairs and column not in pairs.values():
+            pairs[row] = column
+    return pairs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
+from simulated_packets import InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.protocol import ALERT, crc16
@@ -108,22 +108,6 @@ def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
         StatusPacket(2, data=(1002).to_bytes(2, "little")),
     ]
     assert SimulatedBus([SimulatedServo(1), SimulatedServo(2)]).receive(golden, 0) == []
-
-
-def test_status_return_level_0_holds_for_group_reads() -> None:
-    b = bus()
-    b[1].set_register("Status Return Level", 0)
-    assert b.receive(Packet.sync_read(132, 4, (1,)).encode(), 0) == []
-
-
-def test_both_protocols_share_a_bus() -> None:
-    b = SimulatedBus([SimulatedServo(1), SimulatedServo(2, XM430)])
-    assert b.receive(InstructionPacket.ping(1).encode(), 0)[0].data == StatusPacket(1).encode()
-    assert statuses(b.receive(Packet.ping(2).encode(), 0))[0] is not None
-    assert b.receive(InstructionPacket.ping(2).encode(), 0) == []
-    assert b.receive(Packet.ping(1).encode(), 0) == []
-    both = InstructionPacket.ping(1).encode() + Packet.ping(2).encode()
-    assert len(b.receive(both, 0)) == 2
 
 
 def test_damaged_packet_of_protocol_2_is_answered() -> None:

@@ -82,14 +82,6 @@ def test_step_at_full_speed_arrives_without_ringing() -> None:
     assert turns <= 1
 
 
-def test_a_heavier_load_accelerates_more_slowly() -> None:
-    b = bench(100)
-    b.servo.inertia *= 2.0
-    b.go(900, 0)
-    speeds = b.run(0.3, velocity)
-    assert speeds[79] == pytest.approx(0.63 * AX_12.no_load_speed, rel=0.05)
-
-
 @pytest.mark.parametrize("speed", [5, 50, 172, 400])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_moving_speed_is_kept(speed: int, direction: int) -> None:
@@ -100,27 +92,6 @@ def test_moving_speed_is_kept(speed: int, direction: int) -> None:
     assert max(abs(v) for v in speeds) <= wanted * 1.05 + 0.01
     steady = speeds[250:350]
     assert sum(steady) / len(steady) == pytest.approx(direction * wanted, rel=0.05)
-
-
-def test_moving_speed_is_kept_after_a_blockade() -> None:
-    b = bench()
-    b.go(900, 50)
-    b.run(0.3)
-    b.servo.push(-1.6)  # more than the servo can do
-    b.run(1.0)
-    b.servo.push(0.0)
-    speeds = b.run(0.5, velocity)
-    assert max(speeds) < 50 * AX_12.speed_unit * 1.5
-
-
-@pytest.mark.parametrize(("slope", "goal"), [(4, 600), (32, 600), (128, 600), (254, 200)])
-def test_every_slope_arrives(slope: int, goal: int) -> None:
-    b = bench()
-    b.write("CW Compliance Slope", slope)
-    b.write("CCW Compliance Slope", slope)
-    b.go(goal, 100)
-    b.run(4.0)
-    assert b.servo.true_ticks == pytest.approx(goal, abs=3.0)
 
 
 def test_no_drive_within_the_margin() -> None:
@@ -188,16 +159,6 @@ def test_a_relaxed_shaft_does_not_coast_far(model: str) -> None:
     b.run(3.0)
     assert b.servo.true_velocity == 0.0
     assert math.degrees(b.servo.true_position - released) < 5.0
-
-
-def test_servo_with_torque_on_resists_a_hand() -> None:
-    b = bench()
-    b.go(512, 0)
-    b.servo.lead(300, 0.5)
-    furthest = min(b.run(0.7, ticks))
-    assert 490 < furthest < 508
-    b.run(1.0)
-    assert b.servo.true_ticks == pytest.approx(512, abs=1.5)
 
 
 @pytest.mark.parametrize("model", ["AX-12", "XL-320"])

@@ -170,16 +170,6 @@ def test_unplugged_adapter_returns_with_the_same_link(tmp_path: Path) -> None:
         client.close()
 
 
-def test_servos_go_on_while_the_adapter_is_unplugged() -> None:
-    with SimulatedPort([SimulatedServo(1)]) as port:
-        client = Client(port.port_name)
-        goal = InstructionPacket.write(1, 30, bytes.fromhex("F4 01 64 00")).encode()
-        assert client.ask(goal, 6) == PONG
-        client.close()
-        port.close()
-        assert eventually(lambda: abs(port.true_ticks(1) - 500) < 1.5)
-
-
 @pytest.mark.parametrize("baud_rate", [9_600, 57_600, 250_000, 1_000_000, 2_250_000, 4_500_000])
 def test_only_servos_with_the_baud_rate_of_the_program_receive(baud_rate: int) -> None:
     servo = SimulatedServo(1, servo_model("XM430-W350"))
@@ -190,19 +180,6 @@ def test_only_servos_with_the_baud_rate_of_the_program_receive(baud_rate: int) -
         device = serial.Serial(port.port_name, baud_rate, timeout=PATIENCE if code else 0.05)
         device.write(InstructionPacket2.ping(1).encode())
         assert len(device.read(14)) == (0 if code is None else 14)
-        device.close()
-
-
-def test_paced_answers_do_not_come_too_early() -> None:
-    servo = SimulatedServo(1)
-    servo.set_register("Return Delay Time", 0)
-    with SimulatedPort([servo], paced=True) as port:
-        device = serial.Serial(port.port_name, 9_600, timeout=PATIENCE)
-        for _ in range(3):
-            start = time.monotonic()
-            device.write(InstructionPacket.read(1, 36, 8).encode())
-            assert len(device.read(14)) == 14
-            assert time.monotonic() - start >= 22 * 10 / 9_600
         device.close()
 
 

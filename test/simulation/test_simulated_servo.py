@@ -83,13 +83,6 @@ def test_goal_outside_the_angle_limits_is_refused() -> None:
         assert write(servo, "Goal Position", goal) == OK
 
 
-def test_wheel_mode_takes_speeds_with_a_sign() -> None:
-    servo = SimulatedServo(1)
-    assert write(servo, "Moving Speed", 1024) == RANGE
-    write(servo, "CCW Angle Limit", 0)
-    assert write(servo, "Moving Speed", 2047) == OK
-
-
 def test_new_id_holds_from_the_next_packet_on() -> None:
     servo = SimulatedServo(1)
     assert servo.execute(Packet.write(1, 3, b"\x05"), 0) == OK
@@ -128,14 +121,6 @@ def test_no_instruction_makes_a_servo_raise(model: str, code: int, parameters: b
         servo.execute(packet(servo_id, code, parameters), 0)
     servo.advance(5_000_000)
     servo.register("Present Position")
-
-
-def test_lock_protects_the_eeprom_and_cannot_be_undone() -> None:
-    servo = SimulatedServo(1)
-    assert write(servo, "Lock", 1) == OK
-    assert write(servo, "CW Angle Limit", 300) == RANGE
-    assert write(servo, "Lock", 0) == RANGE
-    assert write(servo, "LED", 1) == OK
 
 
 @pytest.mark.parametrize("name", ["Goal Position", "Moving Speed"])
@@ -177,19 +162,6 @@ def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model: str)
     assert write(servo, "Torque Limit", 1023, now + SECOND).error == 0
     servo.advance(now + 3 * SECOND)
     assert servo.true_ticks == pytest.approx(goal, abs=6)
-
-
-def test_overload_without_its_shutdown_bit_lasts_as_long_as_its_cause() -> None:
-    servo = SimulatedServo(1)
-    servo.set_register("Shutdown", 0)
-    servo.advance(0)
-    write(servo, "Goal Position", 700)
-    servo.impede(1.0)
-    servo.advance(2 * SECOND)
-    assert write(servo, "LED", 1, 2 * SECOND).error == ErrorBits.OVERLOAD
-    servo.impede(0.0)
-    servo.advance(5 * SECOND)
-    assert write(servo, "LED", 0, 5 * SECOND).error == 0
 
 
 def test_power_cycle_clears_the_lock_and_the_torque() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from simulated_golden_vectors import INSTRUCTIONS_2, STATUSES_2
 from simulated_packets import InstructionPacket2, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
@@ -30,22 +29,6 @@ def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> int:
     status = servo.execute(Packet.write(servo.id, register.address, data), now)
     assert status is not None
     return status.error
-
-
-def golden(name: str) -> InstructionPacket2:
-    return INSTRUCTIONS_2[name][1]
-
-
-def test_published_instructions_get_published_answers() -> None:
-    s = servo(firmware=0x26)
-    s.set_register("Model Number", 0x0406)  # the vendor's example has this one
-    assert s.execute(golden("ping 1"), 0) == STATUSES_2["ping of an XM430"][1]
-    s.set_register("Model Number", 1020)
-    for name in ("goal 512", "torque on"):
-        assert s.execute(golden(name), 0) == STATUSES_2["ok"][1], name
-    s = servo(position=166)
-    assert s.execute(golden("read position"), 0) == STATUSES_2["position 166"][1]
-    assert servo().execute(golden("reboot 1"), 0) == STATUSES_2["ok"][1]
 
 
 def test_error_codes_of_refused_packets() -> None:
@@ -137,17 +120,6 @@ def test_error_outside_the_shutdown_mask_warns_while_it_lasts() -> None:
     assert write(s, "LED", 0) == 0
 
 
-def test_forced_errors_are_possible() -> None:
-    s = servo()
-    write(s, "Torque Enable", 1)
-    s.alarms.forced = int(HardwareErrors.ENCODER)
-    s.advance(MS)
-    assert s.register("Hardware Error Status") == HardwareErrors.ENCODER
-    s.alarms.forced = int(HardwareErrors.ELECTRICAL_SHOCK)
-    s.advance(2 * MS)
-    assert s.register("Torque Enable") == 0
-
-
 # Bus watchdog
 
 
@@ -207,15 +179,6 @@ def test_enabling_torque_starts_a_motion_to_the_former_goal() -> None:
     write(s, "Torque Enable", 1, SECOND)
     s.advance(3 * SECOND)
     assert s.true_ticks == pytest.approx(3000, abs=5)
-
-
-def test_goal_switches_torque_on_only_if_drive_mode_says_so() -> None:
-    s = servo()
-    write(s, "Goal Position", 2000)
-    assert s.register("Torque Enable") == 0
-    write(s, "Drive Mode", 8)
-    write(s, "Goal Position", 2000)
-    assert s.register("Torque Enable") == 1
 
 
 def test_reverse_mode_mirrors_position_and_velocity() -> None:

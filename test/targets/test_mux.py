@@ -18,14 +18,6 @@ def feed(mux, name, start, end, period=0.1):
     return [mux.offer(name, start + i * period) for i in range(steps + 1)]
 
 
-def test_nothing_is_chosen_before_the_first_target(mux):
-    assert mux.select(0.0) is None
-
-
-def test_the_first_source_with_a_target_has_the_head_at_once(mux):
-    assert mux.offer("low", 0.0)
-
-
 def test_a_more_important_one_takes_over_after_it_was_there_for_a_while(mux):
     mux.offer("low", 0.0)
     chosen = []
@@ -44,12 +36,6 @@ def test_a_flickering_source_never_takes_over(mux):
         if i % 10 < 2:  # two targets, then 0.8 s without: longer than its time-out
             assert not mux.offer("high", now)
         assert mux.select(now) == "low"
-
-
-def test_one_of_the_same_priority_waits_until_the_other_has_lost_its_target(mux):
-    feed(mux, "low", 0.0, 1.0)
-    assert not any(feed(mux, "equal", 1.0, 1.4))
-    assert mux.select(1.51) == "equal"
 
 
 def test_a_source_that_falls_silent_gives_way_at_once(mux):

@@ -47,10 +47,6 @@ def test_a_new_target_that_moves_is_met():
     assert not transition.under_way(1.0)
 
 
-def test_without_a_start_there_is_nothing_to_smooth():
-    assert Transition().at((1.0, 2.0, 3.0), 0.0, CENTRE) == (1.0, 2.0, 3.0)
-
-
 def test_arrived_is_who_stays():
     arrival = Arrival(0.02, 0.3)
     misses = [(0.0, 0.5), (0.1, 0.01), (0.2, 0.03), (0.3, 0.01), (0.5, 0.0), (0.6, 0.01)]

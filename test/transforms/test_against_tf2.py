@@ -175,14 +175,3 @@ def test_a_pose_is_never_that_in_another_parent():
     buffer.set_transform(112 * SECOND, "hand", "cup", still)
     with pytest.raises(ExtrapolationException):
         buffer.lookup_transform("room", "cup", 102 * SECOND)
-
-
-def test_a_root_swap_is_followed():
-    buffer = TransformBuffer()
-    there, back = Transform.from_xyz_rpy((1, 0, 0)), Transform.from_xyz_rpy((-1, 0, 0))
-    for tenth in range(200):
-        buffer.set_transform(tenth * SECOND // 10, "a", "b", there)
-    for tenth in range(200, 250):
-        buffer.set_transform(tenth * SECOND // 10, "b", "a", back)
-        assert buffer.lookup_transform("a", "b").transform.translation == (1, 0, 0)
-        assert buffer.lookup_transform("b", "a").transform.translation == (-1, 0, 0)

@@ -55,10 +55,6 @@ def test_both_robots_have_a_camera_and_a_limited_head(robot):
     assert robot.joints["head_pan_joint"].limits.velocity < 7
 
 
-def test_the_turtlebot_carries_its_head_on_plate_3(turtlebot):
-    assert "plate_3_link" in [joint.parent for joint in turtlebot.joints_above("camera_link")]
-
-
 def test_the_optical_frame_looks_where_the_camera_looks(robot):
     T_camera_optical = robot.transform("camera_link", "camera_optical_frame", {})
     assert T_camera_optical.rotation @ (0, 0, 1) == pytest.approx((1, 0, 0))

@@ -5,7 +5,6 @@ import math
 import pytest
 
 from head_tracking.transforms import (
-    ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
@@ -28,16 +27,6 @@ def moved(x: float, yaw: float = 0.0) -> Transform:
 
 def x_of(found) -> float:
     return found.transform.translation[0]
-
-
-def test_time_zero_is_the_latest_common_time(buffer):
-    buffer.set_transform(3 * SECOND, "map", "odom", moved(1))
-    buffer.set_transform(2 * SECOND, "odom", "base", moved(1))
-    buffer.set_transform(1 * SECOND, "map", "odom", moved(0))
-    found = buffer.lookup_transform("map", "base")
-    assert found.stamp == 2 * SECOND
-    assert x_of(found) == pytest.approx(1.5)
-    assert buffer.get_latest_common_time("map", "base") == 2 * SECOND
 
 
 def test_another_cache_length(buffer):
@@ -116,29 +105,6 @@ def test_a_frame_in_itself_is_always_known_even_if_it_is_not(buffer):
     assert buffer.can_transform("nowhere", "nowhere")
     buffer.set_transform(3 * SECOND, "map", "base", moved(1))
     assert buffer.lookup_transform("base", "base").stamp == 3 * SECOND
-
-
-def test_two_trees_are_a_connectivity_exception(buffer):
-    buffer.set_transform(SECOND, "map", "base", moved(1))
-    buffer.set_transform(SECOND, "world", "table", moved(1))
-    with pytest.raises(ConnectivityException):
-        buffer.lookup_transform("base", "table")
-    with pytest.raises(ConnectivityException):
-        buffer.lookup_transform("base", "table", SECOND)
-    with pytest.raises(ConnectivityException):
-        buffer.get_latest_common_time("base", "table")
-
-
-def test_a_loop_is_a_lookup_exception_for_who_would_have_to_leave_it(buffer):
-    buffer.set_transform(SECOND, "a", "b", moved(1))
-    buffer.set_transform(SECOND, "b", "c", moved(1))
-    buffer.set_transform(SECOND, "c", "a", moved(1))
-    buffer.set_transform(SECOND, "world", "d", moved(1))
-    assert x_of(buffer.lookup_transform("a", "c")) == 2
-    with pytest.raises(LookupException):
-        buffer.lookup_transform("world", "a")
-    with pytest.raises(LookupException):
-        buffer.lookup_transform("a", "world", SECOND)
 
 
 def test_full_goes_through_a_frame_that_stands_still(buffer):

@@ -37,8 +37,3 @@ def test_interpolation_ends_and_middle(a, b):
 def test_a_transform_takes_points_from_source_to_target():
     T_base_camera = Transform((0.0, 0.0, 1.0), Rotation.from_rpy(0, 0, np.pi / 2))
     assert np.allclose(T_base_camera @ (1, 0, 0), (0, 1, 1))
-
-
-def test_equal_transforms_are_equal_and_can_be_keys():
-    assert Transform.from_xyz_rpy((1, 2, 3)) == Transform.from_xyz_rpy((1.0, 2.0, 3.0))
-    assert len({Transform.identity(), Transform.from_xyz_rpy()}) == 1

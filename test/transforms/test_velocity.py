@@ -41,12 +41,6 @@ def test_a_body_on_a_circle(buffer):
     assert (found.body_frame, found.reference_frame) == ("body", "map")
 
 
-def test_the_latest_time(buffer):
-    found = buffer.lookup_velocity("body", "map", 0, SECOND // 50)
-    assert found.stamp == 5 * SECOND - SECOND // 100
-    assert math.hypot(*found.linear) == pytest.approx(1.0, abs=1e-4)
-
-
 def test_the_vectors_in_another_frame(buffer):
     found = buffer.lookup_velocity("body", "map", 3 * SECOND, SECOND // 50, "body")
     assert found.linear == pytest.approx((1, 0, 0), abs=1e-3)

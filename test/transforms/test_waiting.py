@@ -32,25 +32,12 @@ def test_a_lookup_waits_for_its_frame(buffer):
     timer.join()
 
 
-def test_a_lookup_waits_for_its_time(buffer):
-    buffer.set_transform(SECOND, "map", "base", STILL)
-    timer = later(buffer.set_transform, 3 * SECOND, "map", "base", STILL)
-    assert buffer.lookup_transform("map", "base", 2 * SECOND, timeout=30.0).stamp == 2 * SECOND
-    timer.join()
-
-
 def test_a_lookup_waits_for_the_joints_of_the_robot(buffer, kinectbot):
     buffer.set_model(kinectbot)
     timer = later(
         buffer.set_joint_positions, SECOND, {"head_pan_joint": 0.5, "head_tilt_joint": 0.0}
     )
     assert buffer.can_transform("base_link", "camera_link", timeout=30.0)
-    timer.join()
-
-
-def test_a_lookup_waits_for_the_robot(buffer, kinectbot):
-    timer = later(buffer.set_model, kinectbot)
-    assert buffer.can_transform("base_link", "torso_link", timeout=30.0)
     timer.join()
 
 
@@ -88,13 +75,6 @@ def test_a_callback_may_use_the_buffer(buffer):
     )
     buffer.set_transform(SECOND, "map", "base", STILL)
     assert seen == [SECOND]
-
-
-def test_what_can_be_had_at_once_is_called_at_once(buffer):
-    called: list[int] = []
-    buffer.set_transform(SECOND, "map", "base", STILL)
-    buffer.when(lambda: buffer.can_transform("map", "base"), lambda: called.append(1))
-    assert called == [1]
 
 
 def test_a_withdrawn_callback_is_not_called(buffer):

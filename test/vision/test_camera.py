@@ -108,11 +108,6 @@ def test_an_invalid_intrinsic_matrix_is_refused(size, k, model):
         Camera.from_calibration(size, k, (), model)
 
 
-def test_an_unknown_model_without_coefficients_is_no_distortion():
-    camera = Camera.from_calibration((640, 480), K, (0.0,) * 4, "magic")
-    assert camera.ray((820.0, 240.0)) == (1.0, 0.0)
-
-
 def test_the_view_of_a_simulated_camera():
     camera = camera_with_view(640, 480, 1.0)
     left, right = camera.ray((-0.5, 239.5)), camera.ray((639.5, 239.5))

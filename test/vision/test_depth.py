@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from head_tracking.vision import DepthImage, depth_picture
 from head_tracking.vision.depth import surface_depth
 
 
@@ -39,10 +38,3 @@ def test_depth_of_the_largest_surface(rng, parts):
 def test_too_few_depths_give_no_surface(rng, parts):
     depths = region(*parts, rng=rng) if parts else np.zeros(0, np.float32)
     assert surface_depth(depths, 0.2, 8.0) is None
-
-
-def test_depths_of_any_size_are_drawn():
-    metres = np.array([[0.0, 1.0, 2.0], [3e38, np.nan, np.inf]], np.float32)
-    with np.errstate(all="raise"):
-        drawn = depth_picture(DepthImage(metres), 2.0)
-    assert drawn[..., 0].tolist() == [[0, 127, 0], [0, 0, 0]]

@@ -118,21 +118,6 @@ def test_a_rolling_face_is_tracked_beyond_the_detectable_roll(net):
     assert all(seen[2:]), seen
 
 
-@with_photographs
-def test_the_network_searches_near_hints(net, monkeypatch):
-    searched = []
-    guesses = net._net._guesses
-    monkeypatch.setattr(net._net, "_guesses", lambda *a: (searched.append(a), guesses(*a))[1])
-    shot = next(photographs("upright", 20.0, sizes=(60,), lights=(1,)))
-    hints, found = [], []
-    for i in range(20):
-        faces = net.detect(frame(shot.picture, i), hints)
-        hints = [face.box for face in faces]
-        found.append([shot.shows(face.box) for face in faces])
-    assert found == [[True]] * 20
-    assert len(searched) == 4
-
-
 def test_a_missing_network_is_reported(monkeypatch):
     monkeypatch.setattr("head_tracking.vision.faces.find_spec", lambda name: None)
     detector = FaceDetector(FaceParameters())
@@ -147,7 +132,3 @@ def test_an_invalid_network_file_is_refused(tmp_path):
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"not a net")
     assert "cannot read broken.onnx" in FaceDetector(FaceParameters(net=str(broken))).shortcoming
-
-
-def test_a_net_that_was_chosen_is_no_shortcoming():
-    assert FaceDetector(FaceParameters(net="none")).shortcoming == ""

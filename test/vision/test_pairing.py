@@ -22,14 +22,6 @@ def test_stamps_too_far_apart_are_no_pair_and_are_counted():
     assert pairs.dropped == 0
 
 
-def test_a_depth_that_comes_after_the_next_picture_still_finds_its_own():
-    pairs = Pairing(10)
-    pairs.picture(1000, "a")
-    pairs.picture(2000, "b")
-    assert pairs.picture(3000, "c") is None
-    assert pairs.depth(3000, "C") == ("c", "C")
-
-
 @given(st.permutations([(kind, i) for kind in ("picture", "depth") for i in range(5)]))
 def test_pairs_match_and_are_in_order(order):
     pairs, found = Pairing(10), []

@@ -7,7 +7,6 @@ from rendered_frames import KINECT, SMALL
 
 from head_tracking.scene import SCENES, Ball, Board, Renderer, Scene, SensorNoise, Swing, make_scene
 from head_tracking.scene.render import Rendering
-from head_tracking.scene.room import bench
 from head_tracking.scene.scenes import face
 from head_tracking.transforms import Rotation, Transform
 
@@ -92,16 +91,6 @@ def test_objects_behind_or_around_the_camera_cause_no_error():
         assert not np.isnan(seen.depth).any()
 
 
-def test_alpha_0_is_transparent():
-    texture = plain()
-    texture[16:48, 16:48, 3] = 0
-    seen = Renderer(Scene({"frame": Board(texture, 0.4, Swing(1.0, 0.6))}), SMALL).render(
-        LEVEL, 0.0
-    )
-    assert np.isinf(seen.depth[120, 160])
-    assert np.isfinite(seen.depth).any()
-
-
 def test_noise_and_holes_are_as_asked_for():
     rng = np.random.default_rng(4)
     flat = Rendering(np.full((240, 320, 3), 128, np.uint8), np.full((240, 320), 2.0, np.float32))
@@ -114,30 +103,12 @@ def test_noise_and_holes_are_as_asked_for():
     assert (flat.picture == 128).all()
 
 
-def test_without_noise_a_picture_stays_as_it_is():
-    seen = Renderer(make_scene("face", np.random.default_rng(1)), SMALL).render(LEVEL, 0.0)
-    same = SensorNoise((320, 240), np.random.default_rng(1), 0.0, 0.0, 0.0)(seen)
-    assert (same.picture == seen.picture).all()
-    assert (np.isnan(same.depth) == np.isinf(seen.depth)).all()
-
-
 def test_a_person_walks_while_the_path_goes_on_and_stands_when_it_ends():
     walker = face(lambda time: (1.5, 0.5 * min(time, 2.0), 0.6))
     walking = {walker.image(0.1 * k).tobytes() for k in range(10)}
     standing = {walker.image(3.0 + 0.1 * k).tobytes() for k in range(10)}
     assert len(walking) > 1
     assert len(standing) == 1
-
-
-def test_drawing_order_of_a_bench():
-    furniture = bench(1.3, 0.5)
-    ball, board = Ball(0.1, (0, 0, 255), Swing(1.3, 0.6)), Board(plain(), 1.0, Swing(2.0, 0.3))
-    scene = Scene({"ball": ball, **furniture, "board": board})
-    seen = Renderer(scene, SMALL).render(LEVEL, 0.0)
-    assert seen.picture[120, 160].argmax() == 2  # the ball
-    row = round(SMALL.cy + SMALL.fy * 0.3 / 1.15)
-    assert seen.depth[row, 160] == pytest.approx(1.15, abs=0.01)  # the bench's front
-    assert np.ptp(seen.picture[row, 160].astype(int)) < 20
 
 
 def test_rendering_without_depths_gives_the_same_image():
