@@ -90,7 +90,8 @@ def test_a_wrong_marker_size_is_refused(geometry, factor, seed):
 
 
 @pytest.mark.parametrize("points", [0, 1, 12])
-def test_a_sight_that_moves_is_found(geometry, points):
+def test_a_sight_that_moves_is_refused(geometry, points):
+    """One point does not tell a motion from blurred images."""
     views = random_head(geometry, 130, 0.5, points=points).views
     half = len(views) // 2
     slipped = [
@@ -99,7 +100,7 @@ def test_a_sight_that_moves_is_found(geometry, points):
     ]
     with pytest.raises(CalibrationError) as refusal:
         solve(geometry, CAMERA, slipped, None if points else SIZE)
-    assert refusal.value.reason is Reason.MOVED
+    assert refusal.value.reason in {Reason.MOVED} | ({Reason.BLURRED} if points == 1 else set())
 
 
 def test_a_few_blurred_views_are_left_out(geometry):
