@@ -317,9 +317,14 @@ def drained(rig: Rig) -> None:
 
 
 def strained(rig: Rig) -> None:
-    """It works against a load that it can just bear, in the sun."""
+    """It works against a load that it can just bear, and grows warmer by 0.05 degrees a second."""
+
+    def warm() -> None:
+        rig[1].push(0.8)
+        rig[1].temperature = 30.0 + 0.05 * rig.time
+
     rig.still = True
-    rig.each_cycle.append(lambda: rig[1].push(0.8))
+    rig.each_cycle.append(warm)
 
 
 SLOW = {
