@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from head_tracking.tracking.following import FollowingWatch
 from head_tracking.tracking.servo_model import ServoModel
 from head_tracking.transforms import JointLimits
 
@@ -240,6 +241,8 @@ _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
 _ARRIVAL = 16.0  # 1/s: speed over the remaining distance to a reference at rest
 _ARRIVAL_SPEED = 0.3  # rad/s; least speed towards it
+_RELEASED_SPEED = 1.0  # rad/s
+_AWAY = 0.1  # rad; a joint nearer to its reference may be at rest
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
 _UNSURE = 0.03  # s; with a larger deviation of the delay, the joint moves cautiously:
 _CAUTIOUS = 12.0  # rad/s^2
@@ -247,12 +250,14 @@ _BRAKED = 0.25  # s to stop
 _RAMP = 1.5  # of the shaft's acceleration: largest acceleration of the set-point on that way
 _USED = 0.75  # of the estimated acceleration of the servo
 _LATE = 0.04  # s; after a longer time between two commands, a goal may have been reached
+_PATIENCE = 0.35  # s plus the delay, in which a joint that follows has moved
 
 
 class JointController:
     """Keep one joint on a moving reference.
 
     Args:
+        name: name of the joint.
         joint: range of the joint.
 
     Attributes:
@@ -260,25 +265,32 @@ class JointController:
         motion: planned motion.
     """
 
-    def __init__(self, joint: JointLimits) -> None:
+    def __init__(self, name: str, joint: JointLimits) -> None:
         self.servo = ServoModel()
         self._joint = joint
+        self._watch = FollowingWatch(name)
         self.restart(0.0, joint.clamp(0.0), 0.0)
 
     def restart(self, stamp: float, position: float, velocity: float) -> None:
         """Start from a reading [s], [rad], [rad/s]; the estimates of the servo are kept."""
         self.servo.restart(stamp, position, velocity)
         self.motion = JointMotion(self._joint.clamp(position), velocity)
+        self._watch.restart()
+        self._stands = False
         self._rest = Rest()
         self._side = 0.0
-        self._goal = math.nan
+        self._goal = self._speed = math.nan
 
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
         """Receive a reading [s], [rad], a time `elapsed` [s] after the last command."""
         motion = self.motion
         motion.advance(elapsed)
-        if elapsed > _LATE and (motion.position - self._goal) * motion.velocity > 0.0:
-            motion.rest_at(self._goal)  # the servo stopped there
+        if math.isfinite(self._goal):
+            is_late = elapsed > _LATE
+            if is_late and (motion.position - self._goal) * motion.velocity > 0.0:
+                motion.rest_at(self._goal)  # the servo stopped there
+            self._watch.patience = _PATIENCE + self.servo.delay
+            self._stands = self._watch.check(self._goal, self._speed, position, stamp)
         self.servo.measured(stamp, position)
 
     def follow(
@@ -300,6 +312,19 @@ class JointController:
             limits: limits of the motion.
             dead_band: at rest, smaller errors are not corrected [rad].
         """
+        self._goal, speed = self._command(reference, now, period, elapsed, limits, dead_band)
+        self._speed = max(abs(speed), _SLOWEST)
+        return self._goal, self._speed
+
+    def _command(
+        self,
+        reference: Reference,
+        now: float,
+        period: float,
+        elapsed: float,
+        limits: MotionLimits,
+        dead_band: float,
+    ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
         known = servo.known_delay > 0.0 or servo.deviation < _UNSURE
         hardest = min(_USED * servo.acceleration, math.inf if known else _CAUTIOUS)
@@ -312,10 +337,12 @@ class JointController:
         if rest.goal is not None:
             stamp, position = servo.reading
             rest.correct(position, stamp, dead_band)
-            self._goal = self._joint.clamp(rest.goal)
+            goal = self._joint.clamp(rest.goal)
             motion.rest_at(reference.position)
-            servo.hold(now, self._goal)
-            return self._goal, max(min(_REST_SPEED, limits.speed), _SLOWEST)
+            servo.hold(now, goal)
+            return goal, min(_REST_SPEED, limits.speed)
+        if self._stands and abs(reference.position - servo.reading[1]) > _AWAY:
+            return self._push(reference, now, limits)
         astray = servo.astray(now)
         if astray is not None:
             motion.position, motion.velocity = astray
@@ -335,8 +362,7 @@ class JointController:
             speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
             goal = self._goal_ahead(reference, setpoint, speed, period, limits.lead)
         servo.command(now, speed, goal)
-        self._goal = goal
-        return goal, max(abs(speed), _SLOWEST)
+        return goal, speed
 
     def _arrival(
         self,
@@ -377,6 +403,18 @@ class JointController:
         farthest = (max(reference.ahead) if way > 0.0 else -min(reference.ahead)) + beyond
         least = way * setpoint + abs(speed) * period  # a motion that brakes may go beyond
         return self._joint.clamp(way * max(min(ahead, farthest), least))
+
+    def _push(self, reference: Reference, now: float, limits: MotionLimits) -> tuple[float, float]:
+        """Return goal and speed for a joint that does not follow its commands."""
+        stamp, position = self.servo.reading
+        way = self._joint.clamp(reference.position) - position
+        way = min(max(way, -limits.lead), limits.lead)
+        speed = math.copysign(min(_RELEASED_SPEED, limits.speed), way)
+        self.motion.rest_at(position)
+        self.motion.velocity = speed
+        self.servo.restart(stamp, position)
+        self.servo.command(now, speed, position + way)
+        return position + way, abs(speed)
 
     def _limited(self, speed: float, elapsed: float, limits: MotionLimits) -> float:
         """Return the nearest speed that the limits allow after the last one."""

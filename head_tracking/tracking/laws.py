@@ -314,7 +314,10 @@ class PredictiveLaw(TrackingLaw):
         parameters: PredictiveLawParameters | None = None,
     ) -> None:
         super().__init__(head, period, limits, parameters)
-        self._joints = JointController(head.pan_limits), JointController(head.tilt_limits)
+        self._joints = (
+            JointController(head.pan_joint, head.pan_limits),
+            JointController(head.tilt_joint, head.tilt_limits),
+        )
         pan, tilt = self._joints
         self.servos = {head.pan_joint: pan.servo, head.tilt_joint: tilt.servo}
 
