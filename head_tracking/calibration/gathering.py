@@ -12,7 +12,7 @@ import numpy as np
 
 from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.result import Calibration
-from head_tracking.calibration.sights import Observe, observer
+from head_tracking.calibration.sights import SIGHTS, Observe, observer
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
@@ -27,8 +27,6 @@ LONGEST: Final = 90.0  # s
 
 _SPEED: Final = 0.6  # rad/s
 _SETTLING: Final = 0.4  # s after an arrival, because images are late
-_STILL: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
-"""Maximum motion between two images [px]; a face is located less exactly than a corner."""
 _PATIENCE: Final = 1.5  # s to wait for a still image,
 _COMPARED: Final = 4  # and minimum number of images: a busy computer is late
 _LATE: Final = 0.5  # s: maximum delay of joint measurements after an image
@@ -104,7 +102,7 @@ def calibrate_camera(
         raise _no_picture()
     height, width = first.shape[:2]
     lens = model or camera_with_view(width, height, DEFAULT_VIEW)
-    still = _Observer(head, source, lens, observe, _STILL[sight])
+    still = _Observer(head, source, lens, observe, SIGHTS[sight])
     views = _gather(still, head, geometry, lens, report)
     report(f"{len(views)} views; computing")
     size = marker.marker_size if marker and sight == "marker" else None

@@ -121,8 +121,8 @@ def solve(
     if images < FEWEST_VIEWS:
         raise CalibrationError(
             Reason.FEW_VIEWS,
-            f"the marker is visible in {images} images; {FEWEST_VIEWS} are needed: use more light, "
-            "or a smaller distance",
+            f"the marker, face or room is visible in {images} images; {FEWEST_VIEWS} are needed: "
+            "use more light, or a smaller distance",
         )
     free = [k for k in range(len(PARAMETERS)) if focal_length or k != FOCAL_LENGTH]
     observations = _Observations.of(views, camera)
@@ -169,8 +169,7 @@ def solve(
             f"camera and joints differ by {math.degrees(unsteady * reading_deviation):.2f} "
             "degrees: the camera is loose, or the joints have play",
         )
-    factor = None if marker_size is None else fit.better_size(free, noise)
-    if marker_size is not None and factor is not None:
+    if marker_size is not None and (factor := fit.better_size(free, noise)) is not None:
         raise CalibrationError(
             Reason.FAR_FROM_MODEL,
             f"the views fit a marker of {factor * marker_size:g} m better than one of "

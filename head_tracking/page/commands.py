@@ -56,7 +56,7 @@ def _look(robot: Robot, live: Live, of: Fields) -> Outcome:
         x, y, z = map(float, of["point"])
         frame = str(of.get("frame") or frame)
     else:
-        u, v = (_between(of[name], 0.0, 1.0) for name in ("u", "v"))
+        u, v = (_between(of, name, 0.0, 1.0) for name in ("u", "v"))
         stamp = None if of.get("stamp") is None else int(of["stamp"])
         x, y, z = live.point_at(u, v, stamp, str(of.get("topic", "")))
     if of.get("take_over") and modes.mode() is Mode.OFF:
@@ -68,22 +68,22 @@ def _look(robot: Robot, live: Live, of: Fields) -> Outcome:
 
 def _follow_path(robot: Robot, of: Fields) -> Outcome:
     """Look along a shape before the camera, or along points in the model's root."""
-    speed = _between(of["speed"], 0.001, 10.0)
+    speed = _between(of, "speed", 0.001, 10.0)
     if "points" in of:
         points = [(_finite(x), _finite(y), _finite(z)) for x, y, z in of["points"]]
         return robot.modes.follow_path(Path(points), speed)
     model, head = robot.model(), robot.head()
     if model is None or head is None:
         return Outcome(False, "The robot has no head for which to make a path.")
-    path = path_ahead(model, head, str(of["shape"]), _between(of["size"], 0.001, 10.0))
+    path = path_ahead(model, head, str(of["shape"]), _between(of, "size", 0.001, 10.0))
     return robot.modes.follow_path(path, speed)
 
 
-def _between(value: Any, low: float, high: float) -> float:
+def _between(of: Fields, name: str, low: float, high: float) -> float:
     """Return a number of a request; raise ValueError if it is out of range."""
-    number = float(value)
+    number = float(of[name])
     if not low <= number <= high:
-        raise ValueError(f"{number} is not allowed; allowed is {low:g} to {high:g}.")
+        raise ValueError(f"{name} is {number}; allowed is {low:g} to {high:g}.")
     return number
 
 

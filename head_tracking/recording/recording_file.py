@@ -371,10 +371,10 @@ class _Reading:
             self._mark(("resume", "STOP")[now] if is_stop else f"{node} {('off', 'on')[now]}")
         self._latest[topic] = self._now, now
 
-    def _value(self, topic: str, since: float = -math.inf, default: Any = None) -> Any:
-        """Return the latest value of a topic; the default if there is none, or it is older."""
-        at, value = self._latest.get(topic, (-math.inf, default))
-        return value if at >= since else default
+    def _value(self, topic: str, since: float = -math.inf) -> Any:
+        """Return the latest value of a topic; None if there is none, or it is older."""
+        at, value = self._latest.get(topic, (-math.inf, None))
+        return value if at >= since else None
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
