@@ -6,16 +6,19 @@ Usage: python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
 from __future__ import annotations
 
 import gc
+import signal
 import socket
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from head_tracking.output import tolerate_output_errors
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.channel import Channel
 from head_tracking.run.node_sets import CONTROL
+
+_END_TIMEOUT: Final = 10  # s; longer than the supervisor waits before it kills the process
 
 
 class SupervisorLink:
@@ -51,6 +54,8 @@ class SupervisorLink:
                 with self._receiving:
                     self._callback(message)
         finally:
+            # a process that hangs while it ends would stay for ever after a killed supervisor
+            signal.alarm(_END_TIMEOUT)
             self._stop.set()
 
 

@@ -1,5 +1,7 @@
 """However a program that listens for transforms ends, it ends: no abort, no hang, no tracebacks."""
 
+import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +10,14 @@ import pytest
 
 PROGRAM = Path(__file__).parents[1] / "support" / "exit_paths.py"
 PATIENCE = 60
+HANGING = """
+import sys, time
+from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.run.child import SupervisorLink
+with StopSignal() as stop:
+    SupervisorLink(int(sys.argv[1]), stop)
+    time.sleep(120)
+"""
 
 # what the program does before its end, and whether that is an error of its own
 WAYS = [
@@ -38,3 +48,16 @@ def test_a_program_ends(way, code):
     )
     assert ended.returncode == code, ended.stderr
     assert ended.stderr.count("Traceback") == (code != 0), ended.stderr
+
+
+def test_a_process_that_hangs_ends_after_its_supervisor():
+    supervisor, channel = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    hanging = subprocess.Popen(
+        [sys.executable, "-c", HANGING, str(channel.fileno())], pass_fds=[channel.fileno()]
+    )
+    try:
+        channel.close()
+        supervisor.close()
+        assert hanging.wait(PATIENCE) == -signal.SIGALRM
+    finally:
+        hanging.kill()
