@@ -100,7 +100,8 @@ def existing_file(text: str) -> Path:
     """Convert the path of an existing file."""
     path = Path(text)
     if not path.is_file():
-        raise ArgumentTypeError(f"the file {text!r} does not exist")
+        problem = "is not a file" if path.exists() else "does not exist"
+        raise ArgumentTypeError(f"{text!r} {problem}; give the path of a file")
     return path
 
 

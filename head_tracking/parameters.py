@@ -13,6 +13,7 @@ from typing import Any
 from head_tracking.exceptions import HeadTrackingError
 
 _KEY = "parameter"
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
 class ParameterError(HeadTrackingError, ValueError):
@@ -83,7 +84,7 @@ def checked(name: str, info: ParameterInfo, default: Any, value: Any) -> Any:
     if expected is float and type(value) is int:
         value = float(value)
     if type(value) is not expected:
-        raise ParameterError(f"{name} is {value!r}; it must be a {expected.__name__}")
+        raise ParameterError(f"{name} is {value!r}; it must be {_KINDS[expected]}")
     if expected in (int, float) and not info.minimum <= value <= info.maximum:
         raise ParameterError(f"{name} is {value}; allowed is {allowed(info)}")
     if info.choices and value not in info.choices:

@@ -69,9 +69,8 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
 
     Raises:
         ConfigurationError: no bus has the servos of pan and tilt.
-        OSError: a file cannot be read.
-        ValueError: a value is not allowed.
-        yaml.YAMLError: a file is not YAML.
+        ParameterFileError: a file cannot be read.
+        ParameterError: a value is not allowed.
     """
     pan, tilt, frame = head_names("point_head", files)
     for bus in configured_buses(files):
@@ -90,6 +89,9 @@ def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
     Args:
         node: point_head or head_tracker.
         files: parameter files; later ones win.
+
+    Raises:
+        ParameterFileError: a file cannot be read.
     """
     values = parameters_of(node, files)
     pan, tilt = (values.get(name, name) for name in ("head_pan_joint", "head_tilt_joint"))
@@ -108,9 +110,8 @@ def configured_buses(
 
     Raises:
         ConfigurationError: a servo does not support its configuration.
-        OSError: a file cannot be read.
-        ValueError: a value is not allowed.
-        yaml.YAMLError: a file is not YAML.
+        ParameterFileError: a file cannot be read.
+        ParameterError: a value is not allowed.
     """
     values = parameters_of("servo_bus", files)
     if port_name:
@@ -136,7 +137,7 @@ def configured_buses(
 def _read(
     kind: type[P], values: Mapping[str, Any], prefix: str = "", defaults: Mapping[str, Any] = {}
 ) -> P:
-    """Make a parameter class from values; raise ValueError if one is not allowed."""
+    """Make a parameter class from values; raise ParameterError if one is not allowed."""
     arguments = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         default = defaults.get(field.name, field.default)

@@ -5,18 +5,46 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import yaml
 
-_PARAMETERS = "ros__parameters"
+from head_tracking.exceptions import HeadTrackingError
+
+COMMAND_LINE: Final = "the command line"
+"""Stands for the file of a rule."""
+
+_PARAMETERS: Final = "ros__parameters"
+_FORMAT: Final = (
+    "A parameter file is YAML, such as {/**/servo_bus: {ros__parameters: {baud_rate: 57600}}}"
+)
+_RULE: Final = re.compile(r"(?:(\w+):)?([\w.]+):=(.*)", re.DOTALL)  # node, parameter, value
+
+
+class ParameterFileError(HeadTrackingError):
+    """A parameter file, or a parameter of the command line, is malformed."""
+
+
+class _FormatError(Exception):
+    """YAML, but no parameters."""
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """Reads 1e-3 as a number, as ROS does."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
+    list("-+.0123456789"),
+)
 
 
 class Given(NamedTuple):
     """One value of a parameter file.
 
     Attributes:
-        file: name of the file.
+        file: name of the file, or `COMMAND_LINE`.
         nodes: name or pattern of the nodes, such as `/**/servo_bus`.
         name: of the parameter.
         value: from YAML.
@@ -44,15 +72,38 @@ def read(file: str) -> list[Given]:
     """Return all values of a file.
 
     Raises:
-        OSError: the file cannot be read.
-        ValueError: it has no parameters of nodes.
-        yaml.YAMLError: it is not YAML.
+        ParameterFileError: the file cannot be read, or is no parameter file.
     """
-    with open(file, encoding="utf-8") as text:
-        content = yaml.safe_load(text)
-    if not isinstance(content or {}, Mapping):
-        raise ValueError(f"{file}: expected nodes with ros__parameters, not {content!r}")
-    return list(_values(file, "", content))
+    try:
+        with open(file, encoding="utf-8") as text:
+            content = yaml.load(text, _Loader)
+        return list(_values(file, "", content))
+    except OSError as error:
+        problem = str(error.strerror)
+    except UnicodeDecodeError:
+        problem = f"it is not text in UTF-8. {_FORMAT}"
+    except (yaml.YAMLError, _FormatError) as error:
+        problem = f"{' '.join(str(error).split())}. {_FORMAT}"
+    raise ParameterFileError(f"the parameter file {file} cannot be used: {problem}")
+
+
+def read_rule(text: str) -> list[Given]:
+    """Return the values of a rule of the command line, `name:=value` or `node:name:=value`.
+
+    Raises:
+        ParameterFileError: the value is not valid.
+    """
+    rule = _RULE.fullmatch(text)
+    if rule is None:
+        return []
+    node, name, value = rule.groups()
+    nodes = f"/**/{node}" if node else "/**"
+    try:
+        values = list(_flat(name, yaml.load(value, _Loader)))
+    except (yaml.YAMLError, _FormatError) as error:
+        reason = " ".join(str(error).split())
+        raise ParameterFileError(f"the parameter {text} cannot be used: {reason}") from error
+    return [Given(COMMAND_LINE, nodes, each, value) for each, value in values]
 
 
 def parameters_of(node: str, files: Iterable[Path]) -> dict[str, Any]:
@@ -66,19 +117,30 @@ def parameters_of(node: str, files: Iterable[Path]) -> dict[str, Any]:
 
 
 def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
-    if not isinstance(content, Mapping):
+    if content is None:
         return
+    if not isinstance(content, Mapping):
+        raise _FormatError(f"{content!r} is not a node with ros__parameters")
     for key, value in content.items():
-        if key == _PARAMETERS:
+        if key != _PARAMETERS:
+            yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
+        elif isinstance(value or {}, Mapping):
             for name, given in _flat("", value):
                 yield Given(file, nodes, name, given)
         else:
-            yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
+            raise _FormatError(f"the ros__parameters of {nodes} are {value!r}")
 
 
 def _flat(prefix: str, content: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(content, Mapping):
         for key, value in content.items():
             yield from _flat(f"{prefix}.{key}" if prefix else str(key), value)
+    elif isinstance(content, list):
+        kinds = set(map(type, content))
+        if kinds == {int, float}:
+            content = list(map(float, content))
+        elif len(kinds) > 1 or kinds & {dict, list}:
+            raise _FormatError(f"{prefix} is {content!r}, but a list has values of one type")
+        yield prefix, content
     elif content is not None:
         yield prefix, content

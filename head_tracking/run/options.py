@@ -11,8 +11,10 @@ from head_tracking.command_line import (
     existing_file,
     point_in_frame,
     positive,
+    read_by,
     with_negative_values,
 )
+from head_tracking.configuration.parameter_files import ParameterFileError, read
 from head_tracking.page import MISSING, installed
 from head_tracking.programs import COMMANDS
 from head_tracking.run.node_sets import (
@@ -108,7 +110,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--params",
         action="append",
-        type=existing_file,
+        type=read_by(_parameter_file, ParameterFileError),
         default=[],
         metavar="FILE",
         help="YAML file with parameters that override the robot's; can be given several times",
@@ -196,6 +198,11 @@ def _without_ros_arguments(arguments: Sequence[str]) -> Iterator[str]:
             ros = False
         elif not ros:
             yield word
+
+
+def _parameter_file(text: str) -> Path:
+    read(text)
+    return Path(text)
 
 
 def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:

@@ -7,6 +7,7 @@ import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
+from head_tracking.configuration.parameter_files import ParameterFileError
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.node_parameters import (
@@ -15,7 +16,7 @@ from head_tracking.ros.kit.node_parameters import (
     check_parameters,
     source,
 )
-from head_tracking.ros.kit.spinning import StartError, start_ros
+from head_tracking.ros.kit.spinning import start_ros
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 
 
@@ -119,8 +120,30 @@ def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
     with pytest.raises(ParameterError) as error:
         make()
     where = f"{tmp_path / 'mine.yaml'}: /head_tracker: "
-    assert f"{where}law is 3; it must be a str" in str(error.value)
+    assert f"{where}law is 3; it must be text" in str(error.value)
     assert f"{where}servo_learning is 7" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("first", "later", "arguments", "rate", "law"),
+    [
+        ("{rate: 30}", "{rate: 7.5}", [], 7.5, "predictive"),
+        ("{rate: 30}", "{rate: 1e1}", [], 10.0, "predictive"),
+        ("{rate: 30}", "{law: speed}", ["-p", "head_tracker:rate:=12.5"], 12.5, "speed"),
+        ("{rate: 30}", "{}", ["-p", "rate:=12.5"], 12.5, "predictive"),
+    ],
+)
+def test_the_latest_value_wins_also_with_another_type(
+    started, tmp_path, first, later, arguments, rate, law
+):
+    file = tmp_path / "later.yaml"
+    file.write_text(f"/**: {{ros__parameters: {later}}}")
+    make = started(f"/**: {{ros__parameters: {first}}}", "--params-file", str(file), *arguments)
+    node = make()
+    check_parameters([node])
+    assert node.get_parameter("rate").value == rate
+    assert node.get_parameter("law").value == law
+    node.destroy_node()
 
 
 def test_a_value_out_of_range_is_named_with_node_and_file(started, tmp_path):
@@ -130,21 +153,24 @@ def test_a_value_out_of_range_is_named_with_node_and_file(started, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "content",
     [
-        ("servo_bus:\n  ros__parameters:\n   a: [1\n  b: 2\n", "line 3"),
-        ("- 1\n- 2\n", "line 1"),
-        ("servo_bus:\n  rate: 2\n", "ros__parameters at line 2"),
-        ("servo_bus:\n  ros__parameters:\n    a: [1, x]\n", "same type"),
+        b"servo_bus:\n  ros__parameters:\n   a: [1\n  b: 2\n",
+        b"- 1\n- 2\n",
+        b"servo_bus:\n  rate: 2\n",
+        b"servo_bus:\n  ros__parameters: 2\n",
+        b"servo_bus:\n  ros__parameters:\n    a: [1, x]\n",
+        "servo_bus:\n".encode("utf-16"),
+        None,  # a folder
     ],
 )
-def test_a_malformed_file_is_one_line(started, tmp_path, text, words):
-    with pytest.raises(StartError) as error:
-        started(text)
-    assert words in str(error.value)
-    assert str(tmp_path / "mine.yaml") in str(error.value)
+def test_a_malformed_file_is_refused_in_one_line(started, tmp_path, content):
+    file = tmp_path / "other.yaml"
+    file.mkdir() if content is None else file.write_bytes(content)
+    with pytest.raises(ParameterFileError) as error:
+        started("", "--params-file", str(file))
+    assert str(file) in str(error.value)
     assert "\n" not in str(error.value)
-    assert ".c:" not in str(error.value)
 
 
 def test_an_error_that_nobody_has_foreseen_shows_where_it_came_from():

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import yaml
-
 from head_tracking.calibration import Calibration, CalibrationFileError, summary
 from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
-from head_tracking.dynamixel import ConfigurationError
+from head_tracking.configuration.parameter_files import ParameterFileError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
@@ -32,9 +30,10 @@ def check_configured(
     """
     try:
         buses = configured_buses(files, port_name, baud_rate)
-    except (OSError, ValueError, yaml.YAMLError, ConfigurationError) as error:
-        reason = " ".join(str(error).split())
-        text = f"{reason}; correct it in {', '.join(map(str, files))}"
+    except ParameterFileError as error:
+        return Finding("configuration", Grade.RED, str(error)), ()
+    except HeadTrackingError as error:
+        text = f"{error}; correct it in {', '.join(map(str, files))}"
         return Finding("configuration", Grade.RED, text), ()
     servos = "; ".join(
         f"{joint.joint_name} {'/'.join(str(each.id) for each in joint.calibrations)}, "

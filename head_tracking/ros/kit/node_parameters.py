@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import json
 import math
-import re
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from itertools import pairwise
-from typing import Any, Final, Generic, TypeVar
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
 
-import yaml
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import InvalidParameterTypeException, ParameterException
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from head_tracking.configuration.parameter_files import Given, read
+from head_tracking.configuration.parameter_files import COMMAND_LINE, Given, read, read_rule
 from head_tracking.exceptions import RefusedError
 from head_tracking.parameters import (
     ParameterError,
@@ -33,7 +31,6 @@ from head_tracking.parameters import (
     parameter_info,
 )
 from head_tracking.programs import NODES
-from head_tracking.ros.kit.head_lock import namespace
 
 P = TypeVar("P")
 
@@ -47,61 +44,49 @@ class UnknownParametersError(RefusedError):
 
 
 _given: list[Given] = []
-_COMMAND_LINE: Final = "the command line"
-_RULE: Final = re.compile(r"(\w+):([\w.]+):=(.*)", re.DOTALL)  # node, parameter, value
-
-
-def remember(arguments: Sequence[str]) -> None:
-    """Record which parameters the arguments of ROS and their files set."""
-    _given.clear()
-    for word, file in pairwise(arguments):
-        if word == "--params-file":
-            with suppress(OSError, ValueError, yaml.YAMLError):  # ROS has reported the error
-                _given.extend(read(file))
-    for node, values in _rules(arguments)[0].items():
-        _given.extend(Given(_COMMAND_LINE, f"/**/{node}", name) for name in values)
 
 
 @contextmanager
-def rules_in_namespace(arguments: Sequence[str]) -> Iterator[list[str]]:
-    """Yield arguments of ROS in which `-p node:name:=value` works in a namespace.
+def merged(arguments: Sequence[str]) -> Iterator[list[str]]:
+    """Yield arguments of ROS with one parameter file, in which later values replace earlier ones.
 
-    ROS ignores such a rule for nodes outside of the root namespace. So the rules are written to a
-    parameter file, which exists until the end of the block.
+    It has the values of all parameter files and of `-p`. ROS ignores `-p node:name:=value` for
+    nodes in a namespace, and keeps the earlier one of two values of different types, such as 2 and
+    0.5. The file exists until the end of the block; the values are kept for `source`.
+
+    Raises:
+        ParameterFileError: a file or a value is malformed.
     """
-    rules, others = _rules(arguments)
-    prefix = namespace(arguments).rstrip("/")
-    if not (rules and prefix):
-        yield list(arguments)
-        return
-    with tempfile.NamedTemporaryFile("w", suffix=".yaml", encoding="utf-8") as file:
-        for node, values in rules.items():
-            file.write(f"{prefix}/{node}:\n  ros__parameters:\n")
-            file.writelines(f"    {name}: {value}\n" for name, value in values.items())
-        file.flush()
-        yield [*others, "--ros-args", "--params-file", file.name, "--"]
-
-
-def _rules(arguments: Sequence[str]) -> tuple[dict[str, dict[str, str]], list[str]]:
-    """Return the values of `-p node:name:=value` by node and name, and the other arguments."""
-    rules: dict[str, dict[str, str]] = {}
+    _given.clear()
     others: list[str] = []
     for word in arguments:
-        rule = _RULE.fullmatch(word)
-        if rule and others and others[-1] in ("-p", "--param"):
+        option = others[-1] if others else ""
+        if option == "--params-file":
             others.pop()
-            node, name, value = rule.groups()
-            rules.setdefault(node, {})[name] = value
+            _given.extend(read(word))
+        elif option in ("-p", "--param") and (rules := read_rule(word)):
+            others.pop()
+            _given.extend(rules)
         else:
             others.append(word)
-    return rules, others
+    nodes: dict[str, dict[str, dict[str, Any]]] = {}
+    for given in _given:
+        values = nodes.setdefault(given.nodes, {"ros__parameters": {}})["ros__parameters"]
+        values[given.name] = given.value
+    if not nodes:
+        yield others
+        return
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml", encoding="utf-8") as file:
+        json.dump(nodes, file, default=str)  # JSON is YAML
+        file.flush()
+        yield [*others, "--ros-args", "--params-file", file.name, "--"]
 
 
 def source(node: Node, name: str) -> str:
     """Return the file that sets a parameter of a node, or `the command line`."""
     full_name = node.get_fully_qualified_name()
     files = [given.file for given in _given if given.name == name and given.is_for(full_name)]
-    return files[-1] if files else _COMMAND_LINE
+    return files[-1] if files else COMMAND_LINE
 
 
 def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
@@ -121,8 +106,9 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
     problems = []
     for node in nodes:
         full_name = node.get_fully_qualified_name()
-        shared = {given.name for given in _given if not given.node and given.is_for(full_name)} - {
-            given.name for given in _given if given.node and given.is_for(full_name)
+        own = [given for given in _given if given.is_for(full_name)]
+        shared = {each.name for each in own if not each.node and each.file != COMMAND_LINE} - {
+            each.name for each in own if each.node
         }
         declared, given = node._parameters, node._parameter_overrides
         for name in sorted(given):
@@ -146,7 +132,7 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
 
 def _misspelt_nodes(known: set[str]) -> Iterator[str]:
     for file, name in dict.fromkeys((given.file, given.node) for given in _given):
-        if file == _COMMAND_LINE:
+        if file == COMMAND_LINE:
             is_wrong = name not in known
         else:  # servo_bus_left may be a second servo_bus
             is_wrong = not any(one in name for one in known) and bool(_alike(name, known))
@@ -206,6 +192,9 @@ class NodeParameters(Generic[P]):
         for name, field in self._fields.items():
             default, info = (defaults or {}).get(name, field.default), self._infos[name]
             try:
+                given = node._parameter_overrides.get(prefix + name)
+                if given is not None:  # this error is plainer than rclpy's
+                    checked(prefix + name, info, field.default, given.value)
                 value = node.declare_parameter(
                     prefix + name,
                     list(default) if isinstance(default, tuple) else default,
@@ -227,10 +216,6 @@ class NodeParameters(Generic[P]):
         """Return the error of a field's value, and where the value comes from."""
         full_name = self._prefix + name
         where = f"{source(self._node, full_name)}: {self._node.get_fully_qualified_name()}"
-        if isinstance(error, InvalidParameterTypeException):
-            given = self._node._parameter_overrides[full_name].value
-            wanted = type(self._fields[name].default).__name__
-            return f"{where}: {full_name} is {given!r}; it must be a {wanted}"
         return f"{where}: {error}"
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Empty
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
-from head_tracking.ros.kit.node_parameters import check_parameters, remember, rules_in_namespace
+from head_tracking.ros.kit.node_parameters import check_parameters, merged
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.share import share_directory
 
@@ -324,7 +324,8 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
         arguments: the command line; None: `sys.argv`.
 
     Raises:
-        StartError: an argument of ROS or a parameter file is malformed.
+        StartError: an argument of ROS is malformed.
+        ParameterFileError: a parameter file is malformed.
     """
     # rosidl_generator_py does without its generator, whose parser takes 7 MB and 0.1 s
     sys.modules.setdefault("rosidl_generator_py.generate_py_impl", None)  # type: ignore[arg-type]
@@ -337,11 +338,10 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
         settings = str(share_directory() / "config/fastdds.xml")
         os.environ.update({_PROFILES[name]: settings for name in _fast_dds()})
     try:
-        with rules_in_namespace(arguments) as accepted:
+        with merged(arguments) as accepted:
             rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
         raise StartError(in_short(error)) from error
-    remember(arguments)
 
 
 def _fast_dds() -> list[str]:
