@@ -4,7 +4,7 @@ Only one device may send at a time: the port waits for a reply before it sends a
 
 A late reply of protocol 1.0 looks like the reply to the next instruction, because packets have no
 numbers. After a failure, the next reads of that servo read more bytes than needed, so that lengths
-differ, until the late reply has arrived or a second has passed. A received packet that equals one
+differ, until the late reply has arrived or 0.3 s have passed. A received packet that equals one
 that was sent is the echo of an adapter that joins both directions.
 """
 
@@ -406,27 +406,29 @@ class DynamixelPort:
         received = len(self._buffer)
         doubtful: Status | None = None
         was_damaged = self._echoed = False
-        ambiguous = self._late.is_ambiguous(instruction)  # the first of two may be the late one
+        late = self._late.similar(instruction)  # so many of the first replies may be late ones
         while True:
             status, damaged = self._next(protocol)
             was_damaged = was_damaged or damaged
             if status is not None:
                 if status.id != instruction.id:
                     self._note_surplus(status.id)
-                elif ambiguous and doubtful is None and len(status.data) == length:
+                elif late and len(status.data) == length:
+                    late -= 1
+                    if doubtful is not None and len(doubtful.data) == length:
+                        self._late.remove(protocol, status.id, length)
                     doubtful = status
                 elif len(status.data) == length or _refuses(protocol, status):
                     now = self._wire_free = self.clock()
                     self._timeout.learn(now - due)
-                    if ambiguous:
-                        self._late.remove(protocol, status.id, length)
+                    self._late.remove(protocol, status.id, length)
                     return status
                 elif not self._is_late(protocol, status):
                     self._note_surplus(instruction.id)
                     doubtful = status
                 continue
             now = self.clock()
-            if damaged and received >= instruction.size:  # that was the reply
+            if damaged and received >= instruction.size and not self._late.due:  # it was the reply
                 deadline = min(deadline, max(due, now) + _QUIET)
             elif self._buffer and deadline < now + _QUIET:
                 deadline = min(now + _QUIET, end)  # a packet is arriving

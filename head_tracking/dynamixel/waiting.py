@@ -13,7 +13,7 @@ _SHORTEST: Final = 0.0017  # s; the scheduler of an idle machine needs up to 1 m
 _MARGIN: Final = 0.0012  # s
 _DEVIATIONS: Final = 6.0
 _GAIN: Final = 1.0 / 16.0
-_FORGOTTEN: Final = 1.0  # s after which no late reply arrives any more
+_FORGOTTEN: Final = 0.3  # s after which no late reply arrives any more
 _MOST_EXTRA: Final = 24  # bytes
 
 
@@ -69,37 +69,45 @@ class LateReplies:
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
-        self.due: dict[tuple[int, int, int], float] = {}
-        """When they were expected, s, by protocol, id, and bytes of data."""
+        self.due: dict[tuple[int, int, int], list[float]] = {}
+        """When they were expected, s, oldest first, by protocol, id, and bytes of data."""
         self._clock = clock
 
     def add(self, instruction: InstructionPacket, due: float) -> None:
         """Record that a reply, expected at time `due` in s, has not arrived."""
-        self.due[instruction.protocol, instruction.id, instruction.length] = due
+        key = instruction.protocol, instruction.id, instruction.length
+        self.due.setdefault(key, []).append(due)
 
-    def is_ambiguous(self, instruction: InstructionPacket) -> bool:
-        """Return whether a late reply has the length of the reply to this instruction."""
-        return (instruction.protocol, instruction.id, instruction.length) in self.due
+    def similar(self, instruction: InstructionPacket) -> int:
+        """Return how many late replies have the length of the reply to this instruction."""
+        return len(self.due.get((instruction.protocol, instruction.id, instruction.length), ()))
 
     def unambiguous(self, group: ReadGroup) -> ReadGroup:
         """Return the group, or one that reads more bytes, whose replies differ from late ones.
 
         Raises:
-            ReplyTimeoutError: There is none, after many failures within a second.
+            ReplyTimeoutError: There is none, after many failures within a short time.
         """
         self.expire()
         for extra in range(_MOST_EXTRA + 1):
             longer = group.extended(extra) if extra else group
-            if not any(map(self.is_ambiguous, longer.replies)):
+            if not any(map(self.similar, longer.replies)):
                 return longer
         raise ReplyTimeoutError(f"servo {group.ids[0]} has not answered many times")
 
     def remove(self, protocol: int, servo_id: int, length: int) -> float | None:
         """Remove a late reply that has arrived; return its delay, s, or None if none is due."""
-        due = self.due.pop((protocol, servo_id, length), None)
-        return None if due is None else self._clock() - due
+        key = protocol, servo_id, length
+        due = self.due.get(key)
+        if not due:
+            return None
+        oldest = due.pop(0)
+        if not due:
+            del self.due[key]
+        return self._clock() - oldest
 
     def expire(self) -> None:
         """Remove replies that are too old to arrive."""
         oldest = self._clock() - _FORGOTTEN
-        self.due = {reply: due for reply, due in self.due.items() if due >= oldest}
+        kept = {reply: [when for when in due if when >= oldest] for reply, due in self.due.items()}
+        self.due = {reply: due for reply, due in kept.items() if due}

@@ -87,31 +87,58 @@ def test_adapter_pulled_out_and_plugged_in_in_the_middle_of_everything() -> None
     assert ordeal.goals_outside() == 0
 
 
-def stalled_once(stall: int) -> OnAnswers:
-    """A servo that answers its first write late, while others may talk."""
-    left = [stall]
+def stalled(*stalls: int) -> OnAnswers:
+    """A servo that gives its first answers late, while others may talk."""
+    left = list(stalls)
 
     def line(answer: Answer) -> Iterator[Answer]:
-        yield replace(answer, stalled=left.pop()) if left else answer
+        yield replace(answer, stalled=left.pop(0)) if left else answer
 
     return OnAnswers(line)
 
 
+@pytest.mark.parametrize("first", [(), (3_900_000,), (6_300_000, 4_200_000)])
 @pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
-def test_late_answer_to_a_write_is_not_taken_for_the_next_one(name: str) -> None:
+def test_late_answers_to_writes_are_not_taken_for_the_next_ones(
+    name: str, first: tuple[int, ...]
+) -> None:
     model = servo_model(name)
     torque = model.control_table["Torque Enable"].address
-    for stall in range(0, 6_000_000, 29_000):
-        bench = Bench(SimulatedBus([SimulatedServo(1, name)], faults=stalled_once(stall)))
+    for stall in range(0, 5_000_000, 58_000):
+        servos = SimulatedBus([SimulatedServo(1, name)], faults=stalled(*first, stall))
+        bench = Bench(servos)
         bench.port = DynamixelPort(
             "simulated", reply_timeout=0.002, clock=bench.clock,
             open_device=lambda *_, line=bench.line: SimulatedDevice(line),
         )  # fmt: skip
         bench.port.open()
-        for _ in range(3):
+        for _ in range(8):
             with suppress(CommunicationError):
                 bench.port.write(1, torque, b"\0", protocol=model.protocol)
-            with suppress(CommunicationError):
-                bench.port.read(1, torque, 1, model.protocol)
+        with suppress(CommunicationError):
+            bench.port.read(1, torque, 1, model.protocol)
         overlaps = bench.line.overlaps
         assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, stall
+
+
+def test_a_late_answer_of_another_protocol_is_not_taken_for_a_damaged_one() -> None:
+    for late in range(1_500_000, 4_000_000, 58_000):
+        delays = [0, 0, late]  # of the answers to two writes and a read
+
+        def line(answer: Answer, delays: list[int] = delays) -> Iterator[Answer]:
+            yield replace(answer, late=delays.pop(0)) if delays else answer
+
+        servos = [SimulatedServo(1), SimulatedServo(2, "XM430-W350")]
+        bench = Bench(SimulatedBus(servos, faults=OnAnswers(line)))
+        bench.port = DynamixelPort(
+            "simulated", reply_timeout=0.002, clock=bench.clock,
+            open_device=lambda *_, line=bench.line: SimulatedDevice(line),
+        )  # fmt: skip
+        bench.port.open()
+        bench.port.write(1, 5, b"\xfe")  # Return Delay Time: 508 us
+        bench.port.write(2, 104, bytes.fromhex("FF FF FF FF 07 03 00 00"), protocol=2)
+        with suppress(CommunicationError):
+            bench.port.read(2, 104, 8, 2)  # the data look like a packet of protocol 1.0
+        for _ in range(3):
+            assert len(bench.port.read(1, 36, 2).data) == 2, late
+        assert bench.line.overlaps[Overlap.REQUEST] == 0, late
