@@ -92,6 +92,7 @@ class Program:
         environment: dict[str, str | None] | None = None,
         stdout: Any = None,
     ) -> None:
+        self._name = " ".join((name, *arguments))
         given = os.environ | {
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": domain,
@@ -149,6 +150,7 @@ class Program:
         self._reader.join()
         if self.process.stdout is not None:
             self.process.stdout.close()
+        print(f"{self._name}:\n{self.output}")  # shown if the test fails
 
 
 class Servos:

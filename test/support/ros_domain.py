@@ -1,4 +1,7 @@
-"""ROS domains for tests: one that nobody else on this machine tests in."""
+"""ROS domains for tests: one that nobody else on this machine tests in.
+
+The ports of domains above 100 are among those that Linux gives to any socket.
+"""
 
 import fcntl
 import tempfile
@@ -10,7 +13,7 @@ from pathlib import Path
 @contextmanager
 def own_domain() -> Iterator[str]:
     """A ROS domain that is this test's own until the end: heads that share one refuse to run."""
-    for number in range(101, 200):
+    for number in range(100, 50, -1):
         place = Path(tempfile.gettempdir()) / f"head_tracking_test_domain_{number}"
         with place.open("w") as lock:
             try:
@@ -19,4 +22,4 @@ def own_domain() -> Iterator[str]:
                 continue
             yield str(number)
             return
-    raise RuntimeError("no ROS domain from 101 to 199 is free: another test run holds them")
+    raise RuntimeError("no ROS domain from 51 to 100 is free: another test run holds them")
