@@ -47,15 +47,15 @@ def test_a_run_with_a_duration_ends_with_a_summary(bench):
 
 
 @pytest.mark.parametrize(
-    ("text", "fact"),
+    ("text", "fact", "code"),
     [
-        ("servo_bus:\n  ros__parameters: [\n", "params.yaml"),
-        ("servo_bus: {ros__parameters: {updat_rate: 40.0}}\n", "updat_rate"),
+        ("servo_bus:\n  ros__parameters: [\n", "params.yaml", 2),
+        ("servo_bus: {ros__parameters: {updat_rate: 40.0}}\n", "updat_rate", 1),
     ],
 )
-def test_a_wrong_parameter_file_ends_the_run_before_any_motion(bench, text, fact):
+def test_a_wrong_parameter_file_ends_the_run_before_any_motion(bench, text, fact, code):
     run = bench.run("--params", params(bench, text), "--target", "fictitious")
-    assert run.end() == 1
+    assert run.end() == code
     assert fact in run.last_line
     assert "Traceback" not in run.output
     assert bench.servos.true == (0.0, 0.0)
