@@ -21,6 +21,7 @@ _FASTEST = 1.5  # rad/s; suspects that need a higher speed do not confirm each o
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
 _RETURN = 10.0  # s; within this,
 _SAME = 0.5  # of `jump_threshold`: so near to that place
+_UNCONTRADICTED = 0.2  # s; after a gap, a lone suspect is believed if no point came for so long
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, plus rad/s: faster motion is a jump
 _LEAST_ERROR = 0.1  # of the variance of a point: least variance of a prediction
 _OVERDUE = 0.45  # s; prediction beyond the lead time while points are overdue
@@ -237,7 +238,7 @@ class TargetEstimator:
         self._snapshots: list[_Snapshot] = []
         self._suspects: list[tuple[float, Ray]] = []
         self._left: tuple[float, Ray] | None = None
-        self._began = self._off = 0.0
+        self._began = self._off = self._suspected = 0.0
         self._estimate: TargetEstimate | None = None
 
     @property
@@ -267,9 +268,8 @@ class TargetEstimator:
         if now - stamp > self.parameters.target_timeout:
             return Verdict.TOO_OLD
         stamps = self._stamps
-        if not stamps or stamp - stamps[-1] > self.parameters.target_timeout:
-            self._suspects.clear()
-            self._begin([(stamp, ray)], self._snapshots[-1] if stamps else None)
+        if not stamps:
+            self._begin([(stamp, ray)], None)
             verdict = Verdict.NEW_TARGET
         else:
             index = bisect_right(stamps, stamp)
@@ -280,7 +280,28 @@ class TargetEstimator:
             verdict = self._judge(index, stamp, ray)
         if verdict.used:
             self._estimate = self._described(-1)
+        elif verdict is Verdict.JUMP:
+            self._suspected = now
         return verdict
+
+    def settle(self, now: float) -> bool:
+        """Return whether a lone point after a gap is the new target: no other one contradicts it.
+
+        Args:
+            now: the time [s].
+        """
+        if not self._suspects or now - self._suspected < _UNCONTRADICTED:
+            return False
+        latest = self._suspects[-1]
+        if not self._is_gap(latest[0]):
+            return False
+        self._begin([latest], self._snapshots[-1])
+        self._estimate = self._described(-1)
+        return True
+
+    def _is_gap(self, stamp: float) -> bool:
+        """Return whether the target was lost before a point with this stamp [s]."""
+        return stamp - self._stamps[-1] > self.parameters.target_timeout
 
     def _judge(self, index: int, stamp: float, ray: Ray) -> Verdict:
         """Use or suspect a point whose place among the others is `index`."""
@@ -289,6 +310,9 @@ class TargetEstimator:
             estimate = self._described(index - 1)
         away = self._angle(ray, Ray(*estimate.bearing(stamp), ray.distance))
         if away <= _NEAR * self.parameters.jump_threshold + self._off:
+            if self._is_gap(stamp):
+                self._begin([(stamp, ray)], self._snapshots[-1])
+                return Verdict.NEW_TARGET
             self._off = away  # widens the gate for the next one
             self._suspects = [each for each in self._suspects if each[0] > stamp]
             self._insert(stamp, ray)
@@ -306,7 +330,7 @@ class TargetEstimator:
         elif not alike or points[-1][0] - points[0][0] < confirmation:
             return Verdict.JUMP
         self._suspects.clear()
-        if self._jumped(estimate, points):
+        if self._is_gap(points[0][0]) or self._jumped(estimate, points):
             self._restart(points)
             return Verdict.NEW_TARGET
         for point in points:
@@ -371,6 +395,7 @@ class TargetEstimator:
     def _begin(self, points: Sequence[tuple[float, Ray]], before: _Snapshot | None) -> None:
         """Start a new motion with these points."""
         self._cut(0)
+        self._suspects.clear()
         (stamp, ray), *others = points
         bearing = ray.pan, ray.tilt
         bearings = (

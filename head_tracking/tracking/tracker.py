@@ -218,6 +218,9 @@ class Tracker:
         if self.camera.fault:
             self.machine.off = self.camera.fault
             return TrackingStep(self.enable(False, now))
+        if self.estimator.settle(now):
+            self.machine.seen(now, new=True)
+            self._came = now
         self.law.at_most = min(self.at_most, self.camera.safe_speed)
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate

@@ -328,6 +328,37 @@ def test_a_false_detection_that_recurs_throws_the_head_once():
     assert thrown <= 1
 
 
+def after_a_gap(*pans, gap=1.0):
+    """A target at pan 0, a gap, and points at these pans; verdicts, estimator and time."""
+    estimator = TargetEstimator(EstimatorParameters())
+    for k in range(RATE):
+        estimator.add(k / RATE, Ray(0.0, 0.0, 2.0), k / RATE)
+    times = [1.0 + gap + k / RATE for k in range(len(pans))]
+    verdicts = [estimator.add(t, Ray(pan, 0.0, 2.0), t) for t, pan in zip(times, pans, strict=True)]
+    return verdicts, estimator, times[-1]
+
+
+@pytest.mark.parametrize("gap", [0.6, 1.5, 20.0])
+def test_one_false_detection_after_a_gap_is_not_the_target(gap):
+    verdicts, estimator, now = after_a_gap(0.3, 0.0, gap=gap)
+    assert verdicts == [Verdict.JUMP, Verdict.NEW_TARGET]
+    assert not estimator.settle(now + 1.0)
+    assert estimator.estimate.bearing(now)[0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_target_that_moved_in_a_gap_is_believed_at_its_second_point():
+    verdicts, estimator, now = after_a_gap(0.5, 0.5)
+    assert verdicts == [Verdict.JUMP, Verdict.NEW_TARGET]
+    assert estimator.estimate.bearing(now)[0] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_lone_point_after_a_gap_is_believed_if_nothing_contradicts_it():
+    _, estimator, now = after_a_gap(0.5)
+    assert not estimator.settle(now + 0.1)
+    assert estimator.settle(now + 0.25)
+    assert estimator.estimate.bearing(now)[0] == pytest.approx(0.5, abs=1e-3)
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_who_walks_up_and_stops_is_not_predicted_behind_the_head(seed):
     rnd, estimator, worst = random.Random(seed), TargetEstimator(EstimatorParameters()), 0.0

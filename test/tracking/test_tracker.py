@@ -49,6 +49,14 @@ def test_nothing_is_commanded_before_the_joints_are_known(make):
     assert tracker.enable(False, 1.0) is None
 
 
+def test_a_point_that_is_published_once_is_followed_after_another_target(make, law):
+    ideal = IdealHead(make(law)).run(2.0, (1.0, 0.0, 0.0)).run(2.0)
+    ideal.tracker.target_seen(ideal.now, TARGET, ideal.now)
+    assert abs(ideal.positions[0]) < 0.02
+    ideal.run(0.6)
+    assert ideal.positions[0] > 0.1
+
+
 def test_it_turns_to_the_target_and_stays(make, law):
     ideal = IdealHead(make(law)).run(4.0, TARGET)
     assert ideal.tracker.head.miss(TARGET, *ideal.positions) < 0.02
