@@ -305,7 +305,7 @@ class ServoBus:
             self._port.close()
             raise
         self.requests.drop_goals()
-        self._procedures.obeyed = self.epoch.value
+        self.requests.obeyed = self.epoch.value
         self._connected = True
         for joint, servo in self._each_servo():
             self._procedures.note_shortcomings(joint, servo)
@@ -385,7 +385,7 @@ class ServoBus:
         Returns:
             What went wrong, by joint; empty where the servos have confirmed.
         """
-        self._procedures.obeyed = self.epoch.advance() if epoch is None else epoch
+        self.requests.obeyed = self.epoch.advance() if epoch is None else epoch
         deadline = self._bus.monotonic() + round(timeout * 1e9)
         self.requests.discard_older()
         steps = self._procedures.relax(self._all)

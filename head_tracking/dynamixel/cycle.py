@@ -106,7 +106,7 @@ class Cycle:
         failed: tuple[str, ...] = ()
         self._connected = self._unusual = False
         self._poll_time = 0
-        if self._procedures.obeyed != self._requests.epoch.value:
+        if self._requests.obeyed != self._requests.epoch.value:
             self._procedures.obey_stop()
         try:
             if (self._search_at is None and self._port.is_open) or self._find_port():
@@ -143,7 +143,7 @@ class Cycle:
             return ()
         try:
             requests = self._requests
-            if self._procedures.obeyed != requests.epoch.value:
+            if requests.obeyed != requests.epoch.value:
                 self._procedures.obey_stop()
             if requests.goals:
                 self._accept_goals()

@@ -38,13 +38,9 @@ class Procedures:
 
     Args:
         bus: What the parts of the bus share.
-
-    Attributes:
-        obeyed: The last epoch whose STOP has been carried out.
     """
 
     def __init__(self, bus: BusContext) -> None:
-        self.obeyed = bus.requests.epoch.value
         self._bus, self._requests, self._note = bus, bus.requests, bus.note
         self._unusable: dict[int, tuple[str, int]] = {}  # why, and how often, by servo id
 
@@ -177,7 +173,7 @@ class Procedures:
 
     def obey_stop(self) -> None:
         """Carry out a STOP that did not get the port."""
-        self.obeyed = self._requests.epoch.value
+        self._requests.obeyed = self._requests.epoch.value
         self._requests.discard_older()
         self.cut(*self._bus.joints.values())
 

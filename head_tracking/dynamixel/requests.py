@@ -75,6 +75,8 @@ class RequestQueue:
 
     Attributes:
         epoch: The same.
+        obeyed: The last epoch whose STOP the bus has carried out; requests that the bus itself
+            starts are of this epoch.
         arrived: Notified when a request has arrived or the queue has been closed.
         under_way: Requests that have begun, in turn.
         goals: Goals that have not been accepted, by joint.
@@ -83,6 +85,7 @@ class RequestQueue:
 
     def __init__(self, epoch: Epoch, monotonic: Callable[[], int]) -> None:
         self.epoch = epoch
+        self.obeyed = epoch.value
         self.arrived = threading.Condition()
         self.under_way: deque[Request] = deque()
         self.goals: dict[str, Goal] = {}
@@ -186,7 +189,7 @@ class RequestQueue:
 
     def start(self, steps: Steps[Any], *, despite_stop: bool = False) -> Request:
         """Add steps without taking the first one; see `Request`."""
-        request = Request(lambda: None, self.epoch.value, despite_stop, steps=steps)
+        request = Request(lambda: None, self.obeyed, despite_stop, steps=steps)
         self.under_way.append(request)
         return request
 

@@ -8,6 +8,7 @@ from random import Random
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit
+from simulated_device import Bench
 
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -25,9 +26,52 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.requests import RequestQueue, Steps
 from head_tracking.dynamixel.servo import run
+from head_tracking.simulation import SimulatedServo
 
 INTERLEAVINGS = 10_000
 JOINT = PAN.joint_name
+
+
+class StopAtRead(Epoch):
+    """An epoch that another thread advances, for STOP, just before it is read for the n-th time."""
+
+    def __init__(self) -> None:
+        self.left = -1
+        self._now = 0
+        super().__init__()
+
+    @property
+    def value(self) -> int:  # type: ignore[override]
+        self.left -= 1
+        self._now += self.left == 0
+        return self._now
+
+    @value.setter
+    def value(self, value: int) -> None:
+        self._now = value
+
+
+@pytest.mark.parametrize("by_goal", [True, False])
+def test_torque_stays_off_whenever_a_stop_overtakes_a_cycle(by_goal: bool) -> None:
+    read, stops = 0, 1
+    while stops:
+        read += 1
+        bench, epoch = Bench([SimulatedServo(1)]), StopAtRead()
+        bus = bench.servo_bus([PAN, TILT], epoch)
+        bus.connect(allow_missing=True)  # while a servo is asked for, no other steps are taken
+        if by_goal:
+            bus.command({JOINT: Goal(0.1)})
+        else:
+            bus.requests.add(lambda bus=bus: bus.switching_torque(None, True))
+        epoch.left, stops = read, 0
+        for _ in range(20):
+            bus.requests.begin_next()
+            bus.step()
+            if epoch.left <= 0 and not stops:  # now STOP gets the port
+                stops = epoch.value
+                assert bus.relax_at_once(1.0, stops)[JOINT] == ""
+            assert not (stops and bench.bus[1].register("Torque Enable")), read
+    assert read > 10
 
 
 class Interleavings:

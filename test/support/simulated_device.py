@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from head_tracking.dynamixel import Adapter, DynamixelPort, JointConfiguration, ServoBus
+from head_tracking.dynamixel import Adapter, DynamixelPort, Epoch, JointConfiguration, ServoBus
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 
@@ -35,13 +35,16 @@ class Bench:
             "simulated", open_device=lambda *_: SimulatedDevice(self.line), clock=self.clock
         )
 
-    def servo_bus(self, joints: Iterable[JointConfiguration]) -> ServoBus:
+    def servo_bus(
+        self, joints: Iterable[JointConfiguration], epoch: Epoch | None = None
+    ) -> ServoBus:
         return ServoBus(
             self.port,
             joints,
             self.now,
             monotonic=self.now,
             pause=self.pass_time,
+            epoch=epoch,
         )
 
     def now(self) -> int:
