@@ -167,10 +167,6 @@ class Procedures:
         steps = self.relaxing(joints, quiet=True)
         self._requests.advance(self._requests.start(steps, despite_stop=True))
 
-    def _release(self, joint: Joint) -> None:
-        joint.relax()
-        release(self._bus.port, joint.servos)
-
     def obey_stop(self) -> None:
         """Carry out a STOP that did not get the port."""
         self._requests.obeyed = self._requests.epoch.value
@@ -220,14 +216,8 @@ class Procedures:
             for servo in joint.servos:
                 steps = pin(servo, joint.range(servo), powered)
                 ticks.append((yield from while_held_by(request, joint.servos, steps)))
-        except GeneratorExit:  # cancelled; the goal alone may have switched torque on
-            with suppress(DynamixelError):
-                self._release(joint)
-            raise
-        except (CommunicationError, ServoError):
-            self._release(joint)
-            with suppress(DynamixelError):
-                yield from relaxing(self._bus.port, joint.servos)
+        except (GeneratorExit, CommunicationError, ServoError):
+            self.cut(joint)  # the goal alone may have switched torque on
             raise
         joint.pinned(ticks)
 
@@ -242,13 +232,15 @@ class Procedures:
         self._requests.drop_goals(joint.name)
         if joint.lost:
             raise ServoError("the servo does not answer")
-        self._release(joint)
+        problems = yield from self.relax([joint])
         for servo in joint.servos:
             if servo.faulted and not servo.lost:
                 if servo.model.restarts:
                     servo.reboot()
                     servo.lose(self._bus.monotonic())
                     continue
+                if not servo.confirmed:  # it would drive on to its old goal
+                    raise ServoError(f"not confirmed relaxed: {problems[joint.name]}")
                 limit = servo.get("Max Torque")
                 yield 0.0
                 yield from servo.verify(servo.model.control_table.block("Torque Limit"), limit)
@@ -311,7 +303,7 @@ class Procedures:
             release(self._bus.port, (servo,))
             return joint.torque.value
         if keep and identity.faulted:
-            self._release(joint)
+            self.cut(joint)
         elif keep and not joint.complete:
             return "its other servo does not answer"
         elif keep and (identity.powered or others):
@@ -321,7 +313,7 @@ class Procedures:
                 return f"relaxed, because it does not hold: {cause}"
             return "it kept its torque and holds its present position"
         elif keep and len(joint.servos) > 1:
-            self._release(joint)  # the other one may hold
+            self.cut(joint)  # the other one may hold
         joint.resumes = False
         return joint.torque.value
 

@@ -169,6 +169,18 @@ def test_recover_that_fails_says_so() -> None:
     assert rig.torque is Torque.OFF_BY_FAULT
 
 
+def test_recover_does_not_let_a_servo_drive_on_to_its_old_goal() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.OVERLOAD
+    rig.steps()
+    rig.pan["Torque Limit"], rig.pan["Torque Enable"] = 0, 1
+    rig.pan.ignored.add(24)  # Torque Enable
+    with pytest.raises(ServoError):
+        run(rig.bus.recovering())
+    assert rig.pan["Torque Limit"] == 0
+    assert rig.torque is Torque.OFF_BY_FAULT
+
+
 def test_x_servo_tells_its_fault_in_a_register_and_recovers_by_a_reboot() -> None:
     rig = xm_rig().switched_on()
     rig.pan.error = 0x80
