@@ -1,4 +1,7 @@
+import faulthandler
+import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -14,6 +17,26 @@ hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
 
 ROOT = Path(__file__).parents[1]
+
+HANGS = 300.0  # s that a test never takes
+_output: list[int] = []
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    capture = config.pluginmanager.getplugin("capturemanager")
+    with capture.global_and_fixture_disabled():
+        _output.append(os.dup(2))
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """End a process that hangs in a test, with the stacks of its threads; xdist names the test.
+
+    Not pytest-timeout: it needs the interpreter, for which a test may wait for ever.
+    """
+    faulthandler.dump_traceback_later(HANGS, exit=True, file=_output[0])
+    yield
+    faulthandler.cancel_dump_traceback_later()
 
 
 @pytest.fixture(scope="session")
