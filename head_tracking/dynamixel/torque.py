@@ -25,6 +25,7 @@ from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo, run
 
 _T = TypeVar("_T")
+_SETTLING: Final = 5  # times that the goal of a shaft that still moves is written again
 _PATIENCE: Final = 0.5  # s to wait for a gap between the packets of another program
 
 
@@ -33,8 +34,9 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
 
     The goal is written and read back before torque is switched on, because a servo starts towards
     its old goal at that moment. It is written with the lowest speed, because a goal alone switches
-    the torque of an AX servo on, and the shaft may have been turned since its position was read. A
-    shaft outside of the range moves to its end at that speed.
+    the torque of an AX servo on, and the shaft may have been turned since its position was read; if
+    it still moves, the goal is written again. A shaft outside of the range moves to its end at that
+    speed.
 
     Args:
         servo: The servo.
@@ -54,21 +56,31 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     if not powered:
         require_straight_path(servo, before)
     yield 0.0
-    lowest, highest = allowed or servo.range
-    goal, block = max(lowest, min(highest, before)), servo.model.goal
-    data = servo.model.encode_goal(goal, servo.model.speed_minimum)
-    yield from servo.verify(block, *block.decode(data))
+    goal = yield from _write_slow_goal(servo, before, allowed)
     yield from servo.switch_torque(True)
-    if servo.model.endless and not powered:
+    for _ in range(_SETTLING):
         now = servo.get("Present Position")
         yield 0.0
-        if abs(now - before) > servo.model.ticks // 4:
+        if abs(now - before) <= 1:
+            break
+        if servo.model.endless and not powered and abs(now - before) > servo.model.ticks // 4:
             raise PositionError(
                 f"servo {servo.id} was turned over the end of its scale while its torque came "
                 "on; hold it still and try again"
             )
+        goal = yield from _write_slow_goal(servo, now, allowed)  # it was moving, and would return
+        before = now
     yield from servo.arm()
     servo.note_torque()
+    return goal
+
+
+def _write_slow_goal(servo: Servo, ticks: int, allowed: tuple[int, int] | None) -> Steps[int]:
+    """Write a goal, moved into the range, with the lowest speed; return it, in ticks."""
+    lowest, highest = allowed or servo.range
+    goal, block = max(lowest, min(highest, ticks)), servo.model.goal
+    data = servo.model.encode_goal(goal, servo.model.speed_minimum)
+    yield from servo.verify(block, *block.decode(data))
     return goal
 
 

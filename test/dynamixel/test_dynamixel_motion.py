@@ -52,6 +52,7 @@ def pin(servo_id: int, ticks: int) -> list[Packet]:
         ("read", servo_id, GOAL, 4),
         ("write", servo_id, TORQUE, ON),
         ("read", servo_id, TORQUE, 1),
+        ("read", servo_id, 36, 2),  # does it move?
     ]
 
 

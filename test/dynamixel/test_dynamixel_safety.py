@@ -160,6 +160,21 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_was(
+    name: str,
+) -> None:
+    rig = Rig(SimulatedServo(1, servo_model(name)))
+    rig.go(-0.6)
+    rig.go(0.6, 10)
+    rig.bus.relax_at_once(1.0)
+    on = submit(rig.bus, rig.bus.switching_torque(None, True))
+    while not on.done():
+        rig.step()
+    before = rig.step(5).states["j1"].position
+    assert rig.step(100).states["j1"].position == pytest.approx(before, abs=0.012)
+
+
 # EEPROM
 
 
