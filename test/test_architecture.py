@@ -156,7 +156,7 @@ def test_the_core_works_without_ros():
         + "import head_tracking.cli.check_model, head_tracking.cli.simulated_bus\n"
         + "import head_tracking.cli.servo.main\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent)
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent, timeout=120)
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,11 @@ def copy_of_the_source(destination):
     """Copy all files that git knows or does not ignore."""
     command = ["git", "-C", SOURCE, "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     try:
-        names = subprocess.run(command, capture_output=True, check=True).stdout.decode().split("\0")
+        names = (
+            subprocess.run(command, capture_output=True, check=True, timeout=120)
+            .stdout.decode()
+            .split("\0")
+        )
     except (FileNotFoundError, subprocess.CalledProcessError):  # no git, or not a clone
         left_out = (".*", "__pycache__", "*.egg-info", "build", "install", "log", "dist")
         shutil.copytree(SOURCE, destination, ignore=shutil.ignore_patterns(*left_out))

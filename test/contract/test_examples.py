@@ -88,4 +88,4 @@ def test_ros_node(bench):
         wait_for(lambda: node.poll() == 0)
     finally:
         node.kill()
-        node.wait()
+        node.wait(30.0)

@@ -40,6 +40,7 @@ def test_a_program_that_needs_ros_reports_that_ros_is_missing(words):
         env=os.environ | {"PYTHONPATH": str(SOURCE)},
         capture_output=True,
         text=True,
+        timeout=120,
         check=False,
     )
     assert done.returncode == 1

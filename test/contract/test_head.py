@@ -8,10 +8,11 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 from rig import DEGREE, SOURCE
-from waiting import wait_for
+from waiting import join, repeating, wait_for
 
 from head_tracking import (
     FrameError,
@@ -66,7 +67,7 @@ def test_the_lines_of_the_documentation_run_without_ros():
         "    head.stop(); head.resume(); head.relax()\n"
         "assert not [m for m in sys.modules if m.endswith('_msgs') and sys.modules[m]]\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=SOURCE)
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=SOURCE, timeout=120)
 
 
 @pytest.mark.parametrize("robot", ["kinectbot", "turtlebot"])
@@ -171,7 +172,7 @@ def test_following_does_not_wait_for_the_servos(head, servos):
         assert not answering.is_set()
     finally:
         answering.set()
-        silence.join()
+        join(silence)
 
     def follows():
         head.follow(LEFT)
@@ -182,25 +183,18 @@ def test_following_does_not_wait_for_the_servos(head, servos):
 
 
 def test_look_at_follows_a_moving_frame_and_fixes_a_point_on_the_head(head, servos):
-    ended = threading.Event()
 
     def move():
-        while not ended.wait(0.02):
-            now = time.time()
-            place = Transform((2.0, math.sin(now), 0.6), Rotation.identity())
-            head.frames.set_transform(round(now * 1e9), "base_link", "hand", place)
+        now = time.time()
+        place = Transform((2.0, math.sin(now), 0.6), Rotation.identity())
+        head.frames.set_transform(round(now * 1e9), "base_link", "hand", place)
 
-    mover = threading.Thread(target=move)
-    mover.start()
-    try:
+    with repeating(move, period=0.02):
         wait_for(lambda: "hand" in head.frames.frames())
         result = head.look_at((0.0, 0.0, 0.0), "hand", max_velocity=4.0)
         hand = head.pose("hand").translation
         assert result.arrived
         assert servos.true[0] == pytest.approx(bearing(hand), abs=0.2)
-    finally:
-        ended.set()
-        mover.join()
     before = servos.at_rest()[0]
     assert head.look_at((2.0, 0.6, 0.0), "camera_link").arrived
     assert servos.true[0] == pytest.approx(before + math.atan2(0.6, 2.0), abs=3 * DEGREE)
@@ -254,7 +248,7 @@ def test_a_newer_command_of_another_thread_supersedes_the_older(head, servos):
         assert head.state is HeadState.TURNING
         assert head.look_at(RIGHT).arrived
         with pytest.raises(SupersededError) as superseded:
-            older.result()
+            older.result(60.0)
     assert superseded.value.miss > 0.5
     assert servos.true[0] < -0.7
 
@@ -281,7 +275,7 @@ def test_stop_ends_everything_until_resume(head, servos):
         assert set(head.stop().values()) == {""}
         assert servos.torque == [0, 0]
         with pytest.raises(RefusedCommandError) as refused:
-            looking.result()
+            looking.result(60.0)
     assert refused.value.state == head.state == HeadState.STOPPED
     before = servos.at_rest()
     for command in (head.look_at, head.follow):
@@ -313,17 +307,15 @@ def test_a_relaxed_head_is_turned_by_hand_and_refuses_commands_until_resume(head
 
 
 def test_concurrent_commands_each_get_a_result(head, servos):
-    ended, failures = threading.Event(), []
+    failures = []
 
-    def repeat(call):
-        while not ended.is_set():
-            try:
-                call()
-            except (RefusedCommandError, SupersededError):
-                pass
-            except Exception as failure:
-                failures.append(failure)
-            time.sleep(0.01)
+    def guarded(call):
+        try:
+            call()
+        except (RefusedCommandError, SupersededError):
+            pass
+        except Exception as failure:
+            failures.append(failure)
 
     calls = [
         lambda: head.look_at(LEFT, timeout=0.3),
@@ -332,13 +324,8 @@ def test_concurrent_commands_each_get_a_result(head, servos):
         lambda: (head.stop(), head.resume()),
         head.hold,
     ]
-    threads = [threading.Thread(target=repeat, args=(call,)) for call in calls]
-    for thread in threads:
-        thread.start()
-    time.sleep(2.0)
-    ended.set()
-    for thread in threads:
-        thread.join()
+    with repeating(*(partial(guarded, call) for call in calls), period=0.01):
+        time.sleep(2.0)
     assert not failures
     head.resume()
     assert head.look_at((2.0, 0.0, 0.6)).arrived

@@ -12,7 +12,7 @@ from processes import child
 from rig import JOINTS, Bench
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
-from waiting import wait_for
+from waiting import join, repeating, wait_for
 
 STILL = 0.015  # rad: a joint that is relaxed moves on a little
 SLOW = 0.6  # rad/s
@@ -59,17 +59,8 @@ def start_bus(bench):
 @contextmanager
 def published(person):
     """A target that swings."""
-    ending = threading.Event()
-
-    def publish():
-        while not ending.wait(0.03):
-            person.look_at(*swing(time.monotonic()))
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    ending.set()
-    thread.join()
+    with repeating(lambda: person.look_at(*swing(time.monotonic())), period=0.03):
+        yield
 
 
 @pytest.fixture
@@ -108,24 +99,29 @@ def test_stop_relaxes_the_servos_and_is_published(bench, person):
 def test_a_crash_does_not_end_a_stop(tmp_path):
     """As where a service starts what has crashed again."""
     with closing(Bench(tmp_path)) as bench:
-        person = bench.person
+
+        def start():
+            """Return a run and a person who has heard nothing of an earlier one."""
+            return bench.run("--target", "smooth", "--keep-stop"), bench.meet("")
+
         for how in (signal.SIGKILL, signal.SIGTERM):
-            run = bench.run("--target", "smooth", "--keep-stop")
-            wait_for(lambda: person.state("head_tracker") == "tracking")
+            run, person = start()
+            wait_for(lambda person=person: person.state("head_tracker") == "tracking", 60.0)
             assert person.call("stop").success
             wait_for(lambda: bench.servos.torque == [0, 0])
             before = bench.servos.at_rest()
             os.kill(child(run, "control") if how is signal.SIGKILL else run.process.pid, how)
             run.end()
-            run = bench.run("--target", "smooth", "--keep-stop")
-            wait_for(lambda how=how: person.stopped is (how is signal.SIGKILL))
+            run, person = start()
+            assert person.stopped is (how is signal.SIGKILL)
             if how is signal.SIGKILL:
-                time.sleep(2.0)  # targets come
+                person.wait_for_joints()
+                time.sleep(1.0)  # targets come
                 assert bench.servos.torque == [0, 0]
                 assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
                 assert not person.call("head_tracker/enable", True).success
                 assert person.call("resume").success
-            wait_for(lambda: person.state("head_tracker") == "tracking")
+            wait_for(lambda person=person: person.state("head_tracker") == "tracking", 60.0)
             assert run.end(signal.SIGINT) == 0
 
 
@@ -204,8 +200,7 @@ def test_stop_is_answered_while_other_services_are_busy(bench, person):
         thread.start()
     assert person.call("stop").success
     assert bench.servos.torque == [0, 0]
-    for thread in busy:
-        thread.join()
+    join(*busy)
     assert len(done) == 4
 
 

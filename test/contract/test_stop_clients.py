@@ -2,15 +2,15 @@
 
 import math
 import random
-import threading
 import time
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
+from functools import partial
 
 import pytest
 from rig import JOINTS, Bench
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from waiting import wait_for
+from waiting import repeating, wait_for
 
 STOPS = 8
 NODES = ("joint_state_publisher", "robot_state_publisher", "head_tracker")
@@ -60,24 +60,15 @@ def ask_for_something(person, rnd):
 @contextmanager
 def clients(bench, *acts):
     """Each act again and again, in a thread and with a node of its own."""
-    ending = threading.Event()
     errors = []
 
     def run(act, person):
         try:
-            while not ending.is_set():
-                act(person)
+            act(person)
         except AssertionError as error:
             errors.append(error)
 
-    with ExitStack() as resources:
-        threads = []
-        for act in acts:
-            threads.append(threading.Thread(target=run, args=(act, bench.meet(""))))
-        for thread in threads:
-            thread.start()
-            resources.callback(thread.join)
-        resources.callback(ending.set)
+    with repeating(*(partial(run, act, bench.meet("")) for act in acts)):
         yield
     assert not errors
 

@@ -1,12 +1,11 @@
 """Two heads in one graph, each a run in a namespace of its own: nothing mixes."""
 
 import signal
-import threading
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rig import JOINTS
-from waiting import wait_for
+from waiting import repeating, wait_for
 
 PREFIXED = """
 /**/robot_state_publisher:
@@ -53,18 +52,8 @@ def heads(request, bench):
     found = [Head(bench, name, f"{name}_robot_" if request.param else "") for name in names]
     for head in found:
         head.person.wait_for_joints()
-    ending = threading.Event()
-
-    def publish():
-        while not ending.wait(0.05):
-            for head in found:
-                head.publish()
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield found
-    ending.set()
-    thread.join()
+    with repeating(*(head.publish for head in found), period=0.05):
+        yield found
 
 
 def test_two_heads_are_independent(heads):

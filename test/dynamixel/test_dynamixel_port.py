@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import serial
 from serial.tools import list_ports
-from waiting import eventually
+from waiting import eventually, join
 
 from head_tracking.dynamixel import (
     CommunicationError,
@@ -183,7 +183,7 @@ def test_port_that_vanishes_while_waiting_is_lost(peer: Peer, port: DynamixelPor
     thread.start()
     with pytest.raises(PortLostError):
         port.read(1, 36, 2)
-    thread.join()
+    join(thread)
 
 
 def test_sync_write_wants_equal_shares_and_nothing_sends_nothing(port: DynamixelPort) -> None:

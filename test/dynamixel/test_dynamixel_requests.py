@@ -9,6 +9,7 @@ from random import Random
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit
 from simulated_device import Bench
+from waiting import join
 
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -264,8 +265,7 @@ def test_an_epoch_counts_every_stop_of_many_threads() -> None:
     threads = [threading.Thread(target=stop) for _ in range(4)]
     for thread in threads:
         thread.start()
-    for thread in threads:
-        thread.join()
+    join(*threads)
     assert sorted(numbers) == list(range(1, 2001)) and epoch.value == 2000
 
 

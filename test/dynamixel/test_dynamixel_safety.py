@@ -12,6 +12,7 @@ from answer_hook import OnAnswers
 from dynamixel_fakes import PAN, TILT, FakePort, submit
 from ordeal import Ordeal
 from simulated_device import Bench, SimulatedDevice
+from waiting import eventually
 
 from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -285,9 +286,12 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
     monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
     try:
         buses.start(on_reading)
-        while not (hanging.is_set() and ports[1].servos[2]["Torque Enable"]):
+
+        def hangs() -> bool:
             buses.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
-            hanging.wait(0.02)
+            return hanging.is_set() and bool(ports[1].servos[2]["Torque Enable"])
+
+        assert eventually(hangs)
         with pytest.raises(DynamixelError, match="callback does not return"):
             buses.close()
         assert ports[0].servos[1]["Torque Enable"] == 0

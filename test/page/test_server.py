@@ -125,10 +125,11 @@ def watch(page: Page) -> ClientConnection:
 
 def until(opened: ClientConnection, kind: str) -> dict[str, Any]:
     """The next message of a kind."""
-    while True:
+    for _ in range(1000):
         said: dict[str, Any] = json.loads(opened.recv(timeout=30.0))
         if said["type"] == kind:
             return said
+    raise AssertionError(f"{kind} was not sent")
 
 
 def test_a_part_that_fails_is_named_and_the_page_goes_on(page: Page) -> None:

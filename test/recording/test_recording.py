@@ -1,6 +1,7 @@
-import threading
+import itertools
 
 import pytest
+from waiting import repeating
 
 from head_tracking.recording.recording import LastMinute, Observation, Recording, RecordingError
 
@@ -42,19 +43,7 @@ def test_what_is_kept_is_taken_while_more_comes():
     """In another thread, as a person who saves the last minute does."""
     last_minute = LastMinute(60.0)
     last_minute.add(Observation(0))
-    ended = threading.Event()
-
-    def go_on() -> None:
-        stamp = 0
-        while not ended.is_set():
-            stamp += 100_000
-            last_minute.add(Observation(stamp))
-
-    thread = threading.Thread(target=go_on)
-    thread.start()
-    try:
+    stamps = itertools.count(100_000, 100_000)
+    with repeating(lambda: last_minute.add(Observation(next(stamps)))):
         for _ in range(300):
             last_minute.recording()
-    finally:
-        ended.set()
-        thread.join()

@@ -1,7 +1,6 @@
 """Clocks that jump, stop, or never start, around a node that tracks."""
 
 import math
-import threading
 import time
 
 import pytest
@@ -10,7 +9,7 @@ from head_under_test import Head
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
-from waiting import wait_for
+from waiting import repeating, wait_for
 
 from head_tracking.head.obstacle import Obstacle, Reason
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
@@ -199,23 +198,16 @@ def test_a_whole_run_uses_simulated_time(make_robot):
     states = robot.listen("head_tracker/state", String)
     clock = robot.node.create_publisher(Clock, "/clock", 10)
     wait_for(lambda: states and "/clock is not published" in states[-1].data)
-    ended = threading.Event()
     start = time.monotonic()
     offset = 1_000.0
 
     def tell():
-        while not ended.wait(0.1):
-            nanoseconds = round((time.monotonic() - start + offset) * 1e9)
-            stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-            clock.publish(Clock(clock=stamp))
+        nanoseconds = round((time.monotonic() - start + offset) * 1e9)
+        stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        clock.publish(Clock(clock=stamp))
 
-    teller = threading.Thread(target=tell)
-    teller.start()
-    try:
+    with repeating(tell, period=0.1):
         wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
         offset = 5.0
         wait_for(lambda: any("the clock jumped back" in state.data for state in states))
         wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
-    finally:
-        ended.set()
-        teller.join()

@@ -116,7 +116,7 @@ def test_python(code: str, tmp_path: Path) -> None:
         domain = stack.enter_context(own_domain())
         code = stack.enter_context(servos(code))
         (tmp_path / "program.py").write_text(code)
-        end = "timeout --signal TERM 4" if "rclpy.spin" in code else ""
+        end = "timeout --signal TERM --kill-after 20 4" if "rclpy.spin" in code else ""
         command = f"{end} {sys.executable} {tmp_path}/program.py || (({bool(end):d} && $? == 124))"
         run(["bash", "-c", command], tmp_path, domain)
 
@@ -124,7 +124,7 @@ def test_python(code: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("code", blocks("bash"))
 def test_commands(code: str, tmp_path: Path) -> None:
     if cannot_run(code):
-        subprocess.run(["bash", "-n"], input=code, text=True, check=True)
+        subprocess.run(["bash", "-n"], input=code, text=True, check=True, timeout=PATIENCE)
         return
     with ExitStack() as stack:
         domain = stack.enter_context(own_domain())

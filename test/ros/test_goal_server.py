@@ -6,7 +6,7 @@ import pytest
 import rclpy
 from action_client import ABORTED, ACCEPTED, CANCELED, SUCCEEDED, Client
 from rclpy.node import Node
-from waiting import wait_for
+from waiting import join, wait_for
 
 from head_tracking.head.motions import MotionEnd
 from head_tracking.ros.head import head_actions
@@ -53,7 +53,7 @@ def test_goals_end_once_from_any_thread(served):
         wait_for(lambda sent=sent: sent.feedback)
         thread = threading.Thread(target=goal.end, args=[end, result])
         thread.start()
-        thread.join()
+        join(thread)
         goal.end(MotionEnd.MISSED, result)  # too late
         assert sent.ended()[0] == status
         assert not sent.cancel().goals_canceling

@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
-from waiting import eventually, wait_for
+from waiting import eventually, join, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
@@ -98,7 +98,7 @@ def test_the_lock_lasts_as_long_as_a_process_that_inherited_it(lock):
     with pytest.raises(RefusedError):
         lock(simulated=True).acquire(sleep)
     child.kill()
-    child.communicate()
+    child.communicate(timeout=30.0)
     lock(simulated=True).acquire(sleep)
 
 
@@ -128,8 +128,7 @@ def test_whoever_comes_when_there_is_never_a_simulated_head_beside_a_real_one(lo
     threads = [threading.Thread(target=live, args=(n, n % 2 == 1)) for n in range(6)]
     for thread in threads:
         thread.start()
-    for thread in threads:
-        thread.join()
+    join(*threads)
     assert max(a + b for a, b in beside) == 1
     assert any(a for a, _ in beside)
     assert any(b for _, b in beside)
@@ -172,7 +171,7 @@ def node(domain, monkeypatch):
     yield make
     for node, executor, context, thread in made:
         executor.shutdown()
-        thread.join()
+        join(thread)
         node.destroy_node()
         context.try_shutdown()
 

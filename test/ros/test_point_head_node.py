@@ -62,7 +62,7 @@ def fastest(pointed, goal):
     held = goals.HeldGoal(goal)
     pointed.node.actions.point(held)
     begun = world.seconds
-    while not held.status:
+    while not held.status and world.seconds < begun + 30.0:
         world.run(0.02)
         speeds.append(abs(pointed.true[0] - before) / 0.02)
         before = pointed.true[0]
@@ -227,8 +227,8 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
         )
     )
     pointed.node.actions.follow(held)
-    speeds, before = [], pointed.true
-    while not held.status:
+    speeds, before, end = [], pointed.true, world.seconds + 30.0
+    while not held.status and world.seconds < end:
         world.run(0.1)
         speeds.append(max(abs(a - b) for a, b in zip(pointed.true, before, strict=True)) / 0.1)
         before = pointed.true

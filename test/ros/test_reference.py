@@ -13,5 +13,5 @@ def test_generated_documents_are_up_to_date() -> None:
     for package in ("control_msgs", "tf2_msgs", "vision_msgs"):
         pytest.importorskip(f"{package}.msg")
     command = [sys.executable, str(ROOT / "scripts" / "reference.py"), "--check"]
-    answer = subprocess.run(command, check=False, capture_output=True, text=True)
+    answer = subprocess.run(command, check=False, capture_output=True, text=True, timeout=120)
     assert answer.returncode == 0, f"{answer.stdout}{answer.stderr}\nrun scripts/reference"

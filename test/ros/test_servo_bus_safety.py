@@ -134,5 +134,7 @@ def test_the_servo_bus_loads_neither_robot_models_nor_vision():
         "         'head_tracking.transforms', 'head_tracking.vision', 'head_tracking.gaze')\n"
         "print([name for name in sys.modules if name.startswith(heavy)])\n"
     )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
     assert found.stdout.strip() == "[]"

@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
-from waiting import eventually, wait_for
+from waiting import eventually, join, wait_for
 
 from head_tracking.control import JointOwners
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
@@ -152,7 +152,7 @@ def test_stop_waits_for_no_controller_that_hangs(robot):
         assert not going_on.is_set()
     finally:
         going_on.set()
-        asking.join()
+        join(asking)
     time.sleep(0.2)
     assert torque(robot) == [0, 0]
 

@@ -95,7 +95,8 @@ def hear(domain, monkeypatch):
             person = subprocess.Popen(
                 [sys.executable, "-c", PERSON, *topics], stdin=subprocess.PIPE
             )
-            stack.callback(person.communicate)
+            stack.enter_context(person)  # closes its input, and waits
+            stack.callback(person.kill)
             return heard
 
         yield hear

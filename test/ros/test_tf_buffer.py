@@ -20,6 +20,7 @@ from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from std_msgs.msg import Header
+from waiting import join
 
 from head_tracking.tf import (
     Buffer,
@@ -256,14 +257,14 @@ def test_messages_and_full_lookups_wait_as_well(buffer):
     bring.start()
     patience = Duration(seconds=20)
     assert buffer.transform(stamped(PointStamped, seconds=7), "map", patience).point.x == 7.0
-    bring.join()
+    join(bring)
     bring = threading.Timer(0.05, buffer.set_transform, [message(9.0, 9)])
     bring.start()
     found = buffer.lookup_transform_full(
         "map", Time(seconds=1), "ball", Time(seconds=9), "map", patience
     )
     assert found.transform.translation.x == pytest.approx(9.0)
-    bring.join()
+    join(bring)
 
 
 # The clock

@@ -7,7 +7,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
-from waiting import wait_for
+from waiting import repeating, wait_for
 
 from head_tracking.ros.kit.threads import UrgentServices
 
@@ -18,17 +18,8 @@ def client():
     rclpy.init()
     node, executor = Node("client"), SingleThreadedExecutor()
     executor.add_node(node)
-    ending = threading.Event()
-
-    def spin():
-        while not ending.is_set():
-            executor.spin_once(timeout_sec=0.05)
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    yield node
-    ending.set()
-    thread.join()
+    with repeating(lambda: executor.spin_once(timeout_sec=0.05)):
+        yield node
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()

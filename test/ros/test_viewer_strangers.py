@@ -73,10 +73,11 @@ def message_with(rnd: random.Random, kind: type) -> Any:
 def told(viewer: ViewerNode) -> dict[str, Any]:
     """What a browser that comes now is told first, of what changes slowly."""
     with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
-        while True:
+        for _ in range(1000):
             said: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
             if said["type"] == "about":
                 return said
+    raise AssertionError("nothing about the robot was sent")
 
 
 def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens") -> Any:

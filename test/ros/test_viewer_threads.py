@@ -15,7 +15,7 @@ from contract_nodes import ControllerStandIn
 from geometry_msgs.msg import PointStamped
 from std_msgs.msg import Header
 from viewing import PATIENCE, view
-from waiting import wait_for
+from waiting import repeating, wait_for
 
 from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.spinning import NodeThreads
@@ -90,23 +90,18 @@ def test_targets_come_in_another_thread_than_they_are_asked_for():
     buffer.set_transform(0, "base_link", "camera", Transform.identity(), static=True)
     targets = LatestTarget(node, buffer)
     targets.place_in("base_link")
-    ended = threading.Event()
 
     def send() -> None:
         waits, placed = (PointStamped(header=Header(frame_id=one)) for one in ("nowhere", "camera"))
-        while not ended.is_set():
-            for message in (*[waits] * 19, placed):
-                node.heard(message)
+        for message in (*[waits] * 19, placed):
+            node.heard(message)
 
-    sending = threading.Thread(target=send)
     sys.setswitchinterval(1e-6)  # threads take turns as often as they can
     try:
-        sending.start()
-        for _ in range(300_000):
-            targets.latest()
+        with repeating(send):
+            for _ in range(100_000):
+                targets.latest()
     finally:
         sys.setswitchinterval(interval)
-        ended.set()
-        sending.join()
     node.heard(PointStamped(header=Header(frame_id="camera")))
     assert targets.latest() is not None

@@ -53,11 +53,9 @@ def open_browser() -> Iterator[Any]:
     path = chromium()
     from playwright.sync_api import sync_playwright
 
-    # only root can go before others, and what keeps it from that is only for root
-    polite = os.geteuid() == 0 and shutil.which("setpriv") is not None
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=_POLITE if polite else path,
+            executable_path=_POLITE,
             args=list(_ARGUMENTS),
             env={**os.environ, "CHROMIUM": path},
         )

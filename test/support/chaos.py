@@ -47,6 +47,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
+from waiting import join
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
@@ -201,14 +202,14 @@ class Chaos:
             env=os.environ | {"ROS_DOMAIN_ID": self.bench.domain},
         )
         self._ending = threading.Event()
-        self._publishing = threading.Thread(target=self._publish)
+        self._publishing = threading.Thread(target=self._publish, daemon=True)
         self._publishing.start()
 
     def close(self) -> None:
         self._ending.set()
-        self._publishing.join()
+        join(self._publishing)
         self._flooder.kill()
-        self._flooder.wait()
+        self._flooder.wait(30.0)
         for name in self.programs:
             self.kill_group(name)
 

@@ -22,7 +22,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
-from waiting import failing_waits, wait_for
+from waiting import failing_waits, join, wait_for
 
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.transforms import TransformBuffer
@@ -102,9 +102,9 @@ class Head:
             if urdf:
                 self.describe(urdf)
             self.threads.start(self.node)
-            thread = threading.Thread(target=self._live)
+            thread = threading.Thread(target=self._live, daemon=True)
             thread.start()
-            resources.callback(thread.join)
+            resources.callback(join, thread)
             resources.callback(self._stopped.set)
             self._resources = resources.pop_all()
 

@@ -51,7 +51,7 @@ def fetch(folder: Path = FOLDER) -> None:
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "download", "-qq"]
     with tempfile.TemporaryDirectory() as place:
         for package in (["--no-binary", "face_recognition", "face_recognition"], ["scikit-image"]):
-            subprocess.run([*pip, "--no-deps", "-d", place, *package], check=True)
+            subprocess.run([*pip, "--no-deps", "-d", place, *package], check=True, timeout=120)
         for archive in Path(place).iterdir():
             for name, content in _files(archive):
                 if name in FACES or name in EMPTY:

@@ -33,7 +33,7 @@ from ros_domain import own_domain
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
-from waiting import wait_for
+from waiting import join, wait_for
 
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
@@ -60,7 +60,9 @@ def executables() -> dict[str, str]:
     """Return what setup.py installs: the entry point (module:function) of each name."""
     # setuptools cannot be imported where something else has imported distutils before it
     command = [sys.executable, "-W", "ignore", "-c", _ENTRY_POINTS]
-    answer = subprocess.run(command, cwd=SOURCE, capture_output=True, check=True, text=True)
+    answer = subprocess.run(
+        command, cwd=SOURCE, capture_output=True, check=True, text=True, timeout=120
+    )
     return dict(line.replace(" ", "").split("=") for line in json.loads(answer.stdout))
 
 
@@ -110,7 +112,7 @@ class Program:
             start_new_session=own_group,
         )
         self.output = ""
-        self._reader = threading.Thread(target=self._read)
+        self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
@@ -140,14 +142,14 @@ class Program:
         if number is not None:
             self.process.send_signal(number)
         code = self.process.wait(PATIENCE)
-        self._reader.join()
+        join(self._reader)
         return code
 
     def kill(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
-            self.process.wait()
-        self._reader.join()
+            self.process.wait(PATIENCE)
+        join(self._reader)
         if self.process.stdout is not None:
             self.process.stdout.close()
         print(f"{self._name}:\n{self.output}")  # shown if the test fails
@@ -228,7 +230,7 @@ class Person:
         self.log: list[Log] = []
         self.node.create_subscription(Log, "/rosout", self.log.append, 1000)
         self.node.create_subscription(JointState, self.name("joint_states"), self._on_joints, 10)
-        self._thread = threading.Thread(target=self._spin)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
     def _spin(self) -> None:
@@ -237,7 +239,7 @@ class Person:
 
     def close(self) -> None:
         self._ending = True
-        self._thread.join()
+        join(self._thread)
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()

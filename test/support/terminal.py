@@ -27,7 +27,7 @@ class Terminal:
             os.execvp("bash", ["bash", "--norc", "--noprofile", "--noediting", "-i"])
         self.shown = ""
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._read)
+        self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
     def _read(self) -> None:
@@ -61,5 +61,5 @@ class Terminal:
         os.kill(self._pid, signal.SIGKILL)
         os.waitpid(self._pid, 0)
         self._ended.set()
-        self._thread.join()
+        self._thread.join(PATIENCE)
         os.close(self._master)

@@ -7,6 +7,8 @@ import json
 import threading
 from typing import Any
 
+from waiting import join
+
 
 class ReadingClient:
     """Costs the page's process what a browser costs it, and this machine next to nothing.
@@ -28,7 +30,7 @@ class ReadingClient:
         self.messages: list[dict[str, Any]] = []
         self._keep, self._closed = keep, ConnectionClosed
         self._socket = connect(f"ws://127.0.0.1:{port}/head/live", max_size=None)
-        self._thread = threading.Thread(target=self._read)
+        self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
     def named(self, kind: str) -> list[dict[str, Any]]:
@@ -38,7 +40,7 @@ class ReadingClient:
     def close(self) -> None:
         """Go away."""
         self._socket.close()
-        self._thread.join()
+        join(self._thread)
 
     def _read(self) -> None:
         for data in self._socket:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -33,6 +34,37 @@ def _raise_failure() -> None:
     for threads in _watched:
         if threads.failure is not None:
             raise threads.failure
+
+
+def join(*threads: threading.Thread) -> None:
+    """Wait until threads have ended."""
+    for thread in threads:
+        thread.join(3 * PATIENCE)
+        assert not thread.is_alive(), f"{thread.name} does not end"
+
+
+@contextmanager
+def repeating(*works: Callable[[], object], period: float = 0.0) -> Iterator[None]:
+    """Call functions again and again, each in a thread of its own.
+
+    Args:
+        works: the functions.
+        period: between two calls [s].
+    """
+    ending = threading.Event()
+
+    def repeat(work: Callable[[], object]) -> None:
+        while not ending.wait(period):
+            work()
+
+    threads = [threading.Thread(target=repeat, args=(work,), daemon=True) for work in works]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        join(*threads)
 
 
 def eventually(condition: Callable[[], bool]) -> bool:

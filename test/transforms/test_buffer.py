@@ -1,8 +1,8 @@
 import math
-import threading
 
 import numpy as np
 import pytest
+from waiting import repeating
 
 from head_tracking.transforms import (
     InvalidArgumentException,
@@ -144,25 +144,18 @@ def test_readers_see_one_moment_while_a_writer_writes(kinectbot):
     buffer = TransformBuffer()
     buffer.set_model(kinectbot)
     buffer.set_joint_positions(1, dict.fromkeys(HEAD, 0.0))
-    stop = threading.Event()
     mixed: list[float] = []
 
     def read() -> None:
-        while not stop.is_set():
-            found = buffer.lookup_transform("head_pan_link", "camera_link").transform
-            _, tilt, pan = found.rotation.as_rpy()
-            if abs(tilt - pan) > 1e-9:
-                mixed.append(tilt - pan)
+        found = buffer.lookup_transform("head_pan_link", "camera_link").transform
+        _, tilt, pan = found.rotation.as_rpy()
+        if abs(tilt - pan) > 1e-9:
+            mixed.append(tilt - pan)
 
-    readers = [threading.Thread(target=read) for _ in range(3)]
-    for reader in readers:
-        reader.start()
-    for step in range(2, 3000):
-        angle = 1e-3 * (step % 1000)
-        buffer.set_joint_positions(step, dict.fromkeys(HEAD, angle))
-    stop.set()
-    for reader in readers:
-        reader.join()
+    with repeating(read, read, read):
+        for step in range(2, 3000):
+            angle = 1e-3 * (step % 1000)
+            buffer.set_joint_positions(step, dict.fromkeys(HEAD, angle))
     assert not mixed
 
 

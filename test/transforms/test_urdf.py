@@ -126,6 +126,6 @@ here = parse_robot_model(child.urdf)
 print((child.name, child.links, child.joints) == (here.name, here.links, here.joints))
 """
     ran = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120
     )
     assert ran.stdout == "True\n", ran.stderr

@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+from waiting import join
 
 from head_tracking.transforms import (
     ExtrapolationException,
@@ -29,7 +30,7 @@ def later(work, *arguments) -> threading.Timer:
 def test_a_lookup_waits_for_its_frame(buffer):
     timer = later(buffer.set_transform, SECOND, "map", "base", STILL)
     assert buffer.lookup_transform("map", "base", SECOND, timeout=30.0).stamp == SECOND
-    timer.join()
+    join(timer)
 
 
 def test_a_lookup_waits_for_the_joints_of_the_robot(buffer, kinectbot):
@@ -38,7 +39,7 @@ def test_a_lookup_waits_for_the_joints_of_the_robot(buffer, kinectbot):
         buffer.set_joint_positions, SECOND, {"head_pan_joint": 0.5, "head_tilt_joint": 0.0}
     )
     assert buffer.can_transform("base_link", "camera_link", timeout=30.0)
-    timer.join()
+    join(timer)
 
 
 def test_both_halves_of_a_full_lookup_are_waited_for(buffer):
@@ -46,7 +47,7 @@ def test_both_halves_of_a_full_lookup_are_waited_for(buffer):
     timer = later(buffer.set_transform, 2 * SECOND, "odom", "base", STILL)
     found = buffer.lookup_transform_full("base", 2 * SECOND, "base", SECOND, "odom", timeout=30.0)
     assert found.stamp == 2 * SECOND
-    timer.join()
+    join(timer)
 
 
 def test_a_lookup_in_vain_ends_with_the_error_that_says_why(buffer):
@@ -100,8 +101,7 @@ def test_many_threads_wait_for_different_times(buffer):
         thread.start()
     for index in range(1, 31):
         buffer.set_transform(index * SECOND // 10, "map", "base", STILL)
-    for thread in threads:
-        thread.join()
+    join(*threads)
     assert sorted(found) == [index * SECOND // 10 for index in range(1, 30)]
 
 

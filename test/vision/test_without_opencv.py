@@ -15,7 +15,11 @@ def opencv():
 
 def run(code):
     return subprocess.run(
-        [sys.executable, "-c", WITHOUT + code], capture_output=True, text=True, check=False
+        [sys.executable, "-c", WITHOUT + code],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
 
 
@@ -37,5 +41,5 @@ def test_a_program_that_needs_it_says_how_to_get_it():
 
 def test_it_is_not_loaded_before_it_is_used():
     code = "import sys, head_tracking.run.node_sets; sys.exit('cv2' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], check=False)
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=120)
     assert done.returncode == 0
