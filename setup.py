@@ -58,7 +58,7 @@ setup(
     "Dynamixel and Feetech servos, transforms, tracking.",
     long_description=(HERE / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
-    maintainer="head_tracking maintainers",
+    maintainer="head_tracking contributors",
     maintainer_email="maintainers@users.noreply.h-seed-df56c0b7.example",
     license="BSD-3-Clause",
     python_requires=">=3.10",

@@ -27,7 +27,7 @@ NODES: Final = {
     "visual_target": "ros.targets",
     "detection_target": "ros.targets",
     "simulated_camera": "ros.targets",
-    "viewer": "nodes",
+    "viewer": "page",
     "recorder": "ros.robot",
 }
 """The packages of the nodes, by name; see `node_class`."""
@@ -56,8 +56,8 @@ _MODULES: Final = {
 _ROS: Final = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
 
 NO_ROS: Final = (
-    "ROS 2 is needed but not found: source it, or pip install 'head_tracking[ros]'; "
-    "`from head_tracking import Head` works without it"
+    "ROS 2 is needed but not found: source it, or pip install 'head_tracking[ros]' (with the page: "
+    "'head_tracking[ros,page]'); `from head_tracking import Head` works without it"
 )
 
 

@@ -56,7 +56,6 @@ ALLOWED: dict[str, set[str]] = {
         "ros",
     }
     | {"recording", "control", "head", "calibration", "share"},
-    "nodes": {"head", "parameters", "recording", "ros", "share", "tf", "page"},
     "cli": CORE | {"run", "tf", "share", "ros", "command_line", "programs"},
     "programs": {"output"},
     "__main__": {"run", "ros", "programs"},
@@ -137,7 +136,6 @@ def test_timers_of_nodes_run_on_the_steady_clock():
         and isinstance(call.func, ast.Attribute)
         and call.func.attr == "create_timer"
         and package_of(path) != "page"
-        and path.stem != "viewer"
     }
     assert calls == {"ros/kit/spinning.py": {"clock"}, "tf/listener.py": {"clock"}}
 

@@ -67,7 +67,7 @@ def look(client: Client, options: argparse.Namespace) -> int:
 
     def others() -> str:
         count = client.node.count_publishers(targets.topic_name) - 1
-        return f"; {count} other publishers of {options.topic}" if count else ""
+        return f"; {count} other publishers of {options.topic}: end them" if count else ""
 
     return _wait(client, options, miss, others)
 

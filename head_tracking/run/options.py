@@ -16,7 +16,7 @@ from head_tracking.command_line import (
 )
 from head_tracking.configuration.parameter_files import ParameterFileError, read
 from head_tracking.page import MISSING, installed
-from head_tracking.programs import COMMANDS
+from head_tracking.programs import COMMANDS, has_ros
 from head_tracking.run.node_sets import (
     HEAD,
     LEFT_OUT,
@@ -32,7 +32,7 @@ from head_tracking.run.node_sets import (
     frame_target,
     simulated_camera,
 )
-from head_tracking.share import robot_parameters
+from head_tracking.share import NotInstalledError, robot_file, robot_parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +85,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--robot",
         default="kinectbot",
+        type=read_by(_robot, NotInstalledError),
         metavar="NAME|FILE",
         help="name of the robot, or a URDF or xacro file (default: %(default)s)",
     )
@@ -149,7 +150,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "--viewer", action="store_true", help="serve a page that shows and steers the head"
     )
     options = parser.parse_args(with_negative_values(list(_without_ros_arguments(arguments))))
-    if options.viewer and not installed():
+    if options.viewer and has_ros() and not installed():  # without ROS nothing runs
         parser.error(MISSING)
     if options.target is None:
         options.target = _target(
@@ -198,6 +199,11 @@ def _without_ros_arguments(arguments: Sequence[str]) -> Iterator[str]:
             ros = False
         elif not ros:
             yield word
+
+
+def _robot(text: str) -> str:
+    robot_file(text)
+    return text
 
 
 def _parameter_file(text: str) -> Path:

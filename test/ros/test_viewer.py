@@ -74,7 +74,7 @@ def robot(make_module_robot) -> Iterator[Robot]:
 @pytest.fixture(scope="module")
 def viewer(robot, tmp_path_factory) -> Any:
     """The page in this process."""
-    from head_tracking.nodes.viewer import ViewerNode
+    from head_tracking.page.viewer import ViewerNode
 
     given = [
         Parameter("record_directory", value=str(tmp_path_factory.mktemp("recordings"))),

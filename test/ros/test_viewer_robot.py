@@ -12,7 +12,7 @@ from viewing import view
 from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.viewer import ViewerNode
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import Path
 from head_tracking.page.status import Word
@@ -211,7 +211,7 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
         parse_arguments(["--sim", "--viewer"])
     assert ended.value.code == 2
     assert "pip install 'head_tracking[page]'" in capsys.readouterr().err
-    monkeypatch.setattr("head_tracking.nodes.viewer.installed", lambda: False)
+    monkeypatch.setattr("head_tracking.page.viewer.installed", lambda: False)
     with pytest.raises(HeadTrackingError, match="pip install"):
         ViewerNode()
 

@@ -15,7 +15,7 @@ from viewing import PATIENCE, view
 from waiting import wait_for
 from websockets.sync.client import connect
 
-from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.viewer import ViewerNode
 from head_tracking.ros.kit.diagnostics import Level
 from head_tracking.transforms import Rotation, Transform
 

@@ -10,7 +10,7 @@ from waiting import wait_for
 
 pytest.importorskip("nicegui", reason="needs NiceGUI: pip install -r requirements/viewer.txt")
 
-from head_tracking.nodes.viewer import ViewerNode
+from head_tracking.page.viewer import ViewerNode
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 
