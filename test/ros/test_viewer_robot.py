@@ -12,10 +12,10 @@ from viewing import view
 from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.page.viewer import ViewerNode
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import Path
 from head_tracking.page.status import Word
+from head_tracking.page.viewer import ViewerNode
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.run.options import parse_arguments
