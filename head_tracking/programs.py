@@ -49,7 +49,7 @@ COMMANDS: Final = (*NODES, *TOOLS)
 """The commands of `head_tracking COMMAND` and `ros2 run head_tracking COMMAND`."""
 
 _MODULES: Final = {
-    "head_tracking": "__main__",
+    "head_tracking": "run.main",
     "servo": "cli.servo.main",
     "doctor": "cli.doctor.__main__",
 }
@@ -87,6 +87,8 @@ def __getattr__(name: str) -> Callable[[], int]:
                 raise
             print(f"{program_name}: {NO_ROS} ({package} is missing)", file=sys.stderr)
             return 1
+        except KeyboardInterrupt:
+            return 130
         from head_tracking.output import tolerate_output_errors
 
         with tolerate_output_errors():

@@ -58,7 +58,7 @@ ALLOWED: dict[str, set[str]] = {
     | {"recording", "control", "head", "calibration", "share"},
     "cli": CORE | {"run", "tf", "share", "ros", "command_line", "programs"},
     "programs": {"output"},
-    "__main__": {"run", "ros", "programs"},
+    "__main__": {"programs"},
     "run": CORE | {"tf", "ros", "page", "share", "output", "command_line", "programs"},
 }
 """Packages that a package may import, besides itself and `exceptions`."""

@@ -2,6 +2,7 @@ from argparse import ArgumentTypeError
 
 import pytest
 
+from head_tracking import programs
 from head_tracking.command_line import (
     between,
     existing_file,
@@ -86,3 +87,11 @@ def test_a_run_starts_the_node_of_its_target(target: str, node: str, parameter: 
 def test_an_unknown_target_ends_with_2(target: str) -> None:
     with pytest.raises(SystemExit, match="2"):
         parse_arguments(["--sim", "--target", target])
+
+
+def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):
+    def interrupted(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(programs, "import_module", interrupted)
+    assert programs.doctor() == 130

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from head_tracking.output import tolerate_output_errors
-from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.ros.kit.stop_signal import ENDING, StopSignal
 from head_tracking.run.channel import Channel
 from head_tracking.run.node_sets import CONTROL
 
@@ -65,6 +65,7 @@ def main() -> int:
     with tolerate_output_errors(), StopSignal() as stop:
         link = SupervisorLink(int(descriptor), stop)
         with stop.while_importing():
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)  # the supervisor has blocked them
             if process == CONTROL:
                 from head_tracking.run.control import run_control as run
             else:

@@ -59,6 +59,8 @@ class Process:
         ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         self.channel = Channel(ours)
         with theirs:
+            # Ctrl-C waits until the process handles it; the process unblocks it then
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
             self._process = subprocess.Popen(
                 [
                     *(sys.executable, "-m", "head_tracking.run.child"),
@@ -66,6 +68,7 @@ class Process:
                 ],
                 pass_fds=[theirs.fileno(), *descriptors],
             )
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[name])
 
@@ -196,7 +199,9 @@ class Supervisor:
 
         try:
             while control in self._selector.get_map():
-                for key, _ in self._selector.select(_POLL_PERIOD):
+                ready = self._selector.select(_POLL_PERIOD)
+                # after Ctrl-C the processes end, too
+                for key, _ in sorted(ready, key=lambda each: each[0].fileobj is not signals):
                     if key.fileobj is signals:
                         self._on_signals(signals.recv(64), control)
                     elif key.fileobj is self._keys:
@@ -273,7 +278,7 @@ class Supervisor:
         message = process.channel.receive()
         if message is None:
             self._selector.unregister(process)
-            if process is not control:
+            if process is not control and not self._ending:
                 for report in self._others[process.name].on_end():
                     control.channel.send(report)
         elif process is not control:

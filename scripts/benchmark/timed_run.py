@@ -13,10 +13,10 @@ import sys
 import time
 from typing import Any
 
-from head_tracking.__main__ import main
 from head_tracking.dynamixel import BusEvent, BusReading
 from head_tracking.dynamixel.cycle import Cycle
 from head_tracking.run import supervisor
+from head_tracking.run.main import main
 
 CHILD = "head_tracking.run.child"
 

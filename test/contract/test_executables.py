@@ -56,7 +56,7 @@ def test_a_program_that_needs_ros_reports_that_ros_is_missing(words):
         ("head_tracking --sim --target 1,nan,2@base_link", 2),
         ("head_tracking --sim --params nothing.yaml", 2),
         ("head_tracking --sim --without servo_bus", 2),
-        ("head_tracking --sim --robot nobot", 1),
+        ("head_tracking --sim --robot nobot", 2),
         ("head_tracking --port /dev/ttyNOT0", 1),
         ("servo_bus --ros-args -p port_name:=/dev/ttyNOT0", 1),
         ("servo_bus --ros-args -p update_rate:=0.0", 1),

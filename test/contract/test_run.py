@@ -32,6 +32,12 @@ def moves(bench):
     wait_for(lambda: bench.servos.torque == [1, 1])
 
 
+def catches_signals(run):
+    status = Path(f"/proc/{run.process.pid}/status").read_text()
+    caught = re.search(r"SigCgt:\s*(\w+)", status)[1]
+    return int(caught, 16) >> (signal.SIGTERM - 1) & 1
+
+
 # options
 
 
@@ -211,11 +217,21 @@ def test_ctrl_c_in_all_processes_ends_the_run(bench):
     assert bench.servos.torque == [0, 0]
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.2, 0.4, 0.8, 1.6])
+def test_ctrl_c_in_all_processes_during_the_start_is_silent(bench, delay):
+    words = ("--sim", "--target", "face", "--viewer", "--ros-args", "-p", "viewer:port:=0")
+    run = bench.start("head_tracking", *words, own_group=True)
+    wait_for(lambda: catches_signals(run))
+    time.sleep(delay)
+    os.killpg(run.process.pid, signal.SIGINT)
+    assert run.end() == 0, run.output
+    for word in ("Traceback", "Fatal", "killed", "restarted"):
+        assert word not in run.output
+
+
 def test_a_run_can_be_ended_during_its_start(bench):
     run = bench.run("--target", "smooth")
-    status = Path(f"/proc/{run.process.pid}/status")
-    caught = re.compile(r"SigCgt:\s*(\w+)")
-    wait_for(lambda: int(caught.search(status.read_text())[1], 16) >> (signal.SIGTERM - 1) & 1)
+    wait_for(lambda: catches_signals(run))
     assert run.end(signal.SIGTERM) == 0, run.output
     assert bench.servos.torque == [0, 0]
 
