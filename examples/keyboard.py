@@ -21,10 +21,15 @@ def main(port: str = "--sim") -> None:
             elif key == "r":
                 head.resume()
             elif key in STEPS:
-                left, up = left + STEPS[key][0], up + STEPS[key][1]
-                ahead = math.cos(left) * math.cos(up), math.sin(left) * math.cos(up), math.sin(up)
+                yaw, pitch = left + STEPS[key][0], up + STEPS[key][1]
+                ahead = (
+                    math.cos(yaw) * math.cos(pitch),
+                    math.sin(yaw) * math.cos(pitch),
+                    math.sin(pitch),
+                )
                 try:
                     head.look_at([3.0 * number for number in ahead], "torso_link")
+                    left, up = yaw, pitch
                 except (RefusedCommandError, UnreachableError) as error:
                     print(error)
             pan, tilt = head.joints.values()

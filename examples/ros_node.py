@@ -34,6 +34,7 @@ class HeadNode(Node):
 
 if __name__ == "__main__":
     rclpy.init()
-    opened = Head.simulated() if sys.argv[1] == "--sim" else Head.open(sys.argv[1])
+    port = (sys.argv[1:] or ["--sim"])[0]
+    opened = Head.simulated() if port == "--sim" else Head.open(port)
     with opened, suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(HeadNode(opened))
