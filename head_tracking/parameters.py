@@ -6,13 +6,16 @@ A node declares the fields as ROS parameters; the core uses the dataclass only.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
 
 _KEY = "parameter"
+_LIKELY, _LISTED = 0.75, 3  # similarity and number of suggested names
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
@@ -102,3 +105,12 @@ def allowed(info: ParameterInfo) -> str:
     if math.isinf(info.minimum):
         return f"{info.maximum:g}{unit} or less"
     return f"{info.minimum:g} to {info.maximum:g}{unit}"
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return a text with the known names that are similar to a wrong one; empty: there are none."""
+    known = list(known)
+    found = difflib.get_close_matches(name, known, _LISTED, _LIKELY) or [
+        one for one in known if one.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]
+    ]
+    return f" (is {' or '.join(found[:_LISTED])} meant?)" if found else ""

@@ -2,6 +2,8 @@ import math
 
 import pytest
 
+from head_tracking.configuration import configured_head
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import ParameterInfo, checked
 
 SPEED = ParameterInfo("Speed.", "rad/s", 0.1, 2.0)
@@ -37,3 +39,33 @@ def test_words_can_be_limited():
     assert checked("law", info, "speed", "position") == "position"
     with pytest.raises(ValueError, match="allowed are speed, position"):
         checked("law", info, "speed", "magic")
+
+
+@pytest.mark.parametrize(
+    ("content", "fact"),
+    [
+        ("{baud_rate: fast}", "baud_rate is 'fast'"),
+        ("{baud_rat: 57600}", "baud_rate meant"),
+        ("{head_pan_controller: {motor: {idd: 3}}}", "head_pan_controller.motor.id"),
+        ("{dynamixels: 3}", "list"),
+        ("[a]", "ros__parameters"),
+        ("{a: [1", "YAML"),
+    ],
+)
+def test_a_mistake_in_the_parameter_file_of_a_robot_is_named_with_the_file(tmp_path, content, fact):
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"/**/servo_bus: {{ros__parameters: {content}}}")
+    with pytest.raises(HeadTrackingError) as error:
+        configured_head([file])
+    assert str(file) in str(error.value)
+    assert fact in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["{use_sim_time: true}", "{neck_controller: {motor: {id: 7, idd: 3}}}", "{update_rate: 5e1}"],
+)
+def test_other_values_of_a_robot_file_are_no_mistake(tmp_path, content):
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"/**/servo_bus: {{ros__parameters: {content}}}")
+    configured_head([file])

@@ -18,14 +18,19 @@ from head_tracking.configuration.bus_parameters import (
     bus_settings,
     configured_joint,
 )
-from head_tracking.configuration.parameter_files import parameters_of
+from head_tracking.configuration.parameter_files import (
+    COMMAND_LINE,
+    Given,
+    parameters_of,
+    read,
+)
 from head_tracking.dynamixel import (
     BusSettings,
     ConfigurationError,
     JointConfiguration,
     check_configuration,
 )
-from head_tracking.parameters import checked, parameter_info
+from head_tracking.parameters import ParameterError, checked, nearest, parameter_info
 
 P = TypeVar("P")
 
@@ -70,7 +75,7 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
     Raises:
         ConfigurationError: no bus has the servos of pan and tilt.
         ParameterFileError: a file cannot be read.
-        ParameterError: a value is not allowed.
+        ParameterError: a value is not allowed, or a parameter does not exist.
     """
     pan, tilt, frame = head_names("point_head", files)
     for bus in configured_buses(files):
@@ -111,37 +116,64 @@ def configured_buses(
     Raises:
         ConfigurationError: a servo does not support its configuration.
         ParameterFileError: a file cannot be read.
-        ParameterError: a value is not allowed.
+        ParameterError: a value is not allowed, or a parameter does not exist.
     """
-    values = parameters_of("servo_bus", files)
-    if port_name:
-        values["port_name"] = port_name
-    if baud_rate:
-        values["baud_rate"] = baud_rate
-    p = _read(ServoBusParameters, values)
-    settings = bus_settings(p, _read(TemperatureParameters, values, "temperature."))
+    values = _Values("servo_bus", files, {"port_name": port_name, "baud_rate": baud_rate})
+    p = values.read(ServoBusParameters)
+    settings = bus_settings(p, values.read(TemperatureParameters, "temperature."))
     buses: dict[tuple[str, int], list[JointConfiguration]] = {}
     for name in p.dynamixels:
         prefix = f"{name}_controller."
-        controller = _read(ControllerParameters, values, prefix, {"joint_name": f"{name}_joint"})
-        motor = _read(MotorParameters, values, f"{prefix}motor.", TUTORIAL_HEAD.get(name, {}))
-        second = _read(SecondMotorParameters, values, f"{prefix}second_motor.")
+        controller = values.read(ControllerParameters, prefix, {"joint_name": f"{name}_joint"})
+        motor = values.read(MotorParameters, f"{prefix}motor.", TUTORIAL_HEAD.get(name, {}))
+        second = values.read(SecondMotorParameters, f"{prefix}second_motor.")
         bus = (controller.port_name or p.port_name, controller.baud_rate or p.baud_rate)
         buses.setdefault(bus, []).append(configured_joint(name, controller, motor, second))
+    values.check_names()
     return tuple(
         ConfiguredBus(port, baud, p.update_rate, check_configuration(joints), settings)
         for (port, baud), joints in buses.items()
     )
 
 
-def _read(
-    kind: type[P], values: Mapping[str, Any], prefix: str = "", defaults: Mapping[str, Any] = {}
-) -> P:
-    """Make a parameter class from values; raise ParameterError if one is not allowed."""
-    arguments = {}
-    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-        default = defaults.get(field.name, field.default)
-        name = f"{prefix}{field.name}"
-        value = values.get(name, default)
-        arguments[field.name] = checked(name, parameter_info(field), default, value)
-    return kind(**arguments)
+class _Values:
+    """The values of a node.
+
+    Args:
+        node: its name.
+        files: parameter files; later ones win.
+        others: values that win over files, unless they are empty or 0.
+    """
+
+    def __init__(self, node: str, files: Sequence[Path], others: Mapping[str, Any]) -> None:
+        given = [each for file in files for each in read(str(file)) if each.node in (node, "")]
+        given += [Given(COMMAND_LINE, "", name, value) for name, value in others.items() if value]
+        self._node, self._given = node, {each.name: each for each in given}
+        self._known = {"use_sim_time"}
+
+    def read(self, kind: type[P], prefix: str = "", defaults: Mapping[str, Any] = {}) -> P:
+        """Make a parameter class; raise ParameterError if a value is not allowed."""
+        arguments = {}
+        for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+            default = defaults.get(field.name, field.default)
+            name = f"{prefix}{field.name}"
+            self._known.add(name)
+            given = self._given.get(name)
+            try:
+                value = default if given is None else given.value
+                arguments[field.name] = checked(name, parameter_info(field), default, value)
+            except ParameterError as error:
+                file = "" if given is None else f"{given.file}: "
+                raise ParameterError(f"{file}{error}") from None
+        return kind(**arguments)
+
+    def check_names(self) -> None:
+        """Raise ParameterError if a file names a parameter that does not exist."""
+        for name, given in self._given.items():
+            is_unused = f"{name.split('.', 1)[0]}.motor.id" in self._given  # a servo
+            is_known = name in self._known or is_unused or name.startswith("qos_overrides.")
+            if given.node and not is_known:  # without a node it may be for another one
+                raise ParameterError(
+                    f"{given.file}: {self._node} has no parameter {name}"
+                    f"{nearest(name, self._known)}"
+                )

@@ -12,6 +12,7 @@ from head_tracking.configuration import ConfiguredBus, configured_buses, head_na
 from head_tracking.configuration.parameter_files import ParameterFileError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
+from head_tracking.parameters import ParameterError
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 
@@ -30,7 +31,7 @@ def check_configured(
     """
     try:
         buses = configured_buses(files, port_name, baud_rate)
-    except ParameterFileError as error:
+    except (ParameterFileError, ParameterError) as error:
         return Finding("configuration", Grade.RED, str(error)), ()
     except HeadTrackingError as error:
         text = f"{error}; correct it in {', '.join(map(str, files))}"

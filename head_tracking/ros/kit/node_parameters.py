@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import math
 import tempfile
@@ -28,6 +27,7 @@ from head_tracking.parameters import (
     ParameterInfo,
     allowed,
     checked,
+    nearest,
     parameter_info,
 )
 from head_tracking.programs import NODES
@@ -35,8 +35,6 @@ from head_tracking.programs import NODES
 P = TypeVar("P")
 
 _LARGEST = 1.7976931348623157e308
-_LIKELY = 0.75  # similarity of names for a suggestion
-_LISTED = 3
 
 
 class UnknownParametersError(RefusedError):
@@ -121,7 +119,7 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
             if not is_known:
                 problems.append(
                     f"{source(node, name)}: {full_name} has no parameter {name}"
-                    f"{_nearest(name, declared)}"
+                    f"{nearest(name, declared)}"
                 )
     if names:
         # one file may configure nodes of several processes
@@ -135,21 +133,9 @@ def _misspelt_nodes(known: set[str]) -> Iterator[str]:
         if file == COMMAND_LINE:
             is_wrong = name not in known
         else:  # servo_bus_left may be a second servo_bus
-            is_wrong = not any(one in name for one in known) and bool(_alike(name, known))
+            is_wrong = not any(one in name for one in known) and bool(nearest(name, known))
         if name and is_wrong:
-            yield f"{file}: there is no node {name}{_nearest(name, known)}"
-
-
-def _alike(name: str, known: Iterable[str]) -> list[str]:
-    return difflib.get_close_matches(name, list(known), _LISTED, _LIKELY)
-
-
-def _nearest(name: str, known: Iterable[str]) -> str:
-    known = list(known)
-    found = _alike(name, known) or [
-        one for one in known if one.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]
-    ]
-    return f" (is {' or '.join(found[:_LISTED])} meant?)" if found else ""
+            yield f"{file}: there is no node {name}{nearest(name, known)}"
 
 
 class NodeParameters(Generic[P]):
