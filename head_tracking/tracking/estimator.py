@@ -24,7 +24,7 @@ _SAME = 0.5  # of `jump_threshold`: so near to that place
 _UNCONTRADICTED = 0.2  # s; after a gap, a lone suspect is believed if no point came for so long
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, plus rad/s: faster motion is a jump
 _LEAST_ERROR = 0.1  # of the variance of a point: least variance of a prediction
-_TRUST = 0.25  # of the lead time: how much longer a prediction is used, times gain over error
+_TRUST = 0.5  # of the lead time: how much longer a prediction is used, times gain over error
 _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
