@@ -58,6 +58,9 @@ class Terminal:
         return " icanon" in text and " echo " in text
 
     def close(self) -> None:
+        """Hang up, as when a window is closed, and wait until the programs have ended."""
+        os.kill(self._pid, signal.SIGHUP)
+        self._thread.join(PATIENCE)
         os.kill(self._pid, signal.SIGKILL)
         os.waitpid(self._pid, 0)
         self._ended.set()
