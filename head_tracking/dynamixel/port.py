@@ -65,6 +65,7 @@ _CHUNK: Final = 4096
 _WRITE_TIMEOUT: Final = 0.1  # s
 _QUIET: Final = 0.0005  # s of silence after which the line is free
 _GAP: Final = 0.02  # s to wait, before an instruction, for a gap between packets of another program
+_REPLY: Final = 256  # bytes of the longest reply to another program that is searched for
 _SUSPECT: Final = 1.0  # s to check for a gap after unexpected packets
 _PING_LENGTHS: Final = {1: 0, 2: 3}
 _ID_REGISTER: Final = 3  # of protocol 1.0
@@ -536,7 +537,7 @@ class DynamixelPort:
                 return
             if now > deadline:
                 raise LineBusyError(self.name, patience)
-            self._buffer = (self._buffer + data)[-_CHUNK:]
+            self._buffer = (self._buffer + data)[-_REPLY:]
 
     def _ends_with_status(self) -> bool:
         """Return whether the received bytes end with a reply, so that no other follows at once.
