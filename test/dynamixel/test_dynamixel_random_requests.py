@@ -254,7 +254,7 @@ class Requests(RuleBasedStateMachine):
 
 TestRequests = Requests.TestCase
 TestRequests.settings = settings(
-    max_examples=40,
+    max_examples=20,
     derandomize=True,
     stateful_step_count=25,
     deadline=None,

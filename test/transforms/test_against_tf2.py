@@ -76,7 +76,7 @@ def ask(buffer: TransformBuffer, model: Tf2Model, target: str, source: str, stam
     assert buffer.can_transform(target, source, stamp)
 
 
-@settings(max_examples=600)
+@settings(max_examples=250)
 @given(st.lists(st.tuples(operations, questions), max_size=4))
 def test_any_sequence_ends_as_in_tf2(rounds):
     buffer, model = TransformBuffer(), Tf2Model()
