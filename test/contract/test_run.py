@@ -217,7 +217,7 @@ def test_ctrl_c_in_all_processes_ends_the_run(bench):
     assert bench.servos.torque == [0, 0]
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.2, 0.4, 0.8, 1.6])
+@pytest.mark.parametrize("delay", [0.0, 0.2, 0.8, 1.6])
 def test_ctrl_c_in_all_processes_during_the_start_is_silent(bench, delay):
     words = ("--sim", "--target", "face", "--viewer", "--ros-args", "-p", "viewer:port:=0")
     run = bench.start("head_tracking", *words, own_group=True)
