@@ -187,6 +187,7 @@ def test_a_disabled_head_stays_disabled_after_stop_and_resume(bench, person):
     assert person.call("stop").success
     assert person.call("resume").success
     wait_for(lambda: not person.stopped)
+    wait_for(lambda: bench.servos.torque == [1, 1])
     before = bench.servos.at_rest()
     time.sleep(0.5)
     assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
