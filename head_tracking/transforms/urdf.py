@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -70,17 +71,23 @@ def _parse(function: str, *arguments: Any) -> RobotModel:
 
         model: RobotModel = getattr(urdf_parser, function)(*arguments)
         return model
-    child = subprocess.run(
-        [sys.executable, "-m", "head_tracking.transforms.urdf_parser"],
-        input=pickle.dumps((function, arguments)),
-        stdout=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        start_new_session=True,  # Ctrl-C is for this process
-        check=False,
-    )
+    # Ctrl-C is for this process; the child would get it until its own session begins
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "head_tracking.transforms.urdf_parser"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            start_new_session=True,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    with child:
+        output, _ = child.communicate(pickle.dumps((function, arguments)))
     if child.returncode != 0:
         raise RobotModelError(f"the process that parses URDF ended with code {child.returncode}")
-    result = pickle.loads(child.stdout)
+    result = pickle.loads(output)
     if isinstance(result, RobotModelError):
         raise result
     parsed: RobotModel = result

@@ -129,3 +129,21 @@ print((child.name, child.links, child.joints) == (here.name, here.links, here.jo
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120
     )
     assert ran.stdout == "True\n", ran.stderr
+
+
+def test_ctrl_c_in_all_processes_does_not_end_a_parsing_child():
+    program = """
+import os, signal, threading
+from head_tracking.transforms.urdf import parse_in_child_process, parse_robot_model
+signal.signal(signal.SIGINT, lambda *_: None)
+def interrupt():
+    while True:
+        os.killpg(0, signal.SIGINT)
+threading.Thread(target=interrupt, daemon=True).start()
+parse_in_child_process()
+for _ in range(5):
+    parse_robot_model('<robot name="r"><link name="a"/></robot>')
+"""
+    command = [sys.executable, "-c", program]
+    ran = subprocess.run(command, start_new_session=True, check=False, timeout=120)
+    assert ran.returncode == 0
