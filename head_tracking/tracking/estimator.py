@@ -24,7 +24,8 @@ _SAME = 0.5  # of `jump_threshold`: so near to that place
 _UNCONTRADICTED = 0.2  # s; after a gap, a lone suspect is believed if no point came for so long
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, plus rad/s: faster motion is a jump
 _LEAST_ERROR = 0.1  # of the variance of a point: least variance of a prediction
-_TRUST = 0.5  # of the lead time: how much longer a prediction is used, times gain over error
+_OVERDUE = 0.45  # s; prediction beyond the lead time while points are overdue
+_CAUTION = 0.5  # of the mean squared error of far predictions, which shortens them
 _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 
@@ -120,7 +121,7 @@ class TargetEstimate:
         ray: the latest point as measured.
         range: distance filter at `stamp`.
         bearings: filters of the pan and tilt that look at the target, at `stamp`.
-        lead: lead time of their predictions [s].
+        leads: lead times of their near and far predictions [s].
         reach: the prediction stands still from this time after `stamp` on [s].
     """
 
@@ -128,14 +129,14 @@ class TargetEstimate:
     ray: Ray
     range: Range
     bearings: tuple[Bearing, Bearing]
-    lead: float
+    leads: tuple[float, float]
     reach: float
 
     @property
     def velocities(self) -> tuple[float, float]:
         """The velocities of pan and tilt that look at the target, at `stamp` [rad/s]."""
         pan, tilt = self.bearings
-        return pan.prediction.motion.speed, tilt.prediction.motion.speed
+        return pan.near.motion.speed, tilt.near.motion.speed
 
     def age(self, now: float) -> float:
         """Return how long ago the latest point was measured [s]."""
@@ -157,42 +158,39 @@ class TargetEstimate:
         It comes from the errors of earlier predictions. At the latest point it is the models' own
         deviation, unless that is larger. While points are overdue, the target may accelerate.
         """
-        bearing, lead = self.bearings[joint], self.lead
-        error = max(bearing.prediction.error - bearing.variance, _LEAST_ERROR * bearing.variance)
-        here = min(bearing.certainty[0], error)
+        bearing, (lead, far) = self.bearings[joint], self.leads
+        least = _LEAST_ERROR * bearing.variance
+        near_error = max(bearing.near.error - bearing.variance, least)
+        here = min(bearing.certainty[0], near_error)
         ahead = time - self.stamp
-        grown = here + (error - here) * (ahead / lead) ** 2
+        if ahead <= lead:
+            return math.sqrt(here + (near_error - here) * (ahead / lead) ** 2)
+        far_error = max(bearing.far.error - bearing.variance, near_error)
         overdue = ahead - lead
-        if overdue <= 0.0:
-            return math.sqrt(grown)
-        held = bearing.prediction.motion.speed * (ahead - self._used(bearing, ahead))
-        return math.sqrt(grown + held * held + (0.5 * ACCELERATION * overdue**2) ** 2)
+        grown = (far_error - near_error) * overdue / (far - lead)
+        return math.sqrt(near_error + grown + (0.5 * ACCELERATION * overdue**2) ** 2)
 
     def speed_deviation(self, joint: int) -> float:
         """Return the standard deviation of one of the `velocities` [rad/s]."""
         return math.sqrt(self.bearings[joint].certainty[1])
 
     def _position(self, joint: int, time: float) -> float:
-        """Return pan (0) or tilt (1) [rad] at a time [s]."""
-        bearing = self.bearings[joint]
-        motion = bearing.prediction.motion
-        away = motion.after(self._used(bearing, time - self.stamp)) - motion.position
-        return motion.position + min(max(away, -_FARTHEST_AHEAD), _FARTHEST_AHEAD)
+        """Return pan (0) or tilt (1) [rad] at a time [s].
 
-    def _used(self, bearing: Bearing, ahead: float) -> float:
-        """Return for how long a motion is predicted, a time `ahead` [s] after the latest point.
-
-        Up to the lead time, over which predictions are scored, it is all of it. Beyond, the target
-        comes to rest, the sooner the less the predictions were better than the latest point.
+        Beyond the lead time the far prediction takes over; the errors of earlier far predictions
+        shorten it.
         """
-        ahead = min(ahead, self.reach)
-        overdue = ahead - self.lead
-        if overdue <= 0.0:
-            return ahead
-        scores, error, *_ = bearing.prediction
-        missed = max(error - bearing.variance, _LEAST_ERROR * bearing.variance)
-        fade = _TRUST * self.lead * max(scores[0] - error, 0.0) / missed + _FINEST
-        return self.lead + fade * (1.0 - math.exp(-overdue / fade))
+        bearing, (lead, far) = self.bearings[joint], self.leads
+        ahead = min(time - self.stamp, self.reach)
+        here = bearing.near.motion.position
+        away = bearing.near.motion.after(ahead) - here
+        if ahead > lead:
+            share = ((ahead - lead) / (far - lead)) ** 2
+            away += share * (bearing.far.motion.after(ahead) - here - away)
+            missed = bearing.far.error - max(bearing.near.error, bearing.variance)
+            squares = away * away + share * _CAUTION * max(missed, 0.0) + _FINEST
+            away *= away * away / squares
+        return here + min(max(away, -_FARTHEST_AHEAD), _FARTHEST_AHEAD)
 
 
 class _Snapshot(NamedTuple):
@@ -401,7 +399,7 @@ class TargetEstimator:
         (stamp, ray), *others = points
         bearing = ray.pan, ray.tilt
         bearings = (
-            Bearings.seen_once(bearing, self.lead_time)
+            Bearings.seen_once(bearing, self._leads)
             if before is None
             else before.bearings.restarted(bearing)
         )
@@ -428,13 +426,12 @@ class TargetEstimator:
             distance = Range.seen_once(ray.distance)
         else:
             before = snapshots[-1]
-            judged = self._before(stamp - self.lead_time)
+            judged = [self._before(stamp - lead) for lead in self._leads]
             distance = before.range.after(stamp - before.stamp, ray.distance)
             bearings = before.bearings.after(
                 stamps,
                 (self._pans, self._tilts),
-                judged.bearings,
-                stamp - judged.stamp,
+                [(each.bearings, stamp - each.stamp) for each in judged],
             )
         snapshots.append(_Snapshot(stamp, ray, bearings, distance))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
@@ -446,6 +443,11 @@ class TargetEstimator:
             max(bisect_right(self._stamps, time, hi=len(self._snapshots)) - 1, 0)
         ]
 
+    @property
+    def _leads(self) -> tuple[float, float]:
+        """Lead times of the near and the far predictions [s]."""
+        return self.lead_time, self.lead_time + min(_OVERDUE, self.parameters.target_timeout)
+
     def _angle(self, a: Ray, b: Ray) -> float:
         """Return the angle between two rays near each other [rad]."""
         elevation = 0.5 * (a.tilt + b.tilt) - self._level
@@ -454,5 +456,6 @@ class TargetEstimator:
     def _described(self, index: int) -> TargetEstimate:
         """Return the estimate after the point with this index."""
         stamp, ray, bearings, distance = self._snapshots[index]
-        reach = min(self.lead_time + self.parameters.target_timeout, stamp - self._began)
-        return TargetEstimate(stamp, ray, distance, bearings.joints, self.lead_time, reach)
+        leads = self._leads
+        reach = min(leads[1], stamp - self._began)
+        return TargetEstimate(stamp, ray, distance, bearings.joints, leads, reach)

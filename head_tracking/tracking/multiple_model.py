@@ -233,13 +233,15 @@ class Bearing(NamedTuple):
     Attributes:
         states: by every model.
         variance: of a point [rad^2].
-        prediction: over the lead time.
+        near: the prediction over the lead time.
+        far: the prediction over a longer lead time, for points that are overdue.
         certainty: variances of position [rad^2] and velocity [rad^2/s^2] within and between models.
     """
 
     states: tuple[State, ...]
     variance: float
-    prediction: Prediction
+    near: Prediction
+    far: Prediction
     certainty: tuple[float, float]
 
 
@@ -257,18 +259,20 @@ class Bearings(NamedTuple):
     joints: tuple[Bearing, Bearing]
 
     @staticmethod
-    def seen_once(points: tuple[float, float], lead: float) -> Bearings:
+    def seen_once(points: tuple[float, float], leads: tuple[float, float]) -> Bearings:
         """Return the state after the first point of a target.
 
         Args:
             points: pan and tilt [rad].
-            lead: lead time of the predictions [s].
+            leads: lead times of the near and the far predictions [s].
         """
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
         still = Motion(0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
-        prediction = Prediction(scores, variance + (_SPEED * lead) ** 2, (), still)
-        unknown = Bearing((), variance, prediction, (0.0, 0.0))
+        near, far = (
+            Prediction(scores, variance + (_SPEED * lead) ** 2, (), still) for lead in leads
+        )
+        unknown = Bearing((), variance, near, far, (0.0, 0.0))
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points)
 
     def restarted(self, points: tuple[float, float]) -> Bearings:
@@ -294,32 +298,34 @@ class Bearings(NamedTuple):
         joints = []
         for bearing, point in zip(self.joints, points, strict=True):
             states = ((point, 0.0, 0.0),) * len(MODELS)
-            scores, error, *_ = bearing.prediction
-            prediction = Prediction.mixed(scores, error, states, bearing.variance, rate)
-            joints.append(_described(states, covariances, bearing.variance, prediction))
+            near, far = (
+                Prediction.mixed(each.scores, each.error, states, bearing.variance, rate)
+                for each in (bearing.near, bearing.far)
+            )
+            joints.append(_described(states, covariances, bearing.variance, near, far))
         return Bearings(covariances, self.oscillation, (joints[0], joints[1]))
 
     def after(
         self,
         stamps: Sequence[float],
         points: tuple[Sequence[float], Sequence[float]],
-        judged: Bearings,
-        ahead: float,
+        judged: Sequence[tuple[Bearings, float]],
     ) -> Bearings:
         """Return the state after another point.
 
         Args:
             stamps: of the points [s], rising; the new one is the last.
             points: pan and tilt of them [rad].
-            judged: the state after an earlier point, whose predictions are scored now.
-            ahead: time from that point to the new one [s].
+            judged: the states after two earlier points, and the times from these to now [s]; the
+                near prediction of the first and the far one of the second are scored now.
         """
         dt = stamps[-1] - stamps[-2]
         variances = self._noise(stamps, points)
         oscillation = self.oscillation.after(stamps, points, variances)
         rate = oscillation.rate
         swing = _swing(dt, rate)
-        swing_ahead = _swing(ahead, rate)
+        (near, near_ahead), (far, far_ahead) = judged
+        near_swing, far_swing = _swing(near_ahead, rate), _swing(far_ahead, rate)
         covariances = tuple(
             _corrected(model, covariance, dt, swing)
             for model, covariance in zip(MODELS, self.covariances, strict=True)
@@ -327,8 +333,8 @@ class Bearings(NamedTuple):
         share = min(1.0 - math.exp(-dt / _MEMORY), _LARGEST_SHARE)
         shares = share, 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
         joints = []
-        for bearing, before, angles, variance in zip(
-            self.joints, judged.joints, points, variances, strict=True
+        for bearing, before, long_before, angles, variance in zip(
+            self.joints, near.joints, far.joints, points, variances, strict=True
         ):
             point = angles[-1]
             states = tuple(
@@ -339,10 +345,19 @@ class Bearings(NamedTuple):
                     )
                 ]
             )
-            expected = _positions(before.states, ahead, swing_ahead)
-            scores, error = bearing.prediction.judged(before.prediction, expected, point, shares)
-            prediction = Prediction.mixed(scores, error, states, variance, rate)
-            joints.append(_described(states, covariances, variance, prediction))
+            expected = _positions(before.states, near_ahead, near_swing)
+            soon = bearing.near.judged(before.near, expected, point, shares)
+            expected = _positions(long_before.states, far_ahead, far_swing)
+            late = bearing.far.judged(long_before.far, expected, point, shares)
+            joints.append(
+                _described(
+                    states,
+                    covariances,
+                    variance,
+                    Prediction.mixed(*soon, states, variance, rate),
+                    Prediction.mixed(*late, states, variance, rate),
+                )
+            )
         return Bearings(covariances, oscillation, (joints[0], joints[1]))
 
     def _noise(self, stamps: Sequence[float], points: Sequence[Sequence[float]]) -> list[float]:
@@ -422,17 +437,18 @@ def _described(
     states: tuple[State, ...],
     covariances: Sequence[Covariance],
     variance: float,
-    prediction: Prediction,
+    near: Prediction,
+    far: Prediction,
 ) -> Bearing:
     """Return a bearing with the variances within and between its models."""
-    position, speed = prediction.motion.position, prediction.motion.speed
+    position, speed = near.motion.position, near.motion.speed
     square = speeds = 0.0
     for weight, (x, v, _), (pp, _, _, vv, _, _) in zip(
-        prediction.weights, states, covariances, strict=True
+        near.weights, states, covariances, strict=True
     ):
         square += weight * ((x - position) ** 2 + variance * pp)
         speeds += weight * ((v - speed) ** 2 + variance * vv)
-    return Bearing(states, variance, prediction, (square, speeds))
+    return Bearing(states, variance, near, far, (square, speeds))
 
 
 def _place(stamps: Sequence[float], time: float) -> tuple[int, float]:

@@ -338,19 +338,6 @@ def after_a_gap(*pans, gap=1.0):
     return verdicts, estimator, times[-1]
 
 
-def test_a_swing_is_predicted_through_a_gap_and_a_wanderer_is_not():
-    """Beyond the lead time, a prediction is used the longer the better it was."""
-    rnd, pan = random.Random(4), 0.0
-    swing, wanderer = (TargetEstimator(EstimatorParameters()) for _ in range(2))
-    for k in range(8 * RATE):
-        t, pan = k / RATE, pan + rnd.gauss(0.0, 0.02)
-        swing.add(t, Ray(0.4 * math.sin(3.0 * t), 0.0, 2.0), t)
-        wanderer.add(t, Ray(pan, 0.0, 2.0), t)
-    there = 0.4 * math.sin(3.0 * (t + 0.5))
-    assert swing.estimate.bearing(t + 0.5)[0] == pytest.approx(there, abs=0.06)
-    assert abs(wanderer.estimate.bearing(t + 0.5)[0] - pan) < 0.05
-
-
 @pytest.mark.parametrize("gap", [0.6, 1.5, 20.0])
 def test_one_false_detection_after_a_gap_is_not_the_target(gap):
     verdicts, estimator, now = after_a_gap(0.3, 0.0, gap=gap)

@@ -48,20 +48,21 @@ def textbook(order, index, rate, points, times):
     return state, covariance
 
 
-def fed(times, points, rate=None, lead=0.1):
+def fed(times, points, rate=None, leads=(0.1, 0.5)):
     """What is known after all points; with a rate of the swing of its own if none is given."""
     tilts = [0.5 * point for point in points]
-    bearings = Bearings.seen_once((points[0], tilts[0]), lead)
+    bearings = Bearings.seen_once((points[0], tilts[0]), leads)
     kept = [bearings]
     for k in range(1, len(points)):
         if rate is not None:
             bearings = bearings._replace(oscillation=_Fixed(0.0, 0.0, rate))
-        judged = max(i for i in range(k) if i == 0 or times[i] <= times[k] - lead)
+        judged = [
+            max(i for i in range(k) if i == 0 or times[i] <= times[k] - lead) for lead in leads
+        ]
         bearings = bearings.after(
             times[: k + 1],
             (points[: k + 1], tilts[: k + 1]),
-            kept[judged],
-            times[k] - times[judged],
+            [(kept[index], times[k] - times[index]) for index in judged],
         )
         kept.append(bearings)
     return bearings
@@ -100,10 +101,9 @@ def test_weights_add_up_and_the_mixture_is_finite_whatever_comes(noise):
         times.append(times[-1] + rng.choice((1e-4, 0.01, 0.03, 0.4)))
         points.append(points[-1] + rng.gauss(0.0, noise) + rng.choice((0.0, 0.0, 0.0, 0.3)))
     for bearing in fed(times, points).joints:
-        prediction = bearing.prediction
-        assert sum(prediction.weights) == pytest.approx(1.0)
-        values = *prediction.motion, *prediction.scores, prediction.error
-        assert all(map(math.isfinite, values))
+        for each in (bearing.near, bearing.far):
+            assert sum(each.weights) == pytest.approx(1.0)
+            assert all(map(math.isfinite, (*each.motion, *each.scores, each.error)))
         assert all(map(math.isfinite, bearing.certainty))
         assert bearing.certainty[0] >= 0.0
 
@@ -142,4 +142,18 @@ def test_the_motion_goes_on_as_its_parts_say():
     points = [0.4 * math.sin(3.0 * t) for t in times]
     bearing, _ = fed(times, points).joints
     expected = 0.4 * math.sin(3.0 * (times[-1] + 0.15))
-    assert bearing.prediction.motion.after(0.15) == pytest.approx(expected, abs=0.01)
+    assert bearing.near.motion.after(0.15) == pytest.approx(expected, abs=0.01)
+
+
+def test_a_swing_is_predicted_far_ahead_and_a_wanderer_is_not():
+    """Each model is scored over the lead time for which it is used."""
+    rng, at = random.Random(4), [0.0]
+    times = [k / 30 for k in range(240)]
+    swing = [0.4 * math.sin(3.0 * t) for t in times]
+    bearing, _ = fed(times, swing).joints
+    expected = 0.4 * math.sin(3.0 * (times[-1] + 0.5))
+    assert bearing.far.motion.after(0.5) == pytest.approx(expected, abs=0.02)
+    for _ in times[1:]:
+        at.append(at[-1] + rng.gauss(0.0, 0.02))
+    bearing, _ = fed(times, at).joints
+    assert abs(bearing.far.motion.after(0.5) - at[-1]) < 0.05
