@@ -152,7 +152,7 @@ class Program:
         join(self._reader)
         if self.process.stdout is not None:
             self.process.stdout.close()
-        print(f"{self._name}:\n{self.output}")  # shown if the test fails
+        print(f"{self._name}:\n{self.output}", file=sys.stderr)  # shown if the test fails
 
 
 class Servos:
