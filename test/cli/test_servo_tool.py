@@ -6,6 +6,7 @@ import io
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from random import Random
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,6 +26,7 @@ from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
+from head_tracking.simulation.faults import Fault, Faults
 
 AX_12 = servo_model("AX-12")
 XL430 = servo_model("XL430-W250")
@@ -181,6 +183,13 @@ def test_scan_warns_of_two_servos_with_one_id(
     bench.accepts_any_rate = True
     assert bench.run("scan", "--bauds", "1000000", *ids) == DONE
     assert "id 1 " in bench.messages and "set-id" in bench.messages
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Bench, seed: int) -> None:
+    bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(seed), 0.2, [Fault.DROP]))
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "0-10") == DONE
+    assert [row[1] for row in bench.rows()] == ["1", "2", "7", "8"]
 
 
 # info

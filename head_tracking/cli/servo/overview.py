@@ -38,6 +38,7 @@ from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Servo, model_name, run
 
 _FEW: Final = 30  # ids; more are found faster by a broadcast ping
+_PINGS: Final = 3  # of each of a few ids: an answer may be lost or late
 _NEAR: Final = 0.1  # relative difference of baud rates by rounding
 _FIRST_IDS: Final = range(0, 30)
 _COLUMNS: Final = (
@@ -108,10 +109,12 @@ def find_servos(
         here: list[FoundServo] = []
         try:
             with session.port(rate) as port:
-                second = set(ids) if len(ids) <= _FEW else set(port.find_all())
+                is_few = len(ids) <= _FEW
+                second = set(ids) if is_few else set(port.find_all())
+                tries = _PINGS if is_few else 1
                 for servo_id in terminal.track(ids, f"{rate} baud"):
                     protocols = (1, 2) if servo_id in second else (1,)
-                    here += [each for p in protocols if (each := _found(port, servo_id, p))]
+                    here += [each for p in protocols if (each := _found(port, servo_id, p, tries))]
         except (PortMissingError, PortBusyError, PortPermissionError):
             raise
         except (ConfigurationError, PortError) as error:
@@ -126,13 +129,15 @@ def find_servos(
     return found
 
 
-def _found(port: DynamixelPort, servo_id: int, protocol: int) -> FoundServo | None:
+def _found(port: DynamixelPort, servo_id: int, protocol: int, tries: int) -> FoundServo | None:
     """Read identity and state of a servo; return None if it does not answer pings."""
     if protocol == 2 and servo_id > 252:
         return None
-    try:
-        port.ping(servo_id, protocol)
-    except CommunicationError:
+    for _ in range(tries):
+        with suppress(CommunicationError):
+            port.ping(servo_id, protocol)
+            break
+    else:
         return None
     rate, model, is_corrupt = port.baud_rate, "answers no reads", False
     try:
