@@ -38,7 +38,7 @@ from waiting import join, wait_for
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 SOURCE = Path(__file__).resolve().parents[2]
-PATIENCE = 60.0  # s: other tests may keep the machine busy
+PATIENCE = 90.0  # s: other tests may keep the machine busy
 _RETRY = 5.0  # s
 JOINTS = ("head_pan_joint", "head_tilt_joint")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
