@@ -25,6 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "output": set(),
     "command_line": set(),
     "parameters": set(),
+    "parameter_files": set(),
     "transforms": set(),
     "gaze": {"transforms", "parameters"},
     "tracking": {"gaze", "transforms", "parameters"},
@@ -35,14 +36,14 @@ ALLOWED: dict[str, set[str]] = {
     "dynamixel": {"feetech", "parameters"},
     "feetech": set(),
     "simulation": set(),
-    "configuration": {"dynamixel", "parameters"},
+    "configuration": {"dynamixel", "parameters", "parameter_files"},
     "calibration": {"gaze", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
     | {"calibration", "configuration", "parameters", "vision"},
     "share": set(),
     "tf": {"transforms", "ros"},
-    "ros": CORE | {"tf", "share", "recording", "programs"},
+    "ros": CORE | {"tf", "share", "recording", "programs", "parameter_files"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "page": {
         "tracking",
@@ -56,10 +57,12 @@ ALLOWED: dict[str, set[str]] = {
         "ros",
     }
     | {"recording", "control", "head", "calibration", "share"},
-    "cli": CORE | {"run", "tf", "share", "ros", "command_line", "programs"},
+    "cli": CORE | {"run", "tf", "share", "ros", "command_line", "programs", "parameter_files"},
     "programs": {"output"},
     "__main__": {"programs"},
-    "run": CORE | {"tf", "ros", "page", "share", "output", "command_line", "programs"},
+    "run": CORE
+    | {"tf", "ros", "page", "share", "output", "command_line", "programs"}
+    | {"parameter_files"},
 }
 """Packages that a package may import, besides itself and `exceptions`."""
 

@@ -18,18 +18,13 @@ from head_tracking.configuration.bus_parameters import (
     bus_settings,
     configured_joint,
 )
-from head_tracking.configuration.parameter_files import (
-    COMMAND_LINE,
-    Given,
-    parameters_of,
-    read,
-)
 from head_tracking.dynamixel import (
     BusSettings,
     ConfigurationError,
     JointConfiguration,
     check_configuration,
 )
+from head_tracking.parameter_files import COMMAND_LINE, Given, given_to
 from head_tracking.parameters import ParameterError, checked, nearest, parameter_info
 
 P = TypeVar("P")
@@ -98,7 +93,7 @@ def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
     Raises:
         ParameterFileError: a file cannot be read.
     """
-    values = parameters_of(node, files)
+    values = {name: given.value for name, given in given_to(node, files).items()}
     pan, tilt = (values.get(name, name) for name in ("head_pan_joint", "head_tilt_joint"))
     return pan, tilt, values.get("camera_link") or values.get("pointing_frame", "camera_link")
 
@@ -146,9 +141,10 @@ class _Values:
     """
 
     def __init__(self, node: str, files: Sequence[Path], others: Mapping[str, Any]) -> None:
-        given = [each for file in files for each in read(str(file)) if each.node in (node, "")]
-        given += [Given(COMMAND_LINE, "", name, value) for name, value in others.items() if value]
-        self._node, self._given = node, {each.name: each for each in given}
+        winning = {
+            name: Given(COMMAND_LINE, "", name, value) for name, value in others.items() if value
+        }
+        self._node, self._given = node, given_to(node, files) | winning
         self._known = {"use_sim_time"}
 
     def read(self, kind: type[P], prefix: str = "", defaults: Mapping[str, Any] = {}) -> P:

@@ -14,8 +14,8 @@ from head_tracking.command_line import (
     read_by,
     with_negative_values,
 )
-from head_tracking.configuration.parameter_files import ParameterFileError, read
 from head_tracking.page import MISSING, installed
+from head_tracking.parameter_files import ParameterFileError, read
 from head_tracking.programs import COMMANDS, has_ros
 from head_tracking.run.node_sets import (
     HEAD,

@@ -7,7 +7,7 @@ import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
-from head_tracking.configuration.parameter_files import ParameterFileError
+from head_tracking.parameter_files import ParameterFileError
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.node_parameters import (
@@ -124,6 +124,7 @@ def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
     assert f"{where}servo_learning is 7" in str(error.value)
 
 
+@pytest.mark.parametrize("nodes", ["/**", "/**/head_tracker", "head_tracker"])
 @pytest.mark.parametrize(
     ("first", "later", "arguments", "rate", "law"),
     [
@@ -134,11 +135,11 @@ def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
     ],
 )
 def test_the_latest_value_wins_also_with_another_type(
-    started, tmp_path, first, later, arguments, rate, law
+    started, tmp_path, first, later, arguments, rate, law, nodes
 ):
     file = tmp_path / "later.yaml"
     file.write_text(f"/**: {{ros__parameters: {later}}}")
-    make = started(f"/**: {{ros__parameters: {first}}}", "--params-file", str(file), *arguments)
+    make = started(f"{nodes}: {{ros__parameters: {first}}}", "--params-file", str(file), *arguments)
     node = make()
     check_parameters([node])
     assert node.get_parameter("rate").value == rate

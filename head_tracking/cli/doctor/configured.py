@@ -9,9 +9,9 @@ from typing import Final
 from head_tracking.calibration import Calibration, CalibrationFileError, summary
 from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
-from head_tracking.configuration.parameter_files import ParameterFileError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
+from head_tracking.parameter_files import ParameterFileError
 from head_tracking.parameters import ParameterError
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model

@@ -20,8 +20,8 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from head_tracking.configuration.parameter_files import COMMAND_LINE, Given, read, read_rule
 from head_tracking.exceptions import RefusedError
+from head_tracking.parameter_files import COMMAND_LINE, Given, read, read_rule
 from head_tracking.parameters import (
     ParameterError,
     ParameterInfo,
@@ -34,6 +34,7 @@ from head_tracking.programs import NODES
 
 P = TypeVar("P")
 
+_ALL = "/**"  # all nodes
 _LARGEST = 1.7976931348623157e308
 
 
@@ -67,13 +68,14 @@ def merged(arguments: Sequence[str]) -> Iterator[list[str]]:
             _given.extend(rules)
         else:
             others.append(word)
-    nodes: dict[str, dict[str, dict[str, Any]]] = {}
-    for given in _given:
-        values = nodes.setdefault(given.nodes, {"ros__parameters": {}})["ros__parameters"]
-        values[given.name] = given.value
-    if not nodes:
+    if not _given:
         yield others
         return
+    nodes: dict[str, dict[str, dict[str, Any]]] = {}
+    for nodes_of in dict.fromkeys([_ALL, *(given.nodes for given in _given)]):
+        # with those for all nodes, because ROS prefers a value for fewer nodes to a later one
+        values = {given.name: given.value for given in _given if given.nodes in (nodes_of, _ALL)}
+        nodes[nodes_of] = {"ros__parameters": values}
     with tempfile.NamedTemporaryFile("w", suffix=".yaml", encoding="utf-8") as file:
         json.dump(nodes, file, default=str)  # JSON is YAML
         file.flush()

@@ -106,14 +106,14 @@ def read_rule(text: str) -> list[Given]:
     return [Given(COMMAND_LINE, nodes, each, value) for each, value in values]
 
 
-def parameters_of(node: str, files: Iterable[Path]) -> dict[str, Any]:
-    """Return the parameters of a node in any namespace; later files win."""
-    return {
-        given.name: given.value
-        for file in files
-        for given in read(str(file))
-        if given.node in (node, "")
-    }
+def given_to(node: str, files: Iterable[Path]) -> dict[str, Given]:
+    """Return the values for a node in any namespace, by parameter; later ones win.
+
+    Raises:
+        ParameterFileError: a file cannot be read.
+    """
+    values = (given for file in files for given in read(str(file)))
+    return {given.name: given for given in values if given.node in (node, "")}
 
 
 def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
