@@ -7,7 +7,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import ExitStack, contextmanager, suppress
@@ -184,6 +184,7 @@ class Head:
         self._control.use(model)
         self._control.begin()
         self._relaxed = self._closed = False
+        self._relaxations = 0
         self._failure: BaseException | None = None
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
@@ -296,7 +297,10 @@ class Head:
         target, epoch, control = _target(point, frame, stamp), self._permit(), self._control
         self._end_following()
         miss = self._check(target)
-        self._switch_torque(True, epoch)
+        with control.lock:
+            self._permit(epoch)
+            switched = self._servos.switch_torque(None, True, epoch)
+        _confirm(switched)
         result: Future[PointingResult] = Future()
         with control.lock:
             self._permit(epoch)
@@ -471,10 +475,12 @@ class Head:
             RefusedCommandError: the head is closed.
         """
         self._require_open()
-        self._relaxed = True
-        self._end_following()
-        self._control.disable(Reason.RELAXED)
-        self._switch_torque(False)
+        with self._control.lock:
+            self._relaxed, self._relaxations = True, self._relaxations + 1
+            self._end_following()
+            self._control.disable(Reason.RELAXED)
+            switched = self._servos.switch_torque(None, False)
+        _confirm(switched)
 
     def resume(self) -> None:
         """End a `stop` or a `relax`: the servos hold where they are, and commands are accepted.
@@ -482,17 +488,21 @@ class Head:
         After a `stop` the head moves slowly until it has arrived once.
 
         Raises:
-            DynamixelError: a servo has not confirmed, or there was another stop meanwhile.
-            RefusedCommandError: the head is closed.
+            DynamixelError: a servo has not confirmed.
+            RefusedCommandError: the head is closed, or was stopped or relaxed meanwhile.
         """
         self._require_open()
-        epoch = self._owners.epoch.value
-        if self._owners.stopped:
-            self._owners.resume(epoch)
-        self._switch_torque(True, epoch)
-        with _refused_if_stopped():
+        with self._control.lock, _refused_if_stopped():
+            epoch, relaxations = self._owners.epoch.value, self._relaxations
+            if self._owners.stopped:
+                self._owners.resume(epoch)
+            switched = self._servos.switch_torque(None, True, epoch)
+        _confirm(switched)
+        with self._control.lock, _refused_if_stopped():
+            if relaxations != self._relaxations:
+                raise RefusedCommandError(HeadState.RELAXED)
             self._control.enable()
-        self._relaxed = False
+            self._relaxed = False
 
     def close(self) -> None:
         """Brake and relax the servos and close the port; may be called twice.
@@ -684,14 +694,6 @@ class Head:
                 self._control.hold("superseded")
             self._control.accept(target)
 
-    def _switch_torque(self, on: bool, epoch: int | None = None) -> None:
-        (switched,) = self._servos.switch_torque(None, on, epoch)
-        try:
-            with _refused_if_stopped():
-                switched.result(_TIMEOUT)
-        except FutureTimeoutError:
-            raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
-
     def _check_control(self, *_: object) -> None:
         if self._control.failure is not None:
             raise self._control.failure
@@ -726,6 +728,16 @@ def _load_robot(
         known = Calibration.load(calibration)
         model = known.apply(model)
     return model, configured_head(robot_parameters(name)), known
+
+
+def _confirm(switched: Sequence[Future[None]]) -> None:
+    """Wait until the servos have confirmed that their torque was switched."""
+    try:
+        with _refused_if_stopped():
+            for bus in switched:
+                bus.result(_TIMEOUT)
+    except FutureTimeoutError:
+        raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
 
 
 @contextmanager
