@@ -187,6 +187,12 @@ class HeadModes:
             return Mode.TRACK if sending is None else sending.mode
         return Mode.POINT if self._is_enabled(POINTER) else Mode.OFF
 
+    @property
+    def sought(self) -> str:
+        """What the head follows once the camera sees it; empty: nothing of that kind."""
+        mode = self.mode()
+        return str(mode) if mode in _FOLLOWS else ""
+
     def possible(self) -> tuple[Mode, ...]:
         """Return the modes whose nodes exist or can be started."""
         return tuple(
@@ -246,10 +252,12 @@ class HeadModes:
 
     @_answered
     def centre(self) -> str:
-        """Recentre the head with its present controller."""
+        """Recentre the head with its controller; what the camera finds there is followed."""
         with self._changing:
-            mode, _ = self._take_over(self._stop.count)
-            self.stop_sending()
+            mode = self.mode()
+            if mode not in FOUND_IN_PICTURES:
+                mode, _ = self._take_over(self._stop.count)
+                self.stop_sending()
         return _text_of(self._services.trigger(f"{_NODES[mode][0]}/recenter"))
 
     def stop_sending(self) -> None:

@@ -178,6 +178,7 @@ class Robot:
             self.joints.servos(),
             self.silent_joints(),
             stopped=self.stop.stopped,
+            sought=self.modes.sought,
         )
 
     def stop_everything(self) -> Outcome:

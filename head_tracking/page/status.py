@@ -49,6 +49,7 @@ _WORDS: Mapping[str, Word] = {
     TargetState.DISABLED: Word.HOLDING,
 }
 """By the controller's state. In any other one, the head's error decides."""
+_WITHOUT_TARGET = (TargetState.IDLE, TargetState.HOLDING)
 _FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)
 
 
@@ -59,6 +60,7 @@ def head_status(
     silent: Sequence[str] = (),
     *,
     stopped: bool,
+    sought: str = "",
 ) -> Status:
     """Return what a head does: the worst condition that holds.
 
@@ -68,6 +70,7 @@ def head_status(
         servos: with their torque.
         silent: joints of the head that are expected and not measured.
         stopped: a STOP is in force.
+        sought: what the head follows once the camera sees it; empty: it has another target.
     """
     if silent or not live.joints:
         joints = ", ".join(silent) or "the robot"
@@ -86,6 +89,8 @@ def head_status(
         return Status(Word.RELAXED, "until the next command")
     if not live.controller:
         return Status(Word.HOLDING, "no controller is enabled")
+    if sought and live.state in _WITHOUT_TARGET:
+        return Status(Word.HOLDING, f"no {sought} in view: press Centre, or aim and choose again")
     word = _WORDS.get(live.state)
     if word is None:  # point_head, or a tracker without a target
         if live.error is not None and live.error < _ON_TARGET:

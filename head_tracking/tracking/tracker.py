@@ -30,6 +30,7 @@ _SMOOTHING = 0.05  # weight of a new delay in the mean
 _FAR_AHEAD = 1e6  # m; a ray to such a point is horizontal
 CAUTIOUS_SPEED = 0.3
 """Speed limit after a stop, until the head is on its target [rad/s]."""
+_JUMPS = 2  # points in a row; the next one usually confirms where a target has come back
 _REPORTED = Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE  # also while a target is followed
 
 
@@ -109,6 +110,7 @@ class Tracker:
         self.camera = self._new_camera()
         self._upright = Rotation.identity()
         self._message_age = self._reading_age = 0.0
+        self._jumps = 0
         self._interval = 0.0
         self._came: float | None = None
 
@@ -183,9 +185,11 @@ class Tracker:
             self._message_age += (1.0 if new else _SMOOTHING) * (now - stamp - self._message_age)
             if self._came is not None and not new:
                 self._interval += _SMOOTHING * (now - self._came - self._interval)
-            self._came = now
+            self._came, self._jumps = now, 0
         elif verdict in _REPORTED or not self._follows(now):
-            self.machine.refused(verdict, now)
+            self._jumps += verdict is Verdict.JUMP
+            if verdict is not Verdict.JUMP or self._jumps > _JUMPS:
+                self.machine.refused(verdict, now)
         return verdict
 
     def _add(self, stamp: float, point: Vector3, now: float) -> Verdict:
@@ -220,7 +224,7 @@ class Tracker:
             return TrackingStep(self.enable(False, now))
         if self.estimator.settle(now):
             self.machine.seen(now, new=True)
-            self._came = now
+            self._came, self._jumps = now, 0
         self.law.at_most = min(self.at_most, self.camera.safe_speed)
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate

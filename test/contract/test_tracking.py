@@ -71,6 +71,14 @@ def test_a_target_that_goes_away_is_waited_for_where_it_was(bench, person):
     assert bench.servos.at_rest() == pytest.approx(before, abs=0.5 * DEGREE)
 
 
+def test_a_target_that_comes_back_elsewhere_is_followed_without_a_warning(bench, person):
+    person.keep_looking(1, 0.6, 0, in_state(person, "tracking"), "torso_link")
+    wait_for(in_state(person, "holding"))
+    person.keep_looking(1, -0.6, 0, in_state(person, "acquiring"), "torso_link")
+    person.keep_looking(1, -0.6, 0, in_state(person, "tracking"), "torso_link")
+    assert not [line for line in person.log if "refused" in str(line)]
+
+
 def test_a_target_out_of_reach_is_called_so(person):
     person.keep_looking(-2, 0.3, 0, in_state(person, "at the limit"), "torso_link")
 

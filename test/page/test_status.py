@@ -112,3 +112,11 @@ def test_a_node_that_has_gone_or_is_silent_is_named_once():
     assert "head_tracker" in fault.text
     (fault,) = faults([], silent=("head_pan_joint",))
     assert "head_pan_joint" in fault.text
+
+
+@pytest.mark.parametrize(
+    ("state", "is_named"), [("idle", True), ("holding", True), ("tracking", False)]
+)
+def test_what_the_camera_does_not_see_is_named(state, is_named):
+    found = head_status(replace(LIVE, state=state), (), ON, stopped=False, sought="face")
+    assert ("face" in found.reason) is is_named

@@ -107,6 +107,8 @@ def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, se
         assert follow.value == follows
     wait_for(lambda: seen.observe().target is not None, 30.0)
     assert not seen.modes.conflict()
+    assert seen.modes.centre().done
+    assert seen.modes.mode() is Mode.MARKER
     assert seen.modes.look_at("base_link", (1.0, 0.4, 0.4)).done
     wait_for(lambda: seen.modes.mode() is Mode.TRACK)
 
