@@ -99,13 +99,10 @@ class _Watch:
         self.steps += 1
         servos = self._servos
         if isinstance(servos, Pair) and not self.steps % 10 and now > _SETTLED:
-            delays = tracker.law.delays
-            unsure = getattr(tracker.law, "deviations", (0.0, 0.0))
-            for servo, delay, deviation in zip(
-                (servos.pan, servos.tilt), delays, unsure, strict=True
-            ):
-                off = abs(delay - servo.dead_time - servo.lag - _WRITTEN)
-                if servo.profile == math.inf and off > 3.0 * deviation:
+            learned = tracker.law.servos.values()
+            for servo, model in zip((servos.pan, servos.tilt), learned, strict=True):
+                off = abs(model.mean - servo.dead_time - servo.lag - _WRITTEN)
+                if servo.profile == math.inf and off > 3.0 * model.deviation:
                     self.delay = max(self.delay, off)
         self.oscillating += tracker.state.name == "CAUTIOUS"
         estimate = tracker.estimator.estimate
