@@ -109,8 +109,10 @@ def page(robot, viewer, opened) -> Any:
 
 
 def is_relaxed(robot: Robot) -> bool:
-    states = robot.composition.nodes["servo_bus"].status().states
-    return [bool(state.torque) for state in states.values()] == [False, False]
+    bus = robot.composition.nodes["servo_bus"]
+    # a servo that has answered late is missing for a cycle
+    states = wait_for(lambda: states if len(states := bus.status().states) == 2 else None)
+    return not any(state.torque for state in states.values())
 
 
 def bearing(y: float, x: float) -> float:
