@@ -200,11 +200,13 @@ class Supervisor:
         try:
             while control in self._selector.get_map():
                 ready = self._selector.select(_POLL_PERIOD)
-                # after Ctrl-C the processes end, too
-                for key, _ in sorted(ready, key=lambda each: each[0].fileobj is not signals):
+                # Ctrl-C ends the processes, too; a signal is readable only after this has woken up
+                if select.select([signals], [], [], 0.0)[0]:
+                    self._on_signals(signals.recv(64), control)
+                for key, _ in ready:
                     if key.fileobj is signals:
-                        self._on_signals(signals.recv(64), control)
-                    elif key.fileobj is self._keys:
+                        continue
+                    if key.fileobj is self._keys:
                         control.channel.send({"key": self._keys.read()})
                     else:
                         self._read(key.data, control)
