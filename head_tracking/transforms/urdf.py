@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,11 @@ def with_fixed_root(model: RobotModel, frame: str, T_frame_root: Transform) -> R
 
 def _parse(function: str, *arguments: Any) -> RobotModel:
     """Call a function of `urdf_parser`."""
+    if find_spec("yourdfpy") is None:  # the only requirement that ROS does not install
+        raise RobotModelError(
+            "yourdfpy, which reads robot models, is not installed. In a colcon workspace: "
+            "ros2 run head_tracking head_setup yourdfpy; elsewhere: pip install yourdfpy"
+        )
     if not _parses_in_child:
         from head_tracking.transforms import urdf_parser
 

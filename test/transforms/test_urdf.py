@@ -60,6 +60,14 @@ def test_an_invalid_model_is_refused(urdf):
         parse_robot_model(urdf)
 
 
+@pytest.mark.parametrize("in_child", [False, True])
+def test_a_missing_parser_is_an_error_that_users_can_correct(in_child, monkeypatch):
+    monkeypatch.setattr("head_tracking.transforms.urdf._parses_in_child", in_child)
+    monkeypatch.setitem(sys.modules, "yourdfpy", None)
+    with pytest.raises(RobotModelError):
+        parse_robot_model(robot('<link name="a"/>'))
+
+
 def test_a_circle_beside_a_good_tree_is_found():
     urdf = robot(
         '<link name="root"/>', TWO_LINKS, joint(),
