@@ -20,8 +20,6 @@ from pkgutil import resolve_name
 from typing import Any
 from unittest import mock
 
-import tomllib
-
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "head_tracking"
 REFERENCE = ROOT / "docs" / "reference"
@@ -283,6 +281,8 @@ def command_line_page() -> str:
 
 def pages() -> dict[Path, str]:
     """Return all generated documents: path -> text."""
+    from head_tracking.compatibility import tomllib
+
     nodes = read_interfaces()
     return {
         REFERENCE / "nodes.md": nodes_page(nodes),

@@ -118,7 +118,7 @@ def test_parameters_change_the_delivery_of_topics(make):
     subscription = {f"qos_overrides./angle.subscription.{k}": v for k, v in ONCE.items()}
     node = make(**publisher, **subscription)
     Output(node, Float64, "angle")
-    TopicListener(node, Float64, "angle", print)
+    TopicListener(node, Float64, "angle", lambda _: None)
     (offered,) = node.get_publishers_info_by_topic("/angle")
     (wanted,) = node.get_subscriptions_info_by_topic("/angle")
     for endpoint in (offered, wanted):
