@@ -138,7 +138,7 @@ class SerialLine:
                 self._pending.append(_Transmission(self._sent, answer.data, 0))
                 continue
             if answer.turn != turn:
-                turn, turn_start = answer.turn, turn_end
+                turn, turn_start, mine = answer.turn, turn_end, []
             start = turn_start + answer.delay + answer.stalled
             fault = answer.stalled > 0 or answer.complaint
             spoken = _Transmission(start, answer.data, byte_time or _NOMINAL, answer.late, fault)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2
-from simulated_packets import InstructionPacket2, StatusPacket, StatusPacket2
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.protocol import ALERT, crc16
 from head_tracking.simulation import Answer, SimulatedBus, SimulatedServo
+from head_tracking.simulation.serial_line import SerialLine
 
 Packet = InstructionPacket2
 XM430 = servo_model("XM430-W350")
@@ -35,6 +36,26 @@ def test_sync_read_is_answered_in_the_order_of_the_list() -> None:
     assert [answer.turn for answer in answers] == [0, 1]
     golden = bytes.fromhex(INSTRUCTIONS_2["sync read position"][0])
     assert statuses(bus().receive(golden, 0)) == [position(1), position(2)]
+
+
+@pytest.mark.parametrize("paced", [False, True])
+@pytest.mark.parametrize(("model", "address"), [("STS3215", 56), ("XM430-W350", 132)])
+def test_answers_without_a_return_delay_do_not_collide(
+    model: str, address: int, paced: bool
+) -> None:
+    """lerobot sets the return delay of Feetech servos to 0."""
+    b = bus(model=model)
+    for servo_id in (1, 2):
+        b[servo_id].set_register("Return Delay Time", 0)
+    asked = Packet.sync_read(address, 2, (1, 2)).encode()
+    if model == "STS3215":
+        asked = InstructionPacket(254, 0x82, bytes((address, 2, 1, 2))).encode()
+    alone = b.receive(asked, 0)
+    assert [answer.delay for answer in alone] == [0, 0]
+    line = SerialLine(b, paced=paced)
+    line.send(asked, 0, 1_000_000)
+    assert line.receive(10_000_000) == b"".join(answer.data for answer in alone)
+    assert not line.overlaps
 
 
 def test_servos_behind_a_missing_one_are_silent() -> None:
