@@ -28,6 +28,8 @@ FACE_WIDTH = 0.24
 STEPS = 4
 """Number of textures of a stride."""
 
+_COARSE = 4.0  # pixels of the coarse shading in its width
+
 _CHAIR = (70, 96, 122)
 
 Points = Sequence[tuple[float, float]]
@@ -91,15 +93,30 @@ class _Painter:
         cover = np.zeros(part.shape[:2], np.uint8)
         fixed = np.round((outline - (left, top)) * 16).astype(np.int32)
         cv2.fillPoly(cover, [fixed], 255, cv2.LINE_AA, 4)
-        painted: npt.NDArray[np.float32] = np.empty((*cover.shape, 3), np.float32)
-        painted[:] = colour
-        if soft:
-            bulge = cv2.GaussianBlur(cover.astype(np.float32) / 255, (0, 0), soft * _SCALE)
-            slope = soft * _SCALE * (cv2.Sobel(bulge, -1, 1, 0) + cv2.Sobel(bulge, -1, 0, 1)) / 8
-            painted *= np.clip(1.0 + 0.45 * slope + 0.25 * (bulge - 0.8), 0.5, 1.25)[..., None]
-        share = (cover.astype(np.float32) / 255)[..., None]
-        part[..., :3] = np.clip(part[..., :3] * (1 - share) + painted * share, 0, 255)
-        part[..., 3] = np.maximum(part[..., 3], cover)
+        share = cover.astype(np.float32) / 255
+        light = _shading(share, soft * _SCALE) if soft else np.ones_like(share)
+        painted = cv2.multiply(cv2.merge([light] * 4), (*colour, 0), dtype=cv2.CV_8U)
+        alpha = np.maximum(part[..., 3], cover)
+        part[:] = cv2.blendLinear(part, painted, 1 - share, share)
+        part[..., 3] = alpha
+
+
+def _shading(cover: npt.NDArray[np.float32], width: float) -> npt.NDArray[np.float32]:
+    """Return the brightness of a rounded shape, lit from the upper left.
+
+    Args:
+        cover: coverage of the pixels by the shape.
+        width: width of the shading at the edge [pixels].
+    """
+    # the shading is smooth: a coarse one is enough
+    reduced = max(1, int(width / _COARSE))
+    size = cover.shape[1] // reduced + 1, cover.shape[0] // reduced + 1
+    bulge = cv2.GaussianBlur(
+        cv2.resize(cover, size, interpolation=cv2.INTER_AREA), (0, 0), width / reduced
+    )
+    slope = width / reduced * (cv2.Sobel(bulge, -1, 1, 0) + cv2.Sobel(bulge, -1, 0, 1)) / 8
+    light = np.clip(1.0 + 0.45 * slope + 0.25 * (bulge - 0.8), 0.5, 1.25)
+    return np.asarray(cv2.resize(light, cover.shape[::-1]), np.float32)
 
 
 def _legs(draw: _Painter, looks: Looks, swing: float, sits: bool) -> None:

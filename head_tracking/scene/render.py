@@ -267,10 +267,9 @@ def _premultiplied(texture: Texture) -> Texture:
     """Return an image with its colours multiplied by its alpha."""
     if texture[..., 3].min() == 255:
         return texture
-    result = texture.copy()
-    alpha = texture[..., 3:].astype(np.float32) / 255
-    result[..., :3] = np.round(texture[..., :3] * alpha)
-    return result
+    alpha = texture[..., 3]
+    factors = cv2.merge([alpha, alpha, alpha, np.full_like(alpha, 255)])
+    return np.asarray(cv2.multiply(texture, factors, scale=1 / 255))
 
 
 def _sizes(texture: Texture) -> list[Texture]:

@@ -116,8 +116,8 @@ class _Surface:
 
 
 def _light(part: Texture, factor: npt.NDArray[Any]) -> None:
-    lit = part[..., :3] * factor.astype(np.float32)[..., None]
-    part[..., :3] = np.minimum(lit, 255.0, out=lit)
+    light = np.broadcast_to(factor, part.shape[:2]).astype(np.float32)
+    part[:] = cv2.multiply(part, cv2.merge([*[light] * 3, np.ones_like(light)]), dtype=cv2.CV_8U)
 
 
 def _wall(width: float, colour: Colour, rng: np.random.Generator) -> Texture:
