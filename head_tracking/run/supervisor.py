@@ -33,7 +33,7 @@ from head_tracking.run.options import Run
 from head_tracking.run.status_line import CLEAR_LINE
 from head_tracking.run.stop_key import StopKey
 
-_NICENESS: Final = {CONTROL: 0, VISION: 5, PAGE: 10}
+_NICENESS: Final = {CONTROL: 0, VISION: 0, PAGE: 10}  # late images make a head swing
 _END_TIMEOUT: Final = {CONTROL: 8.0, VISION: 5.0, PAGE: 5.0}  # s; then the process is killed
 _PAUSES: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # s before each restart in a row
 _POLL_PERIOD: Final = 0.1  # s
