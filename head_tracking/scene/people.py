@@ -93,7 +93,7 @@ class _Painter:
         cover = np.zeros(part.shape[:2], np.uint8)
         fixed = np.round((outline - (left, top)) * 16).astype(np.int32)
         cv2.fillPoly(cover, [fixed], 255, cv2.LINE_AA, 4)
-        share = cover.astype(np.float32) / 255
+        share = cover.astype(np.float32) / np.float32(255)
         light = _shading(share, soft * _SCALE) if soft else np.ones_like(share)
         painted = cv2.multiply(cv2.merge([light] * 4), (*colour, 0), dtype=cv2.CV_8U)
         alpha = np.maximum(part[..., 3], cover)
