@@ -13,13 +13,15 @@ from std_msgs.msg import Float64
 from waiting import wait_for
 
 EXAMPLES = SOURCE / "examples"
+# the libraries of a colcon workspace and of a sourced ROS are on the path, too
+PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
 
 
 def run(name, *words, text=""):
     done = subprocess.run(
         [sys.executable, EXAMPLES / name, *words],
         input=text, capture_output=True, text=True, timeout=120, check=False,
-        env=os.environ | {"PYTHONPATH": str(SOURCE)},
+        env=os.environ | {"PYTHONPATH": PYTHONPATH},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -79,7 +81,7 @@ def test_other_servos():
 def test_ros_node(bench):
     node = subprocess.Popen(
         ["env", "--default-signal", sys.executable, EXAMPLES / "ros_node.py", "--sim"],
-        env=os.environ | {"PYTHONPATH": str(SOURCE), "ROS_DOMAIN_ID": bench.domain},
+        env=os.environ | {"PYTHONPATH": PYTHONPATH, "ROS_DOMAIN_ID": bench.domain},
     )
     try:
         errors = bench.person.hear("tracking_error", Float64)

@@ -16,6 +16,8 @@ PROGRAMS = {
     "head_tracking", "look", "relax", "transforms", "track_report", "check_model", "simulated_bus",
     "calibrate", "head_setup", "new_robot", "servo", "doctor",
 }  # fmt: skip
+# the libraries of a colcon workspace and of a sourced ROS are on the path, too
+PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
 
 
 def test_executables_keep_their_names():
@@ -37,7 +39,7 @@ def test_a_program_that_needs_ros_reports_that_ros_is_missing(words):
     *python, script = command(name)
     done = subprocess.run(
         [*python, f"import sys; sys.modules['rclpy'] = None; {script}", *arguments],
-        env=os.environ | {"PYTHONPATH": str(SOURCE)},
+        env=os.environ | {"PYTHONPATH": PYTHONPATH},
         capture_output=True,
         text=True,
         timeout=120,
