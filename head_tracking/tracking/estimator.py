@@ -242,6 +242,11 @@ class TargetEstimator:
         self._estimate: TargetEstimate | None = None
 
     @property
+    def rate(self) -> float:
+        """The rate of the target's oscillation [rad/s]; 0: it does not oscillate."""
+        return self._snapshots[-1].bearings.oscillation.rate if self._snapshots else 0.0
+
+    @property
     def estimate(self) -> TargetEstimate | None:
         """The estimated target; None before its first point."""
         return self._estimate

@@ -183,15 +183,18 @@ class HeadCamera:
         point = self._head.placed_in_base(ray, pan, tilt)
         return taken, point if self._base is None else self._base.at(taken) @ point
 
-    def update(self) -> list[tuple[float, Vector3]]:
+    def update(self, rate: float) -> list[tuple[float, Vector3]]:
         """Score the points whose joint readings are complete.
+
+        Args:
+            rate: of the target's oscillation [rad/s]; 0: none is known.
 
         Returns:
             If the correction has changed by more than 20 ms, the points of the last second with
             the new correction: stamps [s] and points in the fixed frame [m].
         """
         before = self.applied
-        if self._judge():
+        if self._judge(rate):
             self._believed = _moments(self._timing + _PRIOR)
             self._decide_error(self._timing)
             self._decide_mounting()
@@ -200,7 +203,7 @@ class HeadCamera:
             return []
         return [self._placed(*ray) for ray in self._recent if ray[0] > latest.stamp - _RECENT]
 
-    def _judge(self) -> bool:
+    def _judge(self, rate: float) -> bool:
         """Score the rays whose joint readings are complete; return whether there were any.
 
         While the head does not move, the hypotheses do not differ, and rays are only kept.
@@ -223,7 +226,7 @@ class HeadCamera:
             if stamp - self._judged > every:
                 self._judged, judged = stamp, True
                 share = self._range / away
-                self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
+                self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share), rate)
         return judged
 
     def _tells_mountings(self, turned: npt.NDArray[np.bool_]) -> bool:
@@ -231,7 +234,7 @@ class HeadCamera:
         differences = _TURNS[np.unique(self._mountings)] - _TURNS[0]
         return bool(differences[..., turned].any())
 
-    def _score(self, stamp: float, ray: Vector3) -> None:
+    def _score(self, stamp: float, ray: Vector3, rate: float) -> None:
         """Score the hypotheses with the bearings that they give to a ray."""
         times = stamp - self._errors
         angles = np.array(self._readings.at_all(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
@@ -243,7 +246,7 @@ class HeadCamera:
         if self._base is not None:
             x, y, z = self._upright(self._base, times, np.array([x, y, z]))
         bearings = np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
-        self._bank.add(stamp, bearings, speeds)
+        self._bank.add(stamp, bearings, speeds, rate)
 
     def _upright(self, base: HeadBase, times: Array, points: Array) -> Array:
         """Return points in C at times [s], shape (3, N), in the first axes of C."""

@@ -7,15 +7,20 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from head_tracking.tracking.multiple_model import transition
+
 Array = npt.NDArray[np.float64]
 
 _NOISE = 0.002  # rad; of a bearing
-_MANOEUVRE: Array = np.array([0.05, 0.05, 2.0, 2.0, 40.0, 40.0])[:, None]
+_MANOEUVRE: Array = np.array([0.05, 0.05, 2.0, 2.0, 0.0, 0.0])[:, None]
 """Spectral density of the target's acceleration in each filter [rad^2/s^3]."""
+_JERK: Array = np.array([0.0, 0.0, 0.0, 0.0, 30.0, 30.0])[:, None]
+"""Spectral density of its jerk [rad^2/s^5]; above 0, the filter is harmonic."""
 _JITTER: Array = np.tile([0.003, 0.012], 3)[:, None]
 """Standard deviation of the stamps in each filter [s]."""
-_STEADY = 4  # filters with low process noise; the others are for targets that manoeuvre
+_STEADY = 4  # near-constant-velocity filters; the others are for targets that oscillate
 _FIRST_SPEED = 1.0  # rad/s; standard deviation before the second point
+_FIRST_ACCELERATION = 5.0  # rad/s^2; the same, in harmonic filters
 _DEGREES = 4.0  # of freedom of the t distribution, which limits the effect of outliers
 _GATE = 30.0  # squared deviations from the nearest prediction; farther points are skipped
 _SKIPPED = 3  # skipped points in a row; after more the filters restart
@@ -28,8 +33,10 @@ _NEVER = -1e6
 
 
 class HypothesisBank:
-    """Score hypotheses by near-constant-velocity filters of the bearings that each one gives.
+    """Score hypotheses by near-constant-velocity and harmonic filters of the bearings they give.
 
+    The harmonic filters predict an oscillation of any amplitude equally well. Without them, a
+    hypothesis that only makes the target's oscillation smaller would have the better score.
     The filters' gains do not depend on the hypothesis, so that only their means are kept for each.
 
     Args:
@@ -49,20 +56,20 @@ class HypothesisBank:
         self._stamp = -math.inf
         self._position: Array
         self._velocity: Array
-        self._pp: Array
-        self._pv: Array
-        self._vv: Array
+        self._acceleration: Array
+        self._covariance: tuple[Array, ...]
         self._weights: Array
         self._skipped = 0
         self._begin(np.zeros((2, count)), np.ones((2, len(_JITTER), 1)))
 
-    def add(self, stamp: float, bearings: Array, speeds: Array) -> None:
+    def add(self, stamp: float, bearings: Array, speeds: Array, rate: float) -> None:
         """Score the hypotheses by a point, and update the filters.
 
         Args:
             stamp: of the point [s]; later than the one before.
             bearings: azimuth and elevation by each hypothesis, shape (2, N) [rad].
             speeds: of pan and tilt, shape (2,) [rad/s]; jitter of the stamps counts in motion only.
+            rate: of the target's oscillation [rad/s]; 0: unknown, its acceleration is constant.
         """
         variance = _NOISE**2 + (_JITTER * speeds[:, None, None]) ** 2
         dt = stamp - self._stamp
@@ -70,11 +77,15 @@ class HypothesisBank:
             self._stamp = stamp
             self._begin(bearings, variance)
             return
-        pp = self._pp + dt * (2.0 * self._pv + dt * self._vv) + _MANOEUVRE * (dt**3 / 3.0)
-        pv = self._pv + dt * self._vv + _MANOEUVRE * (dt * dt / 2.0)
-        vv = self._vv + _MANOEUVRE * dt
+        sine, cosine, rise, back = (
+            np.where(_JERK > 0.0, swing, steady)
+            for swing, steady in zip(transition(dt, rate), (dt, 1.0, 0.0, 0.0), strict=True)
+        )
+        pp, pv, pa, vv, va, aa = self._predicted(dt, sine, cosine, rise, back)
         expected = pp + variance
-        position = self._position + dt * self._velocity
+        position = self._position + sine * self._velocity + rise * self._acceleration
+        velocity = cosine * self._velocity + sine * self._acceleration
+        acceleration = cosine * self._acceleration - back * self._velocity
         off = bearings[:, None] - position
         off[0] -= math.tau * np.round(off[0] / math.tau)
         squares = (off * off / expected).sum(axis=0)
@@ -85,12 +96,16 @@ class HypothesisBank:
             return
         self._stamp, self._skipped = stamp, 0
         self._score(squares, expected, dt)
-        gain, by_velocity = pp / expected, pv / expected
-        self._position, self._velocity = position + gain * off, self._velocity + by_velocity * off
-        self._pp, self._pv, self._vv = (
-            pp - gain * pp,
-            pv - gain * pv,
-            np.maximum(vv - by_velocity * pv, 0.0),
+        k, kv, ka = pp / expected, pv / expected, pa / expected
+        self._position, self._velocity = position + k * off, velocity + kv * off
+        self._acceleration = acceleration + ka * off
+        self._covariance = (
+            pp - k * pp,
+            pv - k * pv,
+            pa - k * pa,
+            np.maximum(vv - kv * pv, 0.0),
+            va - kv * pa,
+            np.maximum(aa - ka * pa, 0.0),
         )
 
     def keep(self, chosen: npt.NDArray[np.bool_]) -> None:
@@ -98,15 +113,38 @@ class HypothesisBank:
         self.scores = self.scores[chosen]
         self._allowed, self._weights = self._allowed[:, chosen], self._weights[:, chosen]
         self._position, self._velocity = self._position[..., chosen], self._velocity[..., chosen]
+        self._acceleration = self._acceleration[..., chosen]
 
     def _begin(self, bearings: Array, variance: Array) -> None:
         """Restart all filters at a point; the scores are kept."""
         self._position = np.repeat(bearings[:, None], len(_JITTER), axis=1)
         self._velocity = np.zeros_like(self._position)
-        self._pp, self._pv = variance, np.zeros_like(variance)
-        self._vv = np.full_like(variance, _FIRST_SPEED**2)
+        self._acceleration = np.zeros_like(self._position)
+        none, speed = np.zeros_like(variance), np.full_like(variance, _FIRST_SPEED**2)
+        acceleration = none + np.where(_JERK > 0.0, _FIRST_ACCELERATION**2, 0.0)
+        self._covariance = variance, none, none, speed, none, acceleration
         self._weights = self._allowed
         self._skipped = 0
+
+    def _predicted(
+        self, dt: float, sine: Array, cosine: Array, rise: Array, back: Array
+    ) -> tuple[Array, ...]:
+        """Return the covariance (pp, pv, pa, vv, va, aa) a time `dt` [s] later."""
+        pp, pv, pa, vv, va, aa = self._covariance
+        # F P, where the rows of F are (1, sine, rise), (0, cosine, sine) and (0, -back, cosine)
+        f_pp, f_pv = pp + sine * pv + rise * pa, pv + sine * vv + rise * va
+        f_pa = pa + sine * va + rise * aa
+        f_vv, f_va = cosine * vv + sine * va, cosine * va + sine * aa
+        f_av, f_aa = cosine * va - back * vv, cosine * aa - back * va
+        q, j = _MANOEUVRE, _JERK
+        return (
+            f_pp + sine * f_pv + rise * f_pa + q * (dt**3 / 3.0) + j * (dt**5 / 20.0),
+            cosine * f_pv + sine * f_pa + q * (dt * dt / 2.0) + j * (dt**4 / 8.0),
+            cosine * f_pa - back * f_pv + j * (dt**3 / 6.0),
+            cosine * f_vv + sine * f_va + q * dt + j * (dt**3 / 3.0),
+            cosine * f_va - back * f_vv + j * (dt * dt / 2.0),
+            cosine * f_aa - back * f_av + j * dt,
+        )
 
     def _score(self, squares: Array, expected: Array, dt: float) -> None:
         """Update the weights of the filters, shape (filters, N), and the scores."""

@@ -323,9 +323,9 @@ class Bearings(NamedTuple):
         variances = self._noise(stamps, points)
         oscillation = self.oscillation.after(stamps, points, variances)
         rate = oscillation.rate
-        swing = _swing(dt, rate)
+        swing = transition(dt, rate)
         (near, near_ahead), (far, far_ahead) = judged
-        near_swing, far_swing = _swing(near_ahead, rate), _swing(far_ahead, rate)
+        near_swing, far_swing = transition(near_ahead, rate), transition(far_ahead, rate)
         covariances = tuple(
             _corrected(model, covariance, dt, swing)
             for model, covariance in zip(MODELS, self.covariances, strict=True)
@@ -376,7 +376,7 @@ class Bearings(NamedTuple):
         return learned
 
 
-def _swing(dt: float, rate: float) -> Transition:
+def transition(dt: float, rate: float) -> Transition:
     """Return the transition of a harmonic model over a time `dt` [s]."""
     if rate <= _LEAST_RATE:
         return dt, 1.0, 0.5 * dt * dt, 0.0

@@ -213,7 +213,7 @@ class Tracker:
         joints = self._readings.latest
         if joints is None or not self.machine.enabled:
             return TrackingStep()
-        again = self.camera.update()
+        again = self.camera.update(self.estimator.rate)
         if again:
             self.estimator.reset()  # its points had wrong stamps
             for stamp, point in again:

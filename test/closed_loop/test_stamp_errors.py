@@ -66,6 +66,28 @@ def test_no_error_is_believed_where_there_is_none(head, path, delay, points):
     assert not any(watched.applied)
 
 
+def one_hertz(t):
+    """Begin at rest, and swing at 1 Hz after 2 s."""
+    return around(0.5 * math.sin(math.tau * (0.25 * t * t if t < 2.0 else t - 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("servo", "seed"),
+    SLOW_SERVOS,
+)
+def test_no_error_is_believed_because_it_makes_a_fast_swing_smaller(head, servo, seed):
+    conditions = replace(ON_HEAD, duration=8.0, servos=servo, seed=seed)
+    watched, _ = run(head, one_hertz, conditions)
+    assert not any(watched.applied)
+
+
+@pytest.mark.parametrize("late", [0.05, 0.2])
+def test_the_error_is_found_on_a_fast_swing(head, late):
+    conditions = replace(ON_HEAD, duration=6.0, servos=PlainServo(), stamp_error=late)
+    watched, _ = run(head, one_hertz, replace(conditions, field=(3.0, 3.0)))
+    assert watched.applied[-1] == pytest.approx(late, abs=0.02)
+
+
 @pytest.mark.parametrize("path", [still, swing, circle, sine(0.5)])
 @pytest.mark.parametrize("late", [-0.08, 0.09])
 def test_wrong_stamps_that_jitter_cost_little(head, path, late):
