@@ -273,7 +273,8 @@ def test_a_middleware_error_is_red(head: Head, monkeypatch: pytest.MonkeyPatch) 
 # Requirements of doctor itself
 
 
-@pytest.mark.parametrize("options", [("-I", "-S"), ("-I",)])
+# libraries may be on PYTHONPATH, which -I ignores
+@pytest.mark.parametrize("options", [("-I", "-S"), ()])
 def test_it_runs_without_libraries_and_without_ros(options: tuple[str, ...]) -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(SOURCE)!r}); sys.modules['rclpy'] = None\n"
