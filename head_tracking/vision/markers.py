@@ -108,12 +108,12 @@ def _detector(dictionary: str) -> Callable[[Pixels], Any]:
     older = not hasattr(cv2.aruco, "ArucoDetector")  # before 4.7, as on Ubuntu 24.04
     settings = cv2.aruco.DetectorParameters_create() if older else cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    if dictionary.startswith("APRILTAG"):
+        # tags of 36h11 differ by 11 bits: 5 wrong bits can be corrected; OpenCV 4.6 and 4.11 say 0
+        family.maxCorrectionBits = (int(dictionary.rpartition("h")[2]) - 1) // 2
     if older:
         # the default merges the outlines of the marker and of its white border
         settings.minMarkerDistanceRate = 0.03
-        if dictionary.startswith("APRILTAG"):
-            # tags of 36h11 differ by 11 bits, so 5 wrong bits can be corrected; the default is 0
-            family.maxCorrectionBits = (int(dictionary.rpartition("h")[2]) - 1) // 2
         return lambda gray: cv2.aruco.detectMarkers(gray, family, parameters=settings)
     find: Callable[[Pixels], Any] = cv2.aruco.ArucoDetector(family, settings).detectMarkers
     return find
