@@ -45,6 +45,8 @@ _POSES: Final = {
     "up": "Point the camera straight ahead again, then up as far as it may go",
     "down": "Point the camera down as far as it may go",
 }
+_ENDS: Final = {_PAN: ("right", "left"), _TILT: ("up", "down")}
+"""The poses of each joint's lowest and highest position."""
 _MEASURES: Final = {
     "pan_xyz": ("pan axis in base_link", "0 0 0.05"),
     "tilt_xyz": ("tilt axis, measured from the pan axis with the head straight ahead", "0 0 0.04"),
@@ -210,15 +212,11 @@ def _calibrate(
     session = make_session(rate)
     with session.port() as port:
         servos = [find_servo(port, number) for number in given or ids]
-        if given:
-            pan, tilt = servos
-            motions = [[_as_given(pan, options, "pan")], [_as_given(tilt, options, "tilt")]]
-        else:
-            motions = _by_hand(session.terminal, servos)
-        margin = 0.0 if given else _MARGIN
+        if not given:
+            return rate, _by_hand(session.terminal, servos)
         return rate, [
-            [calibration_of(name, motion, margin) for motion in of_joint]
-            for name, of_joint in zip((_PAN, _TILT), motions, strict=True)
+            [calibration_of(joint, _as_given(servo, options, joint.removeprefix("head_")), 0.0)]
+            for joint, servo in zip(_ENDS, servos, strict=True)
         ]
 
 
@@ -262,13 +260,35 @@ def _as_given(servo: Servo, options: argparse.Namespace, joint: str) -> Motion:
     return Motion(servo, zero, low, high)
 
 
-def _by_hand(terminal: Terminal, servos: Sequence[Servo]) -> list[list[Motion]]:
-    """Return the servos of pan and of tilt, found by moving the head by hand."""
+def _by_hand(terminal: Terminal, servos: Sequence[Servo]) -> list[list[ServoCalibration]]:
+    """Return the calibrations of the servos of pan and of tilt, found by moving the head by hand.
+
+    The poses of a joint are asked for again if they are not possible.
+
+    Raises:
+        RefusedError: the input has ended, or both servos belong to pan.
+    """
     relax_for_hand(terminal, servos)
-    poses = {pose: ticks_by_hand(terminal, servos, prompt) for pose, prompt in _POSES.items()}
-    pan = _moved(terminal, servos, poses, ("right", "left"))
-    others = [servo for servo in servos if servo not in [motion.servo for motion in pan]]
-    return [pan, _moved(terminal, others, poses, ("up", "down"))]
+    poses: dict[str, Ticks] = {}
+    joints: list[list[ServoCalibration]] = []
+    ask = ["ahead"]
+    for joint, ends in _ENDS.items():
+        used = {calibration.id for found in joints for calibration in found}
+        others = [servo for servo in servos if servo.id not in used]
+        if not others:
+            raise RefusedError(f"no servo is left for {joint}")
+        while True:
+            ask += [pose for pose in _POSES if pose in ends]
+            poses |= {pose: ticks_by_hand(terminal, servos, _POSES[pose]) for pose in ask}
+            try:
+                motions = _moved(terminal, others, poses, ends)
+                joints.append([calibration_of(joint, motion, _MARGIN) for motion in motions])
+                ask = []
+                break
+            except RefusedError as error:
+                terminal.print(f"{error}. Move {joint} again, or press Ctrl-C")
+                ask = ["ahead"]
+    return joints
 
 
 def _moved(

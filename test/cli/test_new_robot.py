@@ -14,6 +14,7 @@ from head_tracking.cli import new_robot
 from head_tracking.cli.servo.session import Session
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
+from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 
@@ -38,9 +39,12 @@ class User:
         self.poses: list[dict[int, int]] = []
         self.shown: list[str] = []
         self._monkeypatch = monkeypatch
-        monkeypatch.setattr(Terminal, "wait_for_enter", lambda *_: self._move(self.poses.pop(0)))
+        monkeypatch.setattr(Terminal, "wait_for_enter", lambda *_: self._move())
 
-    def _move(self, pose: dict[int, int]) -> None:
+    def _move(self) -> None:
+        if not self.poses:
+            raise RefusedError("the input has ended")
+        pose = self.poses.pop(0)
         bus, clock = self.bench.bus, self.bench.clock
         for number, tick in pose.items():
             bus.advance(clock.now)
@@ -208,6 +212,38 @@ def test_impossible_poses_are_refused(user: User, poses: list[dict[int, int]]) -
     user.poses = [dict(pose) for pose in poses]
     assert user.run() == REFUSED
     assert user.files == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        [{}, {9: 600}, {9: 1500}],  # pan to the left only
+        [{9: 600}, {}, {9: 2600}],  # ahead at the end of the range
+        [*BY_HAND[:4], {5: 2100}],  # tilt up only
+        [*BY_HAND[:3], {9: 600}, {9: 2600}],  # pan in place of tilt
+    ],
+    ids=["pan", "zero", "tilt", "same"],
+)
+def test_a_joint_with_impossible_poses_is_asked_for_again(
+    user: User, wrong: list[dict[int, int]]
+) -> None:
+    again = BY_HAND[3:] if len(wrong) > 3 else BY_HAND[1:]
+    user.poses = [*wrong, {9: 1500, 5: 2100}, *again]
+    user.answers = "0 0 0.12\n\n\n"
+    assert user.run() == DONE
+    pan, tilt = user.motors()
+    assert [motor["id"] for motor in (pan, tilt)] == [9, 5]
+    for motor, ticks in ((pan, (2580, 1500, 620)), (tilt, (2880, 2100, 1720))):
+        assert [motor["min"], motor["init"], motor["max"]] == pytest.approx(ticks, abs=5)
+    assert 'value="0 0 0.12"' in (user.folder / "my_head.urdf.xacro").read_text()
+
+
+def test_two_servos_on_pan_leave_none_for_tilt(user: User) -> None:
+    user.bench = Bench([SimulatedServo(n, "XL430-W250", position=2048) for n in (5, 9)])
+    user.poses = [{}, {5: 1000, 9: 1000}, {5: 3000, 9: 3000}, {}, {}, {}, {}]
+    user.answers = "\n\n\ny\n"
+    assert user.run() == REFUSED
+    assert len(user.poses) == 4
 
 
 @pytest.mark.parametrize(
