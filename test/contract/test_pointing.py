@@ -190,7 +190,7 @@ def test_relax_and_doctor_and_servo_beside_a_running_head(bench, person):
     assert bench.servos.torque == [0, 0]
     for program in (
         bench.start("servo", "--port", bench.servos.name, "info", "1"),
-        bench.start("servo_bus", "--ros-args", "-p", f"port_name:={bench.servos.name}"),
+        bench.run_bus(),
     ):
         assert program.end() == 1, program.output  # the port is in use
         assert "Traceback" not in program.output

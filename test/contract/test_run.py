@@ -207,9 +207,7 @@ def test_a_signal_stops_and_relaxes_the_head(bench, number):
 
 
 def test_ctrl_c_in_all_processes_ends_the_run(bench):
-    run = bench.start(
-        "head_tracking", "--port", bench.servos.name, "--target", "smooth", own_group=True
-    )
+    run = bench.run("--target", "smooth", own_group=True)
     moves(bench)
     os.killpg(run.process.pid, signal.SIGINT)
     assert run.end() == 0, run.output
@@ -252,9 +250,7 @@ def test_after_a_killed_run_nothing_moves_and_the_next_run_works(bench):
 
 @pytest.mark.parametrize("name", ["head_tracking", "servo_bus"])
 def test_a_run_without_its_adapter_ends_with_1_and_names_the_joints(bench, name):
-    port = bench.servos.name
-    words = ("--ros-args", "-p", f"port_name:={port}") if name == "servo_bus" else ("--port", port)
-    program = bench.start(name, *words)
+    program = bench.run_bus() if name == "servo_bus" else bench.run()
     states = bench.person.hear("servo_states", JointState)
     wait_for(lambda: states)
     bench.servos.port.close()
@@ -274,7 +270,7 @@ def test_a_port_name_that_does_not_return_ends_the_run(bench):
 
 
 def test_a_port_in_use_and_a_servo_that_is_missing_are_errors(bench):
-    first = bench.start("servo_bus", "--ros-args", "-p", f"port_name:={bench.servos.name}")
+    first = bench.run_bus()
     states = bench.person.hear("servo_states", JointState)
     wait_for(lambda: states)
     second = bench.start("head_tracking", "--port", bench.servos.name, "--allow-others")
@@ -324,8 +320,7 @@ def test_keys_stop_and_resume_a_run_in_the_foreground(bench, monkeypatch):
 
 
 def real_head(bench):
-    port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.5")
-    head = bench.start("servo_bus", "--ros-args", *port)
+    head = bench.run_bus()
     bench.person.wait_for_node("servo_bus")
     return head
 

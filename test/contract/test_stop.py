@@ -43,17 +43,12 @@ def running(request, tmp_path_factory):
         if request.param == "one process":
             bench.run("--target", "none")
         else:
-            start_bus(bench)
+            bench.run_bus()
             for name in NODES:
                 bench.start(name)
         bench.person.wait_for_joints()
         with published(bench.person):
             yield bench
-
-
-def start_bus(bench):
-    port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.1")
-    return bench.start("servo_bus", "--ros-args", *port)
 
 
 @contextmanager
@@ -207,7 +202,7 @@ def test_stop_is_answered_while_other_services_are_busy(bench, person):
 
 def test_a_restarted_servo_bus_stays_stopped_until_resume(tmp_path):
     with closing(Bench(tmp_path)) as bench:
-        person, bus = bench.person, start_bus(bench)
+        person, bus = bench.person, bench.run_bus()
         for name in NODES:
             bench.start(name)
         person.wait_for_joints()
@@ -216,7 +211,7 @@ def test_a_restarted_servo_bus_stays_stopped_until_resume(tmp_path):
             assert person.call("stop").success
             wait_for(lambda: person.state("head_tracker") == "disabled")
             bus.kill()
-            start_bus(bench)
+            bench.run_bus()
             for _ in range(3):  # whoever waits for the one waits for the other
                 wait_for(lambda: person.call("torque_enable", True).success is False)
                 assert person.state("head_tracker") == "disabled"

@@ -31,8 +31,7 @@ def bench(request, tmp_path_factory):
         if request.param == "a run":
             bench.run("--target", "fictitious", "--allow-others")
         else:
-            port = ("-p", f"port_name:={bench.servos.name}", "-p", "reply_timeout:=0.1")
-            bench.start("servo_bus", "--ros-args", *port)
+            bench.run_bus()
             for name in (*NODES, "fictitious_target"):
                 bench.start(name)
         bench.person.wait_for_joints()

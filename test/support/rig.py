@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ import rclpy
 from geometry_msgs.msg import Point, PointStamped
 from rcl_interfaces.msg import Log, Parameter, ParameterDescriptor, SetParametersResult
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as ParameterValue
@@ -235,7 +236,8 @@ class Person:
 
     def _spin(self) -> None:
         while not self._ending:
-            self._executor.spin_once(timeout_sec=0.1)
+            with suppress(InvalidHandle):  # the test has destroyed something meanwhile
+                self._executor.spin_once(timeout_sec=0.1)
 
     def close(self) -> None:
         self._ending = True
@@ -435,13 +437,19 @@ class Bench:
         self._resources.callback(program.kill)
         return program
 
-    def run(self, *arguments: str, ros: tuple[str, ...] = ()) -> Program:
+    # the servos share a process with the test, and answer when that has time
+
+    def run(self, *arguments: str, ros: tuple[str, ...] = (), **options: Any) -> Program:
         """Start a run of the head with this bench's servos."""
-        # (the servos share a process with the test, and answer when that has time)
         ros = ("-p", "servo_bus:reply_timeout:=0.3", *ros)
         return self.start(
-            "head_tracking", "--port", self.servos.name, *arguments, "--ros-args", *ros
+            "head_tracking", "--port", self.servos.name, *arguments, "--ros-args", *ros, **options
         )
+
+    def run_bus(self) -> Program:
+        """Start a servo bus alone, with this bench's servos."""
+        port = ("-p", f"port_name:={self.servos.name}", "-p", "reply_timeout:=0.3")
+        return self.start("servo_bus", "--ros-args", *port)
 
     @cached_property
     def servos(self) -> Servos:
