@@ -10,7 +10,7 @@ from frame import row, table
 from random_head import CAMERA, SIZE, kinectbot_geometry, pointing_error, random_head
 
 from head_tracking.calibration.geometry import PARAMETERS
-from head_tracking.calibration.solver import solve
+from head_tracking.calibration.solver import CalibrationError, solve
 
 HEADS = 200
 _SIGHTS = {0: "marker", 1: "face", 12: "12 points of a room"}
@@ -24,8 +24,8 @@ def calibration() -> str:
     ]
     return table(
         "sight, its noise, play behind the encoders | pointing error on held-out views before: "
-        "median, worst | after: median, worst; rms | intervals of 95 % with the truth inside | "
-        "play found: error, median, worst | time to compute",
+        "median, worst | after: median, worst; rms | intervals of 95 % with the truth inside; "
+        "refused | play found: error, median, worst | time to compute",
         rows,
     )
 
@@ -34,10 +34,15 @@ def _row(noise: float, play: float, points: int) -> str:
     geometry = kinectbot_geometry()
     before, after, times, plays = [], [], [], []
     inside: list[bool] = []
+    refused = 0
     for seed in range(1000, 1000 + HEADS):
         head = random_head(geometry, seed, noise, play=math.radians(play), points=points)
         begin = time.perf_counter()
-        found = solve(geometry, CAMERA, head.views, None if points else SIZE)
+        try:
+            found = solve(geometry, CAMERA, head.views, None if points else SIZE)
+        except CalibrationError:
+            refused += 1
+            continue
         times.append(time.perf_counter() - begin)
         before.append(math.degrees(pointing_error(geometry, head, np.zeros(10))))
         after.append(math.degrees(pointing_error(geometry, head, found.changes)))
@@ -52,7 +57,7 @@ def _row(noise: float, play: float, points: int) -> str:
         f"{_SIGHTS[points]}, {noise:g} px, {play:g} degrees",
         f"{np.median(before):.2f}, {max(before):.2f} degrees",
         f"{np.median(after):.2f}, {max(after):.2f}; {rms:.2f} degrees",
-        f"{100.0 * np.mean(inside):.1f} % of {len(inside)}",
+        f"{100.0 * np.mean(inside):.1f} % of {len(inside)}; {refused}",
         f"{np.median(plays):.2f}, {max(plays):.2f} degrees",
         f"{np.median(times):.1f} s",
     )
