@@ -12,8 +12,8 @@ import numpy as np
 
 from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.result import Calibration
-from head_tracking.calibration.sights import SIGHTS, Observe, observer
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
+from head_tracking.calibration.targets import TARGETS, Observe, observer
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
@@ -32,7 +32,7 @@ _COMPARED: Final = 4  # and minimum number of images: a busy computer is late
 _LATE: Final = 0.5  # s: maximum delay of joint measurements after an image
 _POLL: Final = 0.005  # s
 _RETRY: Final = 0.2  # s
-_REACH: Final = 0.75  # of half the image: range of positions of the sight
+_REACH: Final = 0.75  # of half the image: range of positions of the target
 _DISTANCE: Final = 2.0  # m: distance of the points to look at
 _STEPS: Final = 5  # in each direction
 _CROSSED: Final = math.radians(3.0)  # motion after which the play is certainly crossed
@@ -58,7 +58,7 @@ def calibrate_camera(
     head: TurningHead,
     camera: int | str | Iterable[tuple[float, Pixels]] = 0,
     *,
-    sight: str = "marker",
+    target: str = "marker",
     marker: MarkerParameters | None = None,
     frame: str = "camera_optical_frame",
     model: Camera | None = None,
@@ -73,9 +73,9 @@ def calibrate_camera(
         head: the head.
         camera: number, device, file or URL; or images (blue, green, red; shape (height, width, 3))
             with their times [s, as time.time()].
-        sight: what to look at: "marker", "face" (of a person who stands still) or "room" (any
+        target: what to look at: "marker", "face" (of a person who stands still) or "room" (any
             surroundings with texture).
-        marker: family, number and size of the marker; not used for the other sights.
+        marker: family, number and size of the marker; not used for the other targets.
         frame: optical frame of the camera.
         model: the camera; None: a horizontal field of view of 60 degrees.
         focal_length: whether to estimate the focal length.
@@ -85,13 +85,13 @@ def calibrate_camera(
         The calibration; neither files nor the model of the head are changed.
 
     Raises:
-        CalibrationError: no image is received, the sight is not visible, or the views contradict
+        CalibrationError: no image is received, the target is not visible, or the views contradict
             each other or the model.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is unknown, or the joints are not measured until the end.
-        ValueError: there is no such sight, or the marker has no size.
+        ValueError: there is no such target, or the marker has no size.
     """
-    observe = observer(sight, marker)
+    observe = observer(target, marker)
     robot = head.frames.model
     assert robot is not None
     pan, tilt = head.joints
@@ -102,10 +102,10 @@ def calibrate_camera(
         raise _no_picture()
     height, width = first.shape[:2]
     lens = model or camera_with_view(width, height, DEFAULT_VIEW)
-    still = _Observer(head, source, lens, observe, SIGHTS[sight])
+    still = _Observer(head, source, lens, observe, TARGETS[target])
     views = _gather(still, head, geometry, lens, report)
     report(f"{len(views)} views; computing")
-    size = marker.marker_size if marker and sight == "marker" else None
+    size = marker.marker_size if marker and target == "marker" else None
     return Calibration.of(geometry, solve(geometry, lens, views, size, focal_length=focal_length))
 
 
@@ -116,8 +116,8 @@ class _Observer:
         head: the head.
         source: images with their times [s].
         camera: the camera.
-        observe: finds the sight in an image.
-        still: maximum motion between two images of a still sight [px].
+        observe: finds the target in an image.
+        still: maximum motion between two images of a still target [px].
     """
 
     def __init__(
@@ -213,9 +213,9 @@ def _gather(
     camera: Camera,
     report: Callable[[str], object],
 ) -> list[View]:
-    """Return views with the sight at positions all over the image, in random order.
+    """Return views with the target at positions all over the image, in random order.
 
-    Random order distinguishes a motion of the sight or the camera from a wrong mounting.
+    Random order distinguishes a motion of the target or the camera from a wrong mounting.
     """
     end = time.monotonic() + LONGEST
     views = observer.views()
@@ -259,7 +259,7 @@ def _turn(head: TurningHead, point: Vector3, frame: str, end: float) -> bool:
 
 
 def _directions(camera: Camera) -> list[tuple[float, float]]:
-    """Return the wanted positions of the sight in the image: x and y at z = 1."""
+    """Return the wanted positions of the target in the image: x and y at z = 1."""
     across = _REACH * camera.width / 2.0 / camera.fx
     down = _REACH * camera.height / 2.0 / camera.fy
     steps = np.linspace(-1.0, 1.0, _STEPS)
@@ -269,7 +269,7 @@ def _directions(camera: Camera) -> list[tuple[float, float]]:
 def _point_beside(
     head: TurningHead, geometry: HeadGeometry, camera: Camera, seen: View, right: float, down: float
 ) -> tuple[float, float, float]:
-    """Return the point to look at [m] that moves the sight to x and y, at z = 1, in the image."""
+    """Return the point to look at [m] that moves the target to x and y, at z = 1, in the image."""
     u, v = seen.corners.mean(axis=0).tolist()
     x, y = camera.ray((u, v))
     joints = dict(zip(head.joints, (seen.pan, seen.tilt), strict=True))

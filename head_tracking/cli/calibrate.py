@@ -26,8 +26,8 @@ SIMULATED_MOUNTING: Final = Transform(
 """Pose of the simulated camera in the optical frame of the model."""
 
 _EPILOG = """\
-Fix the marker 1 to 3 m away, where the camera sees it; or stand still there (--sight face), or let
-it see the room (--sight room). The head turns slowly for at most 90 s.
+Fix the marker 1 to 3 m away, where the camera sees it; or stand still there (--target face), or let
+it see the room (--target room). The head turns slowly for at most 90 s.
 Ctrl-C ends the calibration and relaxes the servos.
 exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed; 130 Ctrl-C
 """
@@ -50,8 +50,8 @@ def _calibrate(options: argparse.Namespace) -> int:
         )
         width, height = (320, 240) if options.sim else options.size
         calibration = head.calibrate(
-            _simulated_images(head, options.sight) if options.sim else options.camera,
-            sight=options.sight,
+            _simulated_images(head, options.target) if options.sim else options.camera,
+            target=options.target,
             marker=marker,
             model=camera_with_view(width, height, math.radians(options.view)),
             focal_length=options.focal_length,
@@ -73,12 +73,12 @@ def _calibrate(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _simulated_images(head: Head, sight: str) -> Iterable[tuple[float, Pixels]]:
+def _simulated_images(head: Head, target: str) -> Iterable[tuple[float, Pixels]]:
     """Return the images of a camera whose pose differs from the model."""
     from head_tracking.scene import film
 
     pose = partial(head.pose, "camera_optical_frame", "base_link")
-    scene = "empty" if sight == "room" else f"still {sight}"
+    scene = "empty" if target == "room" else f"still {target}"
     return film(scene, lambda stamp: pose(stamp=stamp) @ SIMULATED_MOUNTING)
 
 
@@ -111,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--focal-length", action="store_true", help="measure the angle of view as well")
     add(
-        "--sight", choices=("marker", "face", "room"), default="marker",
+        "--target", choices=("marker", "face", "room"), default="marker",
         help="what to look at (%(default)s)",
     )  # fmt: skip
     add(

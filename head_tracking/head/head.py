@@ -402,7 +402,7 @@ class Head:
         self,
         camera: int | str | Iterable[tuple[float, Pixels]] = 0,
         *,
-        sight: str = "marker",
+        target: str = "marker",
         marker: MarkerParameters | None = None,
         frame: str = "camera_optical_frame",
         model: Camera | None = None,
@@ -413,7 +413,7 @@ class Head:
         from head_tracking.calibration.gathering import calibrate_camera
 
         return calibrate_camera(
-            self, camera, sight=sight, marker=marker, frame=frame, model=model,
+            self, camera, target=target, marker=marker, frame=frame, model=model,
             focal_length=focal_length, report=report,
         )  # fmt: skip
 

@@ -31,17 +31,17 @@ def quick(monkeypatch):
     monkeypatch.setattr(gathering, "_SPEED", 2.0)
 
 
-@pytest.mark.parametrize(("sight", "degrees"), [("marker", 0.7), ("face", 1.2), ("room", 1.4)])
-def test_a_wrong_mounting_is_corrected(quick, tmp_path, sight, degrees):
+@pytest.mark.parametrize(("target", "degrees"), [("marker", 0.7), ("face", 1.2), ("room", 1.4)])
+def test_a_wrong_mounting_is_corrected(quick, tmp_path, target, degrees):
     output, picture = tmp_path / "camera.yaml", tmp_path / "camera.png"
-    arguments = ["camera", "--sim", "--yes", "--sight", sight, "--output", str(output)]
+    arguments = ["camera", "--sim", "--yes", "--target", target, "--output", str(output)]
     assert calibrate.main([*arguments, "--picture", str(picture)]) == DONE
     model = load_robot_model(robot_file("kinectbot"))
     found = calibrated(model, output).transform("neck_link", "camera_optical_frame", {})
     true = model.transform("neck_link", "camera_optical_frame", {}) @ calibrate.SIMULATED_MOUNTING
     apart = found.inverse() @ true
     assert 2.0 * np.linalg.norm(apart[3:6]) < np.radians(degrees)  # it was 3.8 degrees
-    assert sight != "marker" or np.linalg.norm(apart.translation) < 0.008  # m; it was 11 mm
+    assert target != "marker" or np.linalg.norm(apart.translation) < 0.008  # m; it was 11 mm
     calibration = Calibration.load(output)
     assert calibration.views > 8
     assert calibration.error_after < 0.5 * calibration.error_before

@@ -14,7 +14,7 @@ from head_tracking.vision.images import Pixels
 from head_tracking.vision.markers import MarkerDetector, MarkerParameters
 from head_tracking.vision.opencv import cv2
 
-SIGHTS: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
+TARGETS: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
 """By name: maximum motion between two images of a still one [px]; a corner is located best."""
 
 Observe: TypeAlias = Callable[[Frame], dict[int, Array]]
@@ -26,21 +26,21 @@ _PARALLAX: Final = 0.025  # of the image width: points at different distances mo
 _FEWEST: Final = 6  # points of the room in an image
 
 
-def observer(sight: str, marker: MarkerParameters | None) -> Observe:
-    """Return the function that finds a sight in images.
+def observer(target: str, marker: MarkerParameters | None) -> Observe:
+    """Return the function that finds a target in images.
 
     Args:
-        sight: one of `SIGHTS`.
+        target: one of `TARGETS`.
         marker: family, number and size of the marker.
 
     Raises:
-        ValueError: there is no such sight, or the marker has no size.
+        ValueError: there is no such target, or the marker has no size.
     """
-    if sight not in SIGHTS:
-        raise ValueError(f"the sight is {sight!r}; allowed are {', '.join(SIGHTS)}")
-    if sight == "face":
+    if target not in TARGETS:
+        raise ValueError(f"the target is {target!r}; allowed are {', '.join(TARGETS)}")
+    if target == "face":
         return _Face()
-    if sight == "room":
+    if target == "room":
         return _Room()
     if marker is None or marker.marker_size <= 0.0:
         raise ValueError("marker_size is not above 0; set it to the edge of the black square [m]")
