@@ -13,7 +13,7 @@ from head_tracking.calibration.geometry import PARAMETERS
 from head_tracking.calibration.solver import CalibrationError, solve
 
 HEADS = 200
-_SIGHTS = {0: "marker", 1: "face", 12: "12 points of a room"}
+_TARGETS = {0: "marker", 1: "face", 12: "12 points of a room"}
 
 
 def calibration() -> str:
@@ -23,7 +23,7 @@ def calibration() -> str:
         for case in ((0.5, 0.0, 0), (2.0, 0.0, 0), (0.5, 1.0, 0), (1.0, 0.0, 1), (1.0, 0.0, 12))
     ]
     return table(
-        "sight, its noise, play behind the encoders | pointing error on held-out views before: "
+        "target, its noise, play behind the encoders | pointing error on held-out views before: "
         "median, worst | after: median, worst; rms | intervals of 95 % with the truth inside; "
         "refused | play found: error, median, worst | time to compute",
         rows,
@@ -54,7 +54,7 @@ def _row(noise: float, play: float, points: int) -> str:
                 inside.append(abs(estimate.value - truth) < 1.96 * estimate.deviation)
     rms = math.sqrt(np.mean(np.square(after)))
     return row(
-        f"{_SIGHTS[points]}, {noise:g} px, {play:g} degrees",
+        f"{_TARGETS[points]}, {noise:g} px, {play:g} degrees",
         f"{np.median(before):.2f}, {max(before):.2f} degrees",
         f"{np.median(after):.2f}, {max(after):.2f}; {rms:.2f} degrees",
         f"{100.0 * np.mean(inside):.1f} % of {len(inside)}; {refused}",
