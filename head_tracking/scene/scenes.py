@@ -55,7 +55,7 @@ def sitter(place: Vector3, looks: Looks) -> Board:
 
     def image(time: float) -> Texture:
         glance = time % _GLANCE
-        if glance % 3.5 > 1.2:
+        if glance % 3.5 >= 1.2:
             return ahead
         return right if glance < 3.5 else left
 

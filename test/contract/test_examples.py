@@ -8,13 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from rig import SOURCE
+from rig import PYTHONPATH, SOURCE
 from std_msgs.msg import Float64
 from waiting import wait_for
 
 EXAMPLES = SOURCE / "examples"
-# the libraries of a colcon workspace and of a sourced ROS are on the path, too
-PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
 
 
 def run(name, *words, text=""):

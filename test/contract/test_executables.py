@@ -6,7 +6,7 @@ import subprocess
 from importlib.util import find_spec
 
 import pytest
-from rig import SOURCE, assert_described, command, executables
+from rig import PYTHONPATH, assert_described, command, executables
 
 NODES = {
     "servo_bus", "joint_state_publisher", "robot_state_publisher", "head_tracker", "point_head",
@@ -17,8 +17,6 @@ PROGRAMS = {
     "head_tracking", "look", "relax", "transforms", "track_report", "check_model", "simulated_bus",
     "calibrate", "head_setup", "new_robot", "servo", "doctor",
 }  # fmt: skip
-# the libraries of a colcon workspace and of a sourced ROS are on the path, too
-PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
 
 
 def test_executables_keep_their_names():

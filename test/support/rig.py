@@ -39,6 +39,8 @@ from waiting import join, wait_for
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 SOURCE = Path(__file__).resolve().parents[2]
+# the libraries of a colcon workspace and of a sourced ROS are on the path, too
+PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
 PATIENCE = 90.0  # s: other tests may keep the machine busy
 _RETRY = 5.0  # s
 JOINTS = ("head_pan_joint", "head_tilt_joint")
@@ -99,7 +101,7 @@ class Program:
         given = os.environ | {
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": domain,
-            "PYTHONPATH": os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")])),
+            "PYTHONPATH": PYTHONPATH,
         }
         given |= environment or {}
         self.process = subprocess.Popen(
@@ -448,7 +450,8 @@ class Bench:
 
     def run_bus(self) -> Program:
         """Start a servo bus alone, with this bench's servos."""
-        port = ("-p", f"port_name:={self.servos.name}", "-p", "reply_timeout:=0.3")
+        # STOP waits for the port twice as long
+        port = ("-p", f"port_name:={self.servos.name}", "-p", "reply_timeout:=0.1")
         return self.start("servo_bus", "--ros-args", *port)
 
     @cached_property
