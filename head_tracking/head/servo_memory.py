@@ -6,13 +6,16 @@ import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
+from typing import Final
 
 import yaml
 
 from head_tracking.share import state_folder
 from head_tracking.tracking import ServoValues
+
+_KEPT: Final = "delay", "deviation", "dead_band"
 
 
 class ServoMemory:
@@ -34,7 +37,7 @@ class ServoMemory:
     def save(self, values: Mapping[str, ServoValues]) -> None:
         """Keep values, by joint; where files cannot be written, nothing is kept."""
         for joint in self._servos.keys() & values.keys():
-            text = yaml.safe_dump({name: float(x) for name, x in asdict(values[joint]).items()})
+            text = yaml.safe_dump({name: float(getattr(values[joint], name)) for name in _KEPT})
             file = self._file(joint)
             half = file.with_suffix(f".{os.getpid()}")
             with suppress(OSError):
@@ -57,7 +60,7 @@ class ServoMemory:
         try:
             found = yaml.safe_load(file.read_text())
             values = ServoValues(
-                **{each.name: float(found[each.name]) for each in fields(ServoValues)}
+                **{name: float(found[name]) for name in _KEPT}, saved=file.stat().st_mtime
             )
         except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
             return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from head_tracking.compatibility import StrEnum
 
@@ -16,6 +16,7 @@ class Learning(StrEnum):
     FORGET = "forget"
 
 
+_UNITS = (86_400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s")
 KNOWN = 0.04  # s; largest deviation of a delay that counts as known
 
 
@@ -30,11 +31,13 @@ class ServoValues:
         delay: from a command to the motion it causes [s].
         deviation: standard deviation of the delay [s].
         dead_band: how far the shaft stays behind the set-point [rad].
+        saved: when they were saved [s, as time.time()]; -inf: not yet.
     """
 
     delay: float
     deviation: float
     dead_band: float
+    saved: float = field(default=-math.inf, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +48,12 @@ class LearnedValue:
         value: as it is used, in `unit`.
         unit: s, rad or rad/s^2.
         deviation: standard deviation, in `unit`; inf: not estimated.
-        learned: time of the last update, on the clock of the stamps [s]; -inf: never.
+        learned: time of the last update, on the clock of the stamps [s]; of a saved value, when it
+            was saved; -inf: never.
         known: with a larger deviation the value counts as unknown.
         is_given: whether the user has given it.
         is_saved: whether it comes from an earlier run and was not updated in this one.
+        is_frozen: whether measurements do not change it.
     """
 
     value: float
@@ -58,6 +63,7 @@ class LearnedValue:
     known: float = math.inf
     is_given: bool = False
     is_saved: bool = False
+    is_frozen: bool = False
 
     @property
     def source(self) -> str:
@@ -70,8 +76,16 @@ class LearnedValue:
 
     def described(self, now: float) -> str:
         """Return the value as text, with its deviation and its age at the time `now` [s]."""
-        if self.source not in ("learned", "saved"):
-            return f"{self.value:.3g} {self.unit}, {self.source}"
-        text = f"{self.value:.3g} ±{self.deviation:.2g} {self.unit}, {self.source}"
-        age = now - self.learned
-        return f"{text} {age:.0f} s ago" if 0.0 <= age < math.inf else text
+        text = f"{self.value:.3g} {self.unit}, {self.source}"
+        if self.source in ("learned", "saved"):
+            age = _age(now - self.learned)
+            text = f"{self.value:.3g} ±{self.deviation:.2g} {self.unit}, {self.source}{age}"
+        return f"{text}, frozen" if self.is_frozen and not self.is_given else text
+
+
+def _age(seconds: float) -> str:
+    """Return an age as text; empty: it is not known."""
+    if not 0.0 <= seconds < math.inf:
+        return ""
+    size, unit = next((each for each in _UNITS if seconds >= 2.0 * each[0]), _UNITS[-1])
+    return f" {seconds / size:.0f} {unit} ago"

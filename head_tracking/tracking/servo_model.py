@@ -49,6 +49,10 @@ _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
 _PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARITY[:, None]
 """Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
 
+_BAND_DEVIATION = 0.0029  # rad: of the prior of the dead band
+_INFORMED = 0.9  # of that; a dead band with a larger deviation is not observable
+_ROUGH = 0.5  # of its value; an acceleration with a larger deviation is not observable
+
 _LEAST_DEVIATION = 0.015  # s; the lag depends on the motion
 _EVERY = 0.06  # s between two windows
 _NOISE = 0.004  # rad of a displacement: the step of an AX-12's encoder
@@ -118,29 +122,36 @@ class ServoModel:
     @property
     def values(self) -> Mapping[str, LearnedValue]:
         """The estimates, by name."""
-        at, is_saved = self.learned, self.learned == -math.inf and self.saved is not None
-        known = is_saved or at > -math.inf
-        others = (
-            ("dead band", self.dead_band, "rad", self.dead_band_deviation),
-            ("acceleration", self.acceleration, "rad/s^2", self.acceleration_deviation),
+        saved, frozen = self.saved if self.learned == -math.inf else None, not self.is_learning
+        at, is_saved = (self.learned, False) if saved is None else (saved.saved, True)
+        delay = LearnedValue(
+            self.known_delay or self.delay,
+            "s",
+            self.deviation,
+            at,
+            KNOWN,
+            is_given=self.known_delay > 0.0,
+            is_saved=is_saved,
+            is_frozen=frozen,
         )
-        return {
-            "delay of its servo": LearnedValue(
-                self.delay,
-                "s",
-                self.deviation,
-                at,
-                KNOWN,
-                is_given=self.known_delay > 0.0,
-                is_saved=is_saved,
-            ),
-            **{
-                name: LearnedValue(
-                    value, unit, deviation if known else math.inf, at, is_saved=is_saved
-                )
-                for name, value, unit, deviation in others
-            },
-        }
+        band = LearnedValue(
+            self.dead_band,
+            "rad",
+            self.dead_band_deviation,
+            at,
+            _INFORMED * _BAND_DEVIATION,
+            is_saved=is_saved,
+            is_frozen=frozen,
+        )
+        acceleration = LearnedValue(
+            self.acceleration,
+            "rad/s^2",
+            self.acceleration_deviation,
+            self.learned,
+            _ROUGH * self.acceleration,
+            is_frozen=frozen,
+        )
+        return {"delay of its servo": delay, "dead band": band, "acceleration": acceleration}
 
     @property
     def to_save(self) -> ServoValues | None:

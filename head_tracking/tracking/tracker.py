@@ -133,7 +133,8 @@ class Tracker:
     @property
     def learned(self) -> Mapping[str, LearnedValue]:
         """Estimates of the servos and of a camera on the head, by name."""
-        return {**self.law.learned, "camera: its stamps are too late by": self.camera.learned}
+        camera = replace(self.camera.learned, is_frozen=not self.camera.is_learning)
+        return {**self.law.learned, "camera: its stamps are too late by": camera}
 
     def learn(self, servos: Learning, camera: Learning) -> None:
         """Update, freeze or discard the estimates.

@@ -135,8 +135,8 @@ def test_learned_values_are_reported_frozen_forgotten_and_set(head):
     assert head.learned[pan].source == "learned"
     head.learn("freeze", servos="forget")
     assert head.learned[pan].source == "not observable"
-    head.learn(servo_delay=0.06)
-    wait_for(lambda: head.learned[pan].source == "given")
+    head.learn(servo_delay=0.06)  # of a head that rests, too
+    assert (head.learned[pan].source, head.learned[pan].value) == ("given", 0.06)
     for wrong in (
         {"how": "never"},
         {"camera": "never"},

@@ -1,6 +1,7 @@
 """What was learned of the servos is kept from one run to the next."""
 
 import math
+import time
 from dataclasses import replace
 
 import pytest
@@ -9,7 +10,7 @@ from plant import PlainServo
 
 from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.share import state_folder
-from head_tracking.tracking import LAWS, ServoValues, Tracker
+from head_tracking.tracking import LAWS, Learning, ServoValues, Tracker
 
 VALUES = ServoValues(delay=0.1, deviation=0.015, dead_band=0.002)
 LATE = PlainServo(dead_time=0.1)
@@ -46,8 +47,10 @@ def test_what_is_known_from_an_earlier_run_says_so(head):
     law.expect({head.pan_joint: VALUES})
     assert law.delays[0] == pytest.approx(0.1, abs=0.02)
     sources = {name: each.source for name, each in law.learned.items()}
-    assert {sources[name] for name in sources if name.startswith(head.pan_joint)} == {"saved"}
-    assert "saved" not in {sources[name] for name in sources if name.startswith(head.tilt_joint)}
+    assert {name for name, source in sources.items() if source == "saved"} == {
+        f"{head.pan_joint}: delay of its servo",
+        f"{head.pan_joint}: dead band",
+    }
     assert not law.to_save, "nothing was learned yet"
 
 
@@ -107,3 +110,37 @@ def test_a_user_without_a_home_starts_too(monkeypatch):
     monkeypatch.setattr("os.getuid", lambda: 999_999)
     assert state_folder("servos").is_absolute()
     assert ServoMemory({}).load() == {}
+
+
+def test_what_was_not_measured_is_not_called_learned(head):
+    for servo, expected in (
+        (PlainServo(acceleration=100.0, dead_band=0.0), ("learned", "not observable")),
+        (PlainServo(acceleration=100.0, dead_band=0.005), ("learned", "not observable")),
+        (PlainServo(acceleration=5.0, dead_band=0.0), ("not observable", "learned")),
+    ):
+        _, tracker = follow(head, servo)
+        values = tracker.law.servos[head.pan_joint].values
+        assert (values["dead band"].source, values["acceleration"].source) == expected
+
+
+def test_what_is_kept_has_an_age_and_what_is_not_kept_has_none(head, tmp_path):
+    memory = ServoMemory({"pan": "usb-FTDI_A1 AX-12 1"}, tmp_path)
+    memory.save({"pan": VALUES})
+    saved = memory.load()["pan"]
+    law = LAWS["predictive"](head, 0.02)
+    law.expect({head.pan_joint: saved})
+    values = law.servos[head.pan_joint].values
+    assert values["delay of its servo"].learned == pytest.approx(time.time(), abs=60.0)
+    assert values["dead band"].learned == values["delay of its servo"].learned
+    assert values["acceleration"].source == "not observable"
+    ages = {0.0: "0 s", 90.0: "90 s", 600.0: "10 min", 7200.0: "2 h", 20 * 86_400.0: "20 days"}
+    for age, text in ages.items():
+        assert f", saved {text} ago" in values["dead band"].described(saved.saved + age)
+
+
+def test_what_is_frozen_says_so(head):
+    tracker = Tracker(head, LAWS["predictive"](head, 0.02))
+    tracker.learn(Learning.FREEZE, Learning.LEARN)
+    assert [each.is_frozen for each in tracker.learned.values()] == 6 * [True] + [False]
+    tracker.learn(Learning.LEARN, Learning.FREEZE)
+    assert [each.is_frozen for each in tracker.learned.values()] == 6 * [False] + [True]
