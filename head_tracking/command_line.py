@@ -54,6 +54,10 @@ def between(
     )
 
 
+baud_rate = between(9_600, 4_500_000, "bit/s", int)
+"""Converts a baud rate."""
+
+
 class PointInFrame(NamedTuple):
     """A point [m] and its frame."""
 

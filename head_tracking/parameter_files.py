@@ -100,6 +100,8 @@ def read_rule(text: str) -> list[Given]:
     nodes = f"/**/{node}" if node else "/**"
     try:
         values = list(_flat(name, yaml.load(value, _Loader)))
+        if not values:
+            raise _FormatError("it has no value")
     except (yaml.YAMLError, _FormatError) as error:
         reason = " ".join(str(error).split())
         raise ParameterFileError(f"the parameter {text} cannot be used: {reason}") from error

@@ -1,9 +1,12 @@
+import sys
 from argparse import ArgumentTypeError
+from importlib import import_module
 
 import pytest
 
 from head_tracking import programs
 from head_tracking.command_line import (
+    baud_rate,
     between,
     existing_file,
     finite,
@@ -26,6 +29,7 @@ from head_tracking.run.options import parse_arguments
         (between(0.1, 100.0, "Hz"), "0.1", 0.1),
         (between(0.1, 100.0, "Hz"), "100", 100.0),
         (between(0, 508, "us", int), "508", 508),
+        (baud_rate, "57600", 57_600),
         (servo_id, "0", 0),
         (servo_id, "253", 253),
         (named_id, "head_pan:1", ("head_pan", 1)),
@@ -47,6 +51,7 @@ def test_an_allowed_value_is_converted(convert, text, value):
         (positive, ("0", "-1", "nan", "inf", "x")),
         (between(0.1, 100.0, "Hz"), ("0.09", "100.1", "nan", "inf", "x")),
         (between(0, 508, "us", int), ("-1", "509", "1.5", "x")),
+        (baud_rate, ("0", "-1", "1e6", "nan", "x")),
         (servo_id, ("254", "-1", "1.0", "x", "")),
         (named_id, ("1", ":1", "head_pan:x")),
         (read_by(int, ValueError), ("x",)),
@@ -87,6 +92,32 @@ def test_a_run_starts_the_node_of_its_target(target: str, node: str, parameter: 
 def test_an_unknown_target_ends_with_2(target: str) -> None:
     with pytest.raises(SystemExit, match="2"):
         parse_arguments(["--sim", "--target", target])
+
+
+@pytest.mark.parametrize(
+    ("tool", "words"),
+    [
+        ("calibrate", "camera --sim --size 0 0"),
+        ("calibrate", "camera --sim --marker-id -2"),
+        ("calibrate", "camera --sim --dictionary nosuch"),
+        ("calibrate", "camera --sim --output /nowhere/calibration.yaml"),
+        ("calibrate", "camera --sim --picture picture.txt"),
+        ("calibrate", "camera --sim --picture /nowhere/picture.png"),
+        ("doctor.__main__", "--sim --listen nan"),
+        ("doctor.__main__", "--sim --listen inf"),
+        ("doctor.__main__", "--sim --baud -5"),
+        ("servo.main", "--baud 0 scan"),
+        ("servo.main", "scan --bauds -1"),
+        ("new_robot", "my_head --baud 0"),
+        ("simulated_bus", "--baud 0"),
+        ("transforms", "echo a b --count 0"),
+    ],
+)
+def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [tool, *words.split()])
+    with pytest.raises(SystemExit) as refused:
+        import_module(f"head_tracking.cli.{tool}").main()
+    assert refused.value.code == (3 if tool.startswith("doctor") else 2)
 
 
 def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Final
 
 from head_tracking.calibration import Calibration, summary
 from head_tracking.cli.terminal import Terminal
-from head_tracking.command_line import DONE, between, exit_code
+from head_tracking.command_line import DONE, between, exit_code, writable_file
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head import Head
 from head_tracking.transforms import Rotation, Transform
+from head_tracking.vision.markers import DICTIONARIES
 
 if TYPE_CHECKING:
     from head_tracking.vision import Pixels
@@ -104,7 +105,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--sim", action="store_true", help="simulate servos and a camera whose pose is wrong")
     add("--robot", default="kinectbot", metavar="NAME|FILE", help="name of the robot, or its model")
     add("--camera", default=0, type=_camera, help="number, device, file or URL (%(default)s)")
-    add("--size", nargs=2, type=int, default=(640, 480), metavar=("W", "H"), help="image size")
+    add(
+        "--size", nargs=2, type=between(16, 10_000, "pixels", int), default=(640, 480),
+        metavar=("W", "H"), help="image size",
+    )  # fmt: skip
     add(
         "--view", type=between(5.0, 170.0, "degrees"), default=60.0, metavar="DEG",
         help="its horizontal angle of view [degrees] (%(default)s)",
@@ -118,16 +122,28 @@ def _parser() -> argparse.ArgumentParser:
         "--marker-size", type=between(0.005, 2.0, "m"), default=0.16, metavar="M",
         help="edge of the marker's black square [m] (%(default)s)",
     )  # fmt: skip
-    add("--marker-id", type=int, default=-1, metavar="N", help="number of the marker; -1: any")
-    add("--dictionary", default="4X4_50", metavar="NAME", help="of the marker (%(default)s)")
     add(
-        "--output", default="calibration.yaml", type=Path, metavar="FILE",
+        "--marker-id", type=between(-1, 100_000, "", int), default=-1, metavar="N",
+        help="number of the marker; -1: any",
+    )  # fmt: skip
+    add(
+        "--dictionary", default="4X4_50", choices=DICTIONARIES, metavar="NAME",
+        help="of the marker (%(default)s)",
+    )  # fmt: skip
+    add(
+        "--output", default="calibration.yaml", type=writable_file, metavar="FILE",
         help="the file to write (%(default)s)",
     )  # fmt: skip
-    add("--picture", type=Path, metavar="FILE", help="draw the errors before and after (.png)")
+    add("--picture", type=_picture, metavar="FILE", help="draw the errors before and after (.png)")
     add("--yes", action="store_true", help="start without confirmation")
     return parser
 
 
 def _camera(text: str) -> int | str:
     return int(text) if text.isdecimal() else text
+
+
+def _picture(text: str) -> Path:
+    if not text.lower().endswith(".png"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a picture; its name must end in .png")
+    return writable_file(text)

@@ -23,7 +23,14 @@ from head_tracking.cli.servo.calibrate import (
 from head_tracking.cli.servo.overview import FoundServo, find_servos
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session, ToolError, find_servo
 from head_tracking.cli.terminal import Terminal
-from head_tracking.command_line import DONE, between, exit_code, servo_id, with_negative_values
+from head_tracking.command_line import (
+    DONE,
+    baud_rate,
+    between,
+    exit_code,
+    servo_id,
+    with_negative_values,
+)
 from head_tracking.configuration import configured_head
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.servo import Servo
@@ -120,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--folder", type=Path, default=Path(), help="folder of the files (here)")
     add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
     add(
-        "--baud", type=int, metavar="RATE",
+        "--baud", type=baud_rate, metavar="RATE",
         help=f"its baud rate (the first with two servos of {' '.join(map(str, USUAL_BAUD_RATES))})",
     )  # fmt: skip
     add("--pan", type=servo_id, metavar="ID", help="id of the pan servo (default: found by hand)")

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Sequence
 from random import Random
 
-from head_tracking.command_line import between, named_id, read_by, servo_id
+from head_tracking.command_line import baud_rate, between, named_id, read_by, servo_id
 from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.simulation import (
@@ -81,10 +81,7 @@ def _parser() -> argparse.ArgumentParser:
         help="version of their firmware, and so of their registers (default: a recent one)",
     )  # fmt: skip
     add("--link", metavar="PATH", help="also make a link to the port here")
-    add(
-        "--baud", type=between(9_600, 4_500_000, "bits per second", int), metavar="RATE",
-        help="baud rate of the servos (default: they accept any)",
-    )  # fmt: skip
+    add("--baud", type=baud_rate, metavar="RATE", help="of the servos (default: they accept any)")
     add("--paced", action="store_true", help="simulate the transmission time of bytes")
     add("--exact", action="store_true", help="exact timing; uses a whole core")
     add(

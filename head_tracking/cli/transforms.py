@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from head_tracking.cli.client import Client, ClientError, run_client
-from head_tracking.command_line import positive
+from head_tracking.command_line import between, positive
 from head_tracking.transforms import StampedTransform, TransformException
 
 
@@ -99,7 +99,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     echoes.add_argument("frame", metavar="A", help="target frame")
     echoes.add_argument("of", metavar="B", help="source frame: its pose in A is printed")
     echoes.add_argument("--rate", type=positive, default=1.0, help="per second (%(default)s)")
-    echoes.add_argument("--count", type=int, default=-1, help="number of times (no limit)")
+    echoes.add_argument(
+        "--count", type=between(1, 1e9, "times", int), default=-1, help="number of times (no limit)"
+    )
     trees = works.add_parser("tree", help="print the tree of frames with rates and ages")
     checks = works.add_parser("check", help="print the problems that make lookups fail")
     checks.add_argument("--max-age", type=positive, default=1.0, help="in seconds (%(default)s)")

@@ -1,5 +1,6 @@
 """What parameter files say to nobody is said to the person who wrote them."""
 
+import re
 from contextlib import ExitStack
 
 import pytest
@@ -172,6 +173,12 @@ def test_a_malformed_file_is_refused_in_one_line(started, tmp_path, content):
         started("", "--params-file", str(file))
     assert str(file) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("rule", ["servo_bus:rate:=", "rate:=~", "rate:=[1", "rate:=[1, x]"])
+def test_a_rule_without_a_value_is_refused(started, rule):
+    with pytest.raises(ParameterFileError, match=re.escape(rule)):
+        started("", "-p", rule)
 
 
 def test_an_error_that_nobody_has_foreseen_shows_where_it_came_from():

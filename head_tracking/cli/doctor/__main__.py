@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from head_tracking.cli.doctor.findings import Finding, Grade, show
+from head_tracking.command_line import baud_rate, between
 
 _WRONG_COMMAND_LINE: Final = 3
 _LIBRARIES: Final = {
@@ -66,7 +67,7 @@ def _check(
     if reason:
         text = f"{reason}: nodes cannot run. Source /opt/ros/jazzy/setup.bash, or use ./scripts/run"
         yield Finding("network", Grade.AMBER, text)
-    elif options.listen <= 0.0:
+    elif options.listen == 0.0:
         yield Finding("network", Grade.SKIPPED, "not checked with --listen 0")
     else:
         from head_tracking.cli.doctor.network import check_network
@@ -117,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--sim", action="store_true", help="skip the checks of the servos")
     add("--port", default="", metavar="DEV", help="serial port (as configured, or /dev/ttyUSB0)")
-    add("--baud", type=int, default=0, metavar="RATE", help="its baud rate (as configured)")
+    add("--baud", type=baud_rate, default=0, metavar="RATE", help="its baud rate (as configured)")
     add(
         "--robot", default="kinectbot", metavar="NAME|FILE",
         help="name of the robot, or a URDF or xacro file (%(default)s)",
@@ -128,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--calibration", type=Path, metavar="FILE", help="calibration of the head: checks its age")
     add(
-        "--listen", type=float, default=3.0, metavar="S",
+        "--listen", type=between(0.0, 3600.0, "s"), default=3.0, metavar="S",
         help="time for the checks of other nodes; 0: skip them (%(default)s s)",
     )  # fmt: skip
     return parser

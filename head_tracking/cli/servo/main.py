@@ -12,6 +12,7 @@ from head_tracking.cli.servo.overview import info, monitor, scan
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import (
+    baud_rate,
     between,
     exit_code,
     named_id,
@@ -45,7 +46,7 @@ def _common() -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     add = common.add_argument
     add("--port", metavar="DEV", help=f"serial port ({_DEFAULT_PORT})")
-    add("--baud", type=int, metavar="RATE", help=f"its baud rate ({_DEFAULT_BAUD_RATE})")
+    add("--baud", type=baud_rate, metavar="RATE", help=f"its baud rate ({_DEFAULT_BAUD_RATE})")
     known = read_by(servo_model, ConfigurationError)
     add("--model", type=known, help="model of a servo that answers no reads")
     add("--yes", action="store_true", help="answer every question with yes")
@@ -74,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
 
     add = add_command("scan", "find servos over ids and baud rates", _scan)
     add(
-        "--bauds", type=int, nargs="+", metavar="RATE",
+        "--bauds", type=baud_rate, nargs="+", metavar="RATE",
         help=f"baud rates to try (that of --baud, or {' '.join(map(str, USUAL_BAUD_RATES))})",
     )  # fmt: skip
     add(

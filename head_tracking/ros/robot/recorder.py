@@ -27,7 +27,7 @@ class RecorderNode(ClosingNode):
             raise HeadTrackingError(
                 "recordings need mcap-ros2-support, which is not installed; install it with "
                 "`ros2 run head_tracking head_setup viewer` in a workspace, or with "
-                "pip install 'head_tracking[viewer]'"
+                "pip install 'head_tracking[page]'"
             )
         from head_tracking.recording.recorder import Recorder, RecorderParameters
 
