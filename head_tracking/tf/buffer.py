@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partialmethod
 from typing import Any, TypeAlias
 
 from builtin_interfaces.msg import Time as TimeMsg
@@ -34,7 +35,7 @@ class Buffer:
     """All frames over time; a replacement for tf2_ros.Buffer and tf2_py.BufferCore.
 
     ``Time()`` is the latest common time. A lookup with a timeout waits for missing data, which
-    must come from another thread. The methods `*_core` do not wait.
+    must come from another thread.
 
     Args:
         cache_time: how much of the past is kept; 10 s by default.
@@ -83,15 +84,7 @@ class Buffer:
         """Discard all samples; static transforms and the robot model stay."""
         self.core.clear()
 
-    def lookup_transform_core(
-        self, target_frame: str, source_frame: str, time: AnyTime
-    ) -> TransformStamped:
-        """Return the transform that takes points from source to target."""
-        return transform_stamped(
-            self.core.lookup_transform(target_frame, source_frame, stamp_to_ns(time))
-        )
-
-    def lookup_transform_full_core(
+    def lookup_transform_full(
         self,
         target_frame: str,
         target_time: AnyTime,
@@ -111,27 +104,6 @@ class Buffer:
                 seconds(timeout),
             )
         )
-
-    def can_transform_core(
-        self, target_frame: str, source_frame: str, time: AnyTime
-    ) -> tuple[bool, str]:
-        """Return whether `lookup_transform_core` succeeds, and why not."""
-        reason = self.core.why_not(target_frame, source_frame, stamp_to_ns(time))
-        return not reason, reason
-
-    def can_transform_full_core(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-    ) -> tuple[bool, str]:
-        """Return whether `lookup_transform_full_core` succeeds, and why not."""
-        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
-        possible = self.can_transform_full(*arguments, return_debug_tuple=True)
-        assert isinstance(possible, tuple)
-        return possible
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
         """Return the latest time at which both frames are known; 0 if they never move."""
@@ -191,8 +163,6 @@ class Buffer:
     def _getFrameStrings(self) -> list[str]:
         return list(self.core.frames())
 
-    lookup_transform_full = lookup_transform_full_core
-
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
     ) -> TransformStamped:
@@ -229,12 +199,20 @@ class Buffer:
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
         """Return whether `lookup_transform_full` succeeds; see `can_transform`."""
-        reason = _why_not(
-            lambda: self.lookup_transform_full_core(
+        reason = ""
+        try:
+            self.lookup_transform_full(
                 target_frame, target_time, source_frame, source_time, fixed_frame, timeout
             )
-        )
+        except TransformException as error:
+            reason = str(error)
         return (not reason, reason) if return_debug_tuple else not reason
+
+    # tf2_py's names; they do not wait, because they have no timeout
+    lookup_transform_core = lookup_transform
+    lookup_transform_full_core = lookup_transform_full
+    can_transform_core = partialmethod(can_transform, return_debug_tuple=True)
+    can_transform_full_core = partialmethod(can_transform_full, return_debug_tuple=True)
 
     def lookup_velocity(
         self,
@@ -374,12 +352,3 @@ class Buffer:
 
 BufferCore = BufferInterface = Buffer
 """tf2's base classes, for type hints."""
-
-
-def _why_not(lookup: Callable[[], object]) -> str:
-    """Return why a lookup fails; empty if it succeeds."""
-    try:
-        lookup()
-    except TransformException as error:
-        return str(error)
-    return ""
