@@ -24,9 +24,10 @@ from random import Random
 from typing import Any, NamedTuple
 
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
+from frame import report, row, table
+from simulated_device import Bench
 
 from head_tracking.dynamixel import (
-    Adapter,
     BusReading,
     BusThread,
     DynamixelError,
@@ -46,8 +47,6 @@ from head_tracking.simulation import (
     Faults,
     Overlap,
     SimulatedBus,
-    SimulatedClock,
-    SimulatedLine,
     SimulatedPort,
     SimulatedServo,
     WriteLog,
@@ -62,6 +61,7 @@ PERIOD = 20_000_000  # ns
 REPLUGS = 100
 MODELS = {"XM430-W350": 4_000_000, "AX-12": 1_000_000}  # baud rate
 UPDATE_RATES = (50, 100, 200, 500)  # Hz
+JOINTS = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
 
 
 class Cost(NamedTuple):
@@ -93,8 +93,7 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
 @contextmanager
 def whole_bus(port_name: str) -> Iterator[Callable[[int], object]]:
     """`ServoBus.step` with a new command in each cycle."""
-    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
-    bus = ServoBus(DynamixelPort(port_name), joints)
+    bus = ServoBus(DynamixelPort(port_name), JOINTS)
     bus.connect()
 
     def cycle(k: int) -> None:
@@ -231,12 +230,8 @@ def _cost(contender: Any, port_name: str, loaded: bool) -> Cost:
 
 
 def bus() -> str:
-    """Return the table; print each row when it is done."""
-    rows = ["| work | ours | others | asked for |", "|---|---|---|---|"]
-    for row in _rows():
-        print(row, file=sys.stderr, flush=True)
-        rows.append(row)
-    return "\n".join(rows)
+    """Return the table."""
+    return table("work | ours | others | asked for", _rows())
 
 
 def _rows() -> Iterator[str]:
@@ -252,14 +247,10 @@ def _rows() -> Iterator[str]:
         },
         "1.1x unloaded",
     )
-    yield searched_replies()
-    yield free_running()
-    yield update_rates()
-    yield in_a_run()
-    yield silent_servo()
-    yield returning_servo()
-    yield replugging()
-    yield faulty_cycles()
+    for part in PARTS.values():
+        text = part()
+        report(text)
+        yield text
 
 
 def _wall_row(return_delay: int, costs: dict[str, Cost], wanted: str) -> str:
@@ -276,7 +267,7 @@ def _row(work: str, figures: dict[str, str], wanted: str) -> str:
     others = [
         f"{name} {text}" for name, text in figures.items() if name not in ("port", "whole bus")
     ]
-    return f"| {work} | {'; '.join(mine)} | {'; '.join(others)} | {wanted} |"
+    return row(work, "; ".join(mine), "; ".join(others), wanted)
 
 
 def silent_servo() -> str:
@@ -284,10 +275,7 @@ def silent_servo() -> str:
     firsts, others, rates = [], [], []
     for _ in range(9):
         with served(0, 2) as (port_name, server):
-            joints = [
-                JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)
-            ]
-            driver = ServoBus(DynamixelPort(port_name), joints)
+            driver = ServoBus(DynamixelPort(port_name), JOINTS)
             driver.connect()
             usual = []
             for _ in range(100):
@@ -321,18 +309,6 @@ def silent_servo() -> str:
     )
 
 
-class SimulatedDevice:
-    """An open device in simulated time."""
-
-    adapter = Adapter()
-
-    def __init__(self, line: SimulatedLine) -> None:
-        self.line = line
-
-    def close(self) -> None:
-        """Nothing to do."""
-
-
 def faulty_cycles() -> str:
     """Run cycles with all simulated faults, in simulated time, with two models and protocols."""
     random = Random(4)
@@ -343,18 +319,14 @@ def faulty_cycles() -> str:
         SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
     ]
     simulated = SimulatedBus(servos, faults=faults, write_log=WriteLog(10 * FAULTY_CYCLES))
-    clock = SimulatedClock(PERIOD)
-    line = SimulatedLine(simulated, clock)
     joints = [
         JointConfiguration("ax", 1, 512, 300, 800, controller="ax_controller"),
         JointConfiguration(
             "xm", 2, 2048, 1024, 3072, controller="xm_controller", model=servo_model("XM430-W350")
         ),
     ]
-    port = DynamixelPort("simulated", open_device=lambda *_: SimulatedDevice(line), clock=clock)
-    driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)
-    driver.connect()
-    run = FaultyRun(driver, simulated, clock, joints)
+    bench = Bench(simulated)
+    run = FaultyRun(bench, joints)
     back: list[float] = []
     for _ in range(FAULTY_CYCLES // BURST):
         faults.rate = FAULT_RATE
@@ -375,8 +347,9 @@ def faulty_cycles() -> str:
             if taken.id == joint.id and "Goal Position" in taken.names
         )
     struck = sum(faults.counts.values())
-    spoken_over = line.overlaps[Overlap.REQUEST] + line.overlaps[Overlap.STATUS]
-    late = line.overlaps[Overlap.FAULT]
+    overlaps = bench.line.overlaps
+    spoken_over = overlaps[Overlap.REQUEST] + overlaps[Overlap.STATUS]
+    late = overlaps[Overlap.FAULT]
     return (
         f"| {run.cycles} cycles of an AX-12 and an XM430, {100 * FAULT_RATE:.0f} % of the answers "
         f"and of the packets struck by one of {len(Fault)} faults: {struck} | "
@@ -398,17 +371,13 @@ class FaultyRun:
         full_since: the first of the latest cycles that have all read every joint [ns].
     """
 
-    def __init__(
-        self,
-        driver: ServoBus,
-        simulated: SimulatedBus,
-        clock: SimulatedClock,
-        joints: list[JointConfiguration],
-    ) -> None:
-        self._driver, self._simulated, self._clock, self._joints = driver, simulated, clock, joints
-        self._due = clock.now
+    def __init__(self, bench: Bench, joints: list[JointConfiguration]) -> None:
+        self._driver, self._bench, self._joints = bench.servo_bus(joints), bench, joints
+        self._driver.connect()
+        self._clock = bench.clock
+        self._due = self._clock.now
         self.cycles = self.exceptions = self.stale = self.recovered = self.full_since = 0
-        self.reading: BusReading = driver.step()
+        self.reading: BusReading = self._driver.step()
 
     def cycle(self, recover: bool) -> None:
         """One cycle at 50 Hz with a new command."""
@@ -443,7 +412,7 @@ class FaultyRun:
             state = self.reading.states.get(joint.joint_name)
             if state is not None:
                 age = (clock.now - state.stamp) * 1e-9 + 0.001
-                true = joint.position(self._simulated[joint.id].true_ticks)
+                true = joint.position(self._bench.bus[joint.id].true_ticks)
                 self.stale += abs(true - state.position) > 2 * joint.resolution + 7.0 * age
 
 
@@ -451,18 +420,9 @@ def returning_servo() -> str:
     """The longest cycle while one of two servos returns and its torque comes on, simulated time."""
     found = []
     for baud_rate in (1_000_000, 57_600):
-        servos = [SimulatedServo(1, boot_time=0.0), SimulatedServo(2, boot_time=0.0)]
-        clock = SimulatedClock(PERIOD)
-        line = SimulatedLine(SimulatedBus(servos), clock, baud_rate)
-        port = DynamixelPort(
-            "simulated", baud_rate, open_device=lambda *_, line=line: SimulatedDevice(line),
-            clock=clock,
-        )  # fmt: skip
-        joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
-        driver = ServoBus(port, joints, lambda c=clock: c.now, monotonic=lambda c=clock: c.now)
-        driver.connect()
+        driver, bench = driven(servo_model("AX-12"), baud_rate, return_delay=500)
 
-        def cycle(driver: ServoBus = driver, clock: SimulatedClock = clock) -> float:
+        def cycle(driver: ServoBus = driver, clock: Any = bench.clock) -> float:
             due = clock.now + PERIOD
             while driver.cycle.fill(due):
                 pass
@@ -474,10 +434,10 @@ def returning_servo() -> str:
             return (clock.now - start) * 1e-6
 
         usual = max([cycle() for _ in range(100)][50:])
-        servos[0].power_off()
+        bench.bus[1].power_off()
         for _ in range(20):
             cycle()
-        servos[0].power_on()
+        bench.bus[1].power_on()
         longest = max(cycle() for _ in range(100))
         assert driver.joint("joint_1").torque is Torque.ON
         found.append(f"{longest:.1f} ms at {baud_rate} baud, where a usual one takes {usual:.1f}")
@@ -496,37 +456,33 @@ def processor_row(costs: dict[str, Cost]) -> str:
 
 def driven(
     model: ServoModel, baud_rate: int, latency: float = 0.0, return_delay: int = 0
-) -> tuple[ServoBus, SimulatedBus, SimulatedClock, DynamixelPort]:
+) -> tuple[ServoBus, Bench]:
     """Two servos of a model on a paced line in simulated time, and the bus that drives them."""
     servos = [SimulatedServo(i, model, boot_time=0.0) for i in (1, 2)]
     for servo in servos:
         servo.set_register("Return Delay Time", return_delay // 2)
-    simulated, clock = SimulatedBus(servos), SimulatedClock(PERIOD)
-    line = SimulatedLine(simulated, clock, baud_rate, latency=latency)
-    port = DynamixelPort(
-        "simulated", baud_rate, open_device=lambda *_: SimulatedDevice(line), clock=clock
-    )
+    bench = Bench(servos, baud_rate, latency)
     joints = [
         JointConfiguration(
             f"joint_{i}", i, model.center, 0, model.ticks - 1, model, controller=f"controller_{i}"
         )
         for i in (1, 2)
     ]
-    driver = ServoBus(port, joints, lambda: clock.now, monotonic=lambda: clock.now)
+    driver = bench.servo_bus(joints)
     driver.connect()
-    return driver, simulated, clock, port
+    return driver, bench
 
 
 def searched_replies() -> str:
     """Count cycles with a reply that is not the next bytes received."""
     shares = []
     for name in MODELS:
-        driver, _, clock, port = driven(servo_model(name), MODELS[name], 0.001, 500)
-        before, cycles = port.searches, 500
+        driver, bench = driven(servo_model(name), MODELS[name], 0.001, 500)
+        before, cycles = bench.port.searches, 500
         for k in range(cycles):
-            clock.now += PERIOD + 13_700 * (k % 73)  # at all phases of the latency timer
+            bench.clock.now += PERIOD + 13_700 * (k % 73)  # at all phases of the latency timer
             driver.step()
-        shares.append(f"{name} {100 * (port.searches - before) / cycles:.1f} %")
+        shares.append(f"{name} {100 * (bench.port.searches - before) / cycles:.1f} %")
     return (
         "| cycles in which a reply must be searched for; return delay 500 us, latency timer 1 ms "
         f"| **{', '.join(shares)}** | | 0 % |"
@@ -539,13 +495,13 @@ def free_running() -> str:
     for name, baud_rate in MODELS.items():
         rates = []
         for latency, return_delay in ((0.0, 0), (0.001, 0), (0.001, 500)):
-            driver, _, clock, _ = driven(servo_model(name), baud_rate, latency, return_delay)
-            cycles, begin = 500, clock.now
+            driver, bench = driven(servo_model(name), baud_rate, latency, return_delay)
+            cycles, begin = 500, bench.clock.now
             for k in range(cycles):
                 goal = Goal(0.001 * (k & 255), 1.0)
                 driver.command({"joint_1": goal, "joint_2": goal})
                 driver.step()
-            seconds = (clock.now - begin) * 1e-9
+            seconds = (bench.clock.now - begin) * 1e-9
             rates.append(f"{cycles / seconds:.0f}")
         found.append(f"two {name} at {baud_rate / 1e6:.0f} Mbaud {' / '.join(rates)}")
     return (
@@ -573,7 +529,8 @@ def update_rates() -> str:
 
 def _follow(model: ServoModel, baud_rate: int, rate: int) -> tuple[float, float]:
     """Return the lag of a joint, s, and its rms error besides, degrees."""
-    driver, simulated, clock, _ = driven(model, baud_rate, latency=0.001)
+    driver, bench = driven(model, baud_rate, latency=0.001)
+    simulated, clock = bench.bus, bench.clock
     period, start = 1_000_000_000 // rate, clock.now
     samples: list[tuple[int, float, float]] = []
     for k in range(rate * 5):
@@ -628,12 +585,11 @@ def in_a_run() -> str:
 
 def replugging() -> str:
     """Unplug the adapter and plug it in again, many times."""
-    joints = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
     times: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
         link = Path(folder) / "servos"
         with SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=link) as simulated:
-            driver = ServoBus(DynamixelPort(str(link)), joints)
+            driver = ServoBus(DynamixelPort(str(link)), JOINTS)
             driver.connect()
             newest: list[BusReading] = []
             thread = BusThread(driver, 50.0, newest.append)
@@ -676,8 +632,8 @@ PARTS: dict[str, Callable[[], str]] = {
     "run": in_a_run,
     "silent": silent_servo,
     "returning": returning_servo,
-    "faulty": faulty_cycles,
     "replug": replugging,
+    "faulty": faulty_cycles,
 }
 
 if __name__ == "__main__":

@@ -25,14 +25,24 @@ class Bench:
 
     Args:
         servos: the servos, or a bus.
+        baud_rate: of line and port [bit/s].
+        latency: of the adapter [s].
     """
 
-    def __init__(self, servos: SimulatedBus | Iterable[SimulatedServo]) -> None:
+    def __init__(
+        self,
+        servos: SimulatedBus | Iterable[SimulatedServo],
+        baud_rate: int = 1_000_000,
+        latency: float = 0.0,
+    ) -> None:
         self.bus = servos if isinstance(servos, SimulatedBus) else SimulatedBus(servos)
         self.clock = SimulatedClock(1_000_000_000)
-        self.line = SimulatedLine(self.bus, self.clock)
+        self.line = SimulatedLine(self.bus, self.clock, baud_rate, latency=latency)
         self.port = DynamixelPort(
-            "simulated", open_device=lambda *_: SimulatedDevice(self.line), clock=self.clock
+            "simulated",
+            baud_rate,
+            open_device=lambda *_: SimulatedDevice(self.line),
+            clock=self.clock,
         )
 
     def servo_bus(
