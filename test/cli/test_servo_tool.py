@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
+from simulated_device import SimulatedDevice
 
 from head_tracking.cli.servo import main as tool
 from head_tracking.cli.servo.calibrate import Motion, calibration_of
@@ -19,7 +20,6 @@ from head_tracking.cli.servo.register_values import as_text, find_register, pars
 from head_tracking.cli.servo.session import Session, ToolError
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
-from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import all_models, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
@@ -38,15 +38,6 @@ class Keyboard(io.StringIO):
 
     def isatty(self) -> bool:
         return True
-
-
-class Device:
-    def __init__(self, line: SimulatedLine) -> None:
-        self.line = line
-        self.adapter = Adapter()
-
-    def close(self) -> None:
-        pass
 
 
 class Bench:
@@ -79,7 +70,7 @@ class Bench:
         self.clock.pass_until(self.clock() + seconds)
 
     def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
-        def open_device(name: str, baud_rate: int) -> Device:
+        def open_device(name: str, baud_rate: int) -> SimulatedDevice:
             if name == "/dev/none":
                 raise PortMissingError(name, ())
             if baud_rate == self.impossible:
@@ -87,7 +78,7 @@ class Bench:
             line = SimulatedLine(
                 self.bus, self.clock, baud_rate, match_baud_rate=not self.accepts_any_rate
             )
-            return Device(line)
+            return SimulatedDevice(line)
 
         return DynamixelPort(
             name, baud_rate, reply_timeout=0.03, open_device=open_device, clock=self.clock
