@@ -49,7 +49,7 @@ def between(
     return lambda text: _number(
         text,
         lambda number: lowest <= number <= highest,
-        f"is not possible; allowed are {lowest:g} to {highest:g} {unit}",
+        f"is not possible; allowed are {kind(lowest)} to {kind(highest)} {unit}",
         kind,
     )
 

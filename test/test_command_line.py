@@ -88,6 +88,11 @@ def test_a_run_starts_the_node_of_its_target(target: str, node: str, parameter: 
     assert parameter is None or chosen.parameters == parameter
 
 
+@pytest.mark.parametrize(("words", "port"), [([], {}), (["--port", ""], {"port_name": ""})])
+def test_an_empty_port_is_not_the_default(words: list[str], port: dict[str, str]) -> None:
+    assert parse_arguments(words).nodes[0].parameters == port
+
+
 @pytest.mark.parametrize("target", ["@", "balls", "1,2@base_link"])
 def test_an_unknown_target_ends_with_2(target: str) -> None:
     with pytest.raises(SystemExit, match="2"):

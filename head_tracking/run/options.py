@@ -159,7 +159,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     targets, scene = options.target
     if options.sim and scene:
         targets = (simulated_camera(scene), *targets)
-    port = {"port_name": options.port} if options.port else {}
+    port = {} if options.port is None else {"port_name": options.port}
     overrides = {
         "robot_state_publisher": {
             "robot": options.robot,
