@@ -1,95 +1,51 @@
-"""A transform buffer as plain as can be, to compare the real one with. Matrices, no cleverness."""
+"""A transform buffer with joints as plain as can be, to compare the real one with."""
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 
-import numpy as np
-from tf2_model import between
+from tf2_model import Frame, Matrix, Sample, Tf2Model
 
 from head_tracking.transforms import RobotModel, Transform
 
-Matrix = np.ndarray
-
-
-class Unknown(Exception):
-    pass
-
 
 class NaiveBuffer:
-    """Joints as (stamp, position) lists, frames as (stamp, parent, transform) lists."""
+    """The joints' samples; a lookup makes the frames of its time anew, by tf2's rules."""
 
-    def __init__(self, cache_time: int = 10_000_000_000) -> None:
-        self.cache_time = cache_time
-        self.samples: dict[str, list[tuple[int, str, Transform]]] = {}
-        self.joints: dict[str, list[tuple[int, float]]] = {}
-        self.model: RobotModel | None = None
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        self._given = Tf2Model()
+        self._joints: dict[str, Frame] = defaultdict(Frame)
 
     def set_joint(self, stamp: int, name: str, position: float) -> None:
-        self._put(self.joints.setdefault(name, []), (stamp, position))
+        self._joints[name].insert(Sample(stamp, name, position), self._given.cache_time)
 
     def set_transform(self, stamp: int, parent: str, child: str, transform: Transform) -> None:
-        self._put(self.samples.setdefault(child, []), (stamp, parent, transform))
-
-    def _put(self, samples: list, sample: tuple) -> None:
-        """As tf2: what is too old goes before the new sample comes."""
-        newest = max((s[0] for s in samples), default=sample[0])
-        samples[:] = [s for s in samples if s[0] >= newest - self.cache_time]
-        if sample[0] >= newest - self.cache_time:
-            samples.append(sample)
-            samples.sort(key=lambda s: s[0])
+        self._given.set_transform(stamp, parent, child, transform, static=False)
 
     def matrix(self, target: str, source: str, stamp: int) -> Matrix:
-        """T_target_source at a stamp other than 0."""
-        above_target, above_source = self._above(target, stamp), self._above(source, stamp)
-        for frame in above_source:
-            if frame in above_target:
-                return np.linalg.inv(above_target[frame]) @ above_source[frame]
-        raise Unknown
+        """T_target_source at a stamp other than 0; raises Refused."""
+        then = Tf2Model()
+        then.names |= {*self._model.links, *self._given.names}
+        then.frames |= self._given.frames
+        for joint in self._model.joints.values():
+            position = self._position(joint.name, stamp) if joint.moves else 0.0
+            if position is not None:
+                transform = joint.transform(position)
+                then.set_transform(stamp, joint.parent, joint.child, transform, static=True)
+        return then.lookup(target, source, stamp)[1]
 
-    def _above(self, frame: str, stamp: int) -> dict[str, Matrix]:
-        """For the frame and all that carry it: T_ancestor_frame."""
-        result = {frame: np.eye(4)}
-        while True:
-            try:
-                edge = self._edge(frame, stamp)
-            except Unknown:
-                return result
-            if edge is None or edge[0] in result:
-                return result
-            parent, matrix = edge
-            result[parent] = matrix @ result[frame]
-            frame = parent
-
-    def _edge(self, child: str, stamp: int) -> tuple[str, Matrix] | None:
-        if self.model is not None and child in self.model.children_of_joints:
-            joint = self.model.parent_joint(child)
-            position = 0.0
-            if joint.moves:
-                leader = self.model.leader(joint.name)
-                position = leader.multiplier * self._joint(leader.joint, stamp) + leader.offset
-            return joint.parent, joint.transform(position).as_matrix()
-        if child not in self.samples:
+    def _position(self, name: str, stamp: int) -> float | None:
+        leader = self._model.leader(name)
+        found = self._joints[leader.joint].closest(stamp)
+        if found is None:
             return None
-        before, after, ratio = self._around(self.samples[child], stamp)
-        if before[1] != after[1]:
-            return before[1], before[2].as_matrix()
-        return before[1], between(before[2], after[2], ratio)
-
-    def _joint(self, name: str, stamp: int) -> float:
-        before, after, ratio = self._around(self.joints.get(name, []), stamp)
-        difference = after[1] - before[1]
-        if self.model is not None and self.model.joints[name].type == "continuous":
-            difference = math.remainder(difference, math.tau)
-        return before[1] + ratio * difference
-
-    def _around(self, samples: list, stamp: int) -> tuple[tuple, tuple, float]:
-        if not samples or not samples[0][0] <= stamp <= samples[-1][0]:
-            raise Unknown
-        if stamp == samples[-1][0]:
-            return samples[-1], samples[-1], 0.0
-        if stamp == samples[0][0]:
-            return samples[0], samples[0], 0.0
-        before = [s for s in samples if s[0] <= stamp][-1]
-        after = next(s for s in samples if s[0] > stamp)
-        return before, after, (stamp - before[0]) / (after[0] - before[0])
+        older, newer = found
+        position: float = older.transform
+        if newer is not None:
+            difference = newer.transform - position
+            if self._model.joints[leader.joint].type == "continuous":
+                difference = math.remainder(difference, math.tau)
+            position += (stamp - older.stamp) / (newer.stamp - older.stamp) * difference
+        return leader.multiplier * position + leader.offset

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ class Refused(Exception):
 class Sample:
     stamp: int
     parent: str
-    transform: Transform
+    transform: Any  # a Transform; of a joint, its position
 
 
 @dataclass
