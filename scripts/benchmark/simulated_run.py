@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Self
 
+from processes import child
+
 PATIENCE = 60.0
 
 
@@ -30,13 +32,13 @@ class SimulatedRun:
     """`head_tracking --sim` with more arguments, as a context manager.
 
     Attributes:
-        pid: process id of the supervisor.
+        process: the supervisor.
         port: of its page; 0 without `--viewer`.
         statuses: every status line since it was ready, the latest last.
     """
 
     def __init__(self, *arguments: str) -> None:
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-u", "-m", "head_tracking", "--sim", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -45,22 +47,18 @@ class SimulatedRun:
         self._shown = "--viewer" in arguments
         self._ready = threading.Event()
         self._reader = threading.Thread(target=self._read)
-        self.pid = self._process.pid
         self.port = 0
         self.statuses: list[Status] = []
 
     @property
     def viewer_pid(self) -> int:
         """Process id of the page."""
-        return self._process_id(b"page")
+        return child(self, "page")
 
     @property
     def control_pid(self) -> int:
         """Process id of control."""
-        return self._process_id(b"control")
-
-    def _process_id(self, name: bytes) -> int:
-        return next(pid for pid in descendants(self.pid) if name in command(pid).split(b"\0")[:5])
+        return child(self, "control")
 
     def __enter__(self) -> Self:
         self._reader.start()
@@ -70,13 +68,13 @@ class SimulatedRun:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        self._process.wait()
+        self.process.terminate()
+        self.process.wait()
         self._reader.join()
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
             if found := re.search(r"the robot is at http://\S+:(\d+)", line):
                 self.port = int(found[1])
             if found := re.search(r"error +([\d.]+)°.*\| bus (\d+) Hz", line):

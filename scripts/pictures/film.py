@@ -10,11 +10,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from browser import open_browser
+from browser import open_browser, open_page, word
 from PIL import Image
 from playwright.sync_api import Error
 from simulated_run import SimulatedRun, own_domain
-from visitor import Failed, Visitor, first_sight
+from visitor import first_sight
 
 SIZE = (1120, 700)
 SECONDS = 5.0
@@ -25,13 +25,16 @@ APART = 0.08  # s between two pictures
 FEWEST = 4.0  # pictures a second: with fewer it is no film
 
 
-def filmed(visitor: Visitor, seconds: float) -> list[tuple[float, bytes]]:
+class Failed(Exception):
+    """The head did not follow all the time."""
+
+
+def filmed(page: Any, seconds: float) -> list[tuple[float, bytes]]:
     """Yield the images of the page, with their times [s].
 
     Raises:
         Failed: the head did not follow all the time.
     """
-    page = visitor.page
     pictures: list[tuple[float, bytes]] = []
     session = page.context.new_cdp_session(page)
 
@@ -46,18 +49,18 @@ def filmed(visitor: Visitor, seconds: float) -> list[tuple[float, bytes]]:
     words = set()
     while not pictures or pictures[-1][0] - pictures[0][0] < seconds:
         page.wait_for_timeout(200)
-        words.add(visitor.word)
+        words.add(word(page))
     session.send("Page.stopScreencast")
     if words - {"on target", "moving", "holding"}:  # who crosses hides who is followed
         raise Failed(f"the badge said {', '.join(sorted(words))}; is the machine quiet?")
     return pictures
 
 
-def first_good(visitor: Visitor) -> list[tuple[float, bytes]]:
+def first_good(page: Any) -> list[tuple[float, bytes]]:
     """Return the first recording in which the head follows; empty: none."""
     for take in range(1, TAKES + 1):
         try:
-            return filmed(visitor, SECONDS)
+            return filmed(page, SECONDS)
         except Failed as failed:
             print(f"take {take}: {failed}")
     return []
@@ -68,12 +71,10 @@ def main() -> int:
     path = Path(sys.argv[1]) / "viewer.webp"
     own_domain()
     with open_browser() as browser, SimulatedRun("--viewer", "--target", "face") as run:
-        page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
-        visitor = Visitor(page, run.port)
-        first_sight(visitor)
-        page.wait_for_timeout(15e3)  # the strip needs something to show
-        page.wait_for_timeout(3e3)
-        pictures = first_good(visitor)
+        page = open_page(browser, run.port, *SIZE)
+        first_sight(page)
+        page.wait_for_timeout(18e3)  # the strip needs something to show
+        pictures = first_good(page)
     if not pictures:
         return 1
     pictures.sort(key=lambda each: each[0])  # Chromium may send one before an earlier one

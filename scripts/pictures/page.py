@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
-from browser import open_browser, open_tab
+from browser import open_browser, open_page, open_tab
 from simulated_run import SimulatedRun, own_domain
-from visitor import Visitor, face, first_sight
+from visitor import face, first_sight, stays_on_target
 
 SIZE, PHONE = (1280, 800), (390, 844)
 SETTLING = 20.0  # s until the chart is filled
 LARGEST = 400_000  # bytes
 
 
-def take(visitor: Visitor, path: Path) -> int:
+def take(page: Any, path: Path) -> int:
     """Take a picture; return its size [bytes]."""
-    visitor.page.wait_for_timeout(2e3)
-    visitor.page.screenshot(path=path)
+    page.wait_for_timeout(2e3)
+    page.screenshot(path=path)
     size = path.stat().st_size
     print(f"took {path}, {size / 1e3:.0f} kB")
     return size
@@ -28,21 +29,18 @@ def main() -> int:
     own_domain()
     folder, sizes = Path(sys.argv[1]), []
     with open_browser() as browser, SimulatedRun("--viewer") as run:
-        width, height = SIZE
-        visitor = Visitor(browser.new_page(viewport={"width": width, "height": height}), run.port)
-        first_sight(visitor)
-        face(visitor)
-        visitor.page.wait_for_timeout(1e3 * SETTLING)
-        sizes.append(take(visitor, folder / "viewer.png"))
+        page = open_page(browser, run.port, *SIZE)
+        first_sight(page)
+        face(page)
+        page.wait_for_timeout(1e3 * SETTLING)
+        sizes.append(take(page, folder / "viewer.png"))
         for tab in ("joints", "tune", "health"):
-            open_tab(visitor.page, tab)
-            sizes.append(take(visitor, folder / f"viewer-{tab}.png"))
-        visitor.page.close()
-        width, height = PHONE
-        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="dark")
-        visitor = Visitor(page, run.port)
-        visitor.stays_on_target()
-        sizes.append(take(visitor, folder / "viewer-phone.png"))
+            open_tab(page, tab)
+            sizes.append(take(page, folder / f"viewer-{tab}.png"))
+        page.close()
+        page = open_page(browser, run.port, *PHONE, color_scheme="dark")
+        stays_on_target(page)
+        sizes.append(take(page, folder / "viewer-phone.png"))
     return int(max(sizes) > LARGEST)
 
 
