@@ -21,10 +21,6 @@ from head_tracking.tf import listening_buffer
 from head_tracking.transforms import RobotModel, TransformBuffer
 
 
-class ClientError(HeadTrackingError):
-    """A running robot did not do what was requested."""
-
-
 @dataclass(frozen=True, slots=True)
 class Client:
     """A node that spins in a thread.
@@ -40,17 +36,17 @@ class Client:
     stop: StopSignal
 
     def wait_for(self, condition: Callable[[], bool], seconds: float, error: str) -> None:
-        """Wait until a condition holds; else raise ClientError with the text `error`."""
+        """Wait until a condition holds; else raise HeadTrackingError with the text `error`."""
         end = time.monotonic() + seconds
         while not condition():
             if self.stop():
                 raise KeyboardInterrupt
             if time.monotonic() > end:
-                raise ClientError(error)
+                raise HeadTrackingError(error)
             self.stop.wait(0.02)
 
     def model(self, seconds: float) -> RobotModel:
-        """Wait for the robot's model and return it; raise ClientError after some seconds."""
+        """Wait for the robot's model and return it; raise HeadTrackingError after some seconds."""
         self.wait_for(
             lambda: self.frames.model is not None,
             seconds,
@@ -73,7 +69,7 @@ class Client:
         answer = client.call_async(Trigger.Request())
         self.wait_for(answer.done, seconds, f"no answer from {client.srv_name}")
         if not answer.result().success:
-            raise ClientError(answer.result().message)
+            raise HeadTrackingError(answer.result().message)
         return str(answer.result().message)
 
 

@@ -44,10 +44,6 @@ _LIBRARIES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
 }  # fmt: skip
 
 
-class SetupError(HeadTrackingError):
-    """A step is not possible on this machine; the message says what to do instead."""
-
-
 class Step(NamedTuple):
     """A command and its purpose."""
 
@@ -119,7 +115,7 @@ def _workspace() -> Path:
     for place in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         if place and Path(place, "share", PACKAGE, "package.xml").is_file():
             return Path(place)
-    raise SetupError(
+    raise HeadTrackingError(
         "no workspace with head_tracking is sourced. Build it (colcon build), source "
         "install/setup.bash, and run `ros2 run head_tracking head_setup`. In a checkout without "
         "ROS, ./scripts/run installs the requirements"

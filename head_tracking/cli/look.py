@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from geometry_msgs.msg import PointStamped
 
-from head_tracking.cli.client import Client, ClientError, run_client
+from head_tracking.cli.client import Client, run_client
 from head_tracking.command_line import (
     PointInFrame,
     finite,
@@ -18,6 +18,7 @@ from head_tracking.command_line import (
     positive,
     with_negative_values,
 )
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import Arrival, PanTiltHead
 from head_tracking.ros.kit.target_point import target_message
 from head_tracking.tracking import Target
@@ -40,7 +41,7 @@ def look(client: Client, options: argparse.Namespace) -> int:
     def positions() -> tuple[float, float]:
         pan, tilt = (frames.latest_joint_position(joint) for joint in joints)
         if pan is None or tilt is None:
-            raise ClientError("the clock has jumped, and no joint position has come since")
+            raise HeadTrackingError("the clock has jumped, and no joint position has come since")
         return pan[1], tilt[1]
 
     if options.centre:
@@ -58,10 +59,10 @@ def look(client: Client, options: argparse.Namespace) -> int:
         try:
             point = frames.transform_point(options.point, head.base_frame, options.frame)
         except TransformException as error:
-            raise ClientError(f"the head does not move: {error}") from error
+            raise HeadTrackingError(f"the head does not move: {error}") from error
         gaze = head.gaze(point, *positions())
         if not gaze.reached:
-            raise ClientError(f"the head does not move: {gaze.reason}")
+            raise HeadTrackingError(f"the head does not move: {gaze.reason}")
         targets.publish(target_message(Target(LATEST, options.frame, options.point)))
         return head.miss(point, *positions())
 
@@ -89,7 +90,7 @@ def _wait(
             print(f"{'stopped' if is_stopped else 'arrived'}: {text}")
             return 0
         if client.stop() or time.monotonic() > end:
-            raise ClientError(f"did not arrive: {text}{others()}")
+            raise HeadTrackingError(f"did not arrive: {text}{others()}")
         if options.follow and sys.stdout.isatty():
             print(f"\r{text}  ", end="", flush=True)
         client.stop.wait(_PERIOD)

@@ -11,8 +11,9 @@ from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from head_tracking.cli.client import Client, ClientError, run_client
+from head_tracking.cli.client import Client, run_client
 from head_tracking.command_line import DONE, positive, writable_file
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
@@ -32,7 +33,7 @@ class TrackRecording:
         client: receives them; its one thread calls back.
 
     Raises:
-        ClientError: no robot model is published.
+        HeadTrackingError: no robot model is published.
         RobotModelError: the robot has no such head.
     """
 
@@ -102,7 +103,7 @@ def _report(client: Client, options: argparse.Namespace) -> int:
     line.end(f"recorded {time.monotonic() - start:.1f} s, {recording.targets} targets")
     trace = recording.trace
     if len(trace) < _FEWEST_SAMPLES:
-        raise ClientError(
+        raise HeadTrackingError(
             f"joints and target were known at {len(trace)} moments only, {_FEWEST_SAMPLES} are "
             "needed; is target_point published?"
         )

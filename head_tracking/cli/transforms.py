@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 
-from head_tracking.cli.client import Client, ClientError, run_client
+from head_tracking.cli.client import Client, run_client
 from head_tracking.command_line import between, positive
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import StampedTransform, TransformException
 
 
@@ -82,7 +83,7 @@ def echo_text(stamped: StampedTransform) -> str:
 
 def _listen(client: Client, options: argparse.Namespace) -> int:
     """Wait for the first frame, listen to measure rates and ages; return the time [ns]."""
-    with suppress(ClientError):
+    with suppress(HeadTrackingError):
         client.wait_for(lambda: bool(client.frames.frames()), options.wait, "")
         client.stop.wait(options.listen)
     return int(client.node.get_clock().now().nanoseconds)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from rig import Bench, Servos
+from rig import Bench, Person, Servos
 
 from head_tracking import Head
 
@@ -32,6 +32,12 @@ def discovery() -> Iterator[None]:
 def bench(tmp_path) -> Iterator[Bench]:
     with closing(Bench(tmp_path)) as bench:
         yield bench
+
+
+@pytest.fixture
+def person(bench: Bench) -> Person:
+    """Somebody with ROS tools at the bench of the test or of its file."""
+    return bench.person
 
 
 @pytest.fixture(scope="module")

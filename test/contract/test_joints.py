@@ -42,11 +42,6 @@ def bench(running):
     return running
 
 
-@pytest.fixture
-def person(bench):
-    return bench.person
-
-
 def joint_commands(*positions, names=JOINTS, velocities=()):
     return JointState(name=list(names), position=list(positions), velocity=list(velocities))
 

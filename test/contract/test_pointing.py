@@ -40,11 +40,6 @@ def bench(running):
     return running
 
 
-@pytest.fixture
-def person(bench):
-    return bench.person
-
-
 def test_a_target_is_looked_at_and_the_miss_is_published(bench, person):
     misses = person.hear("point_head/pointing_error", Float64)
     person.look_at(1, 1, 0)

@@ -71,11 +71,6 @@ def bench(running):
     return running
 
 
-@pytest.fixture
-def person(bench):
-    return bench.person
-
-
 def test_stop_relaxes_the_servos_and_is_published(bench, person):
     assert not person.stopped
     answer = person.call("stop")

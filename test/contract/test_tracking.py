@@ -44,11 +44,6 @@ def bench(running):
     return running
 
 
-@pytest.fixture
-def person(bench):
-    return bench.person
-
-
 def in_state(person, state):
     return lambda: person.state("head_tracker") == state
 

@@ -160,18 +160,6 @@ class Robot:
         wait_for(lambda: self.node.count_publishers(topic) > 0)
         return messages
 
-    def listen_to_velocity(self, joint: str) -> list[float]:
-        """How fast a joint moves from now on [rad/s], without sign."""
-        velocities: list[float] = []
-
-        def on_states(message: JointState) -> None:
-            if joint in message.name:  # (on a busy machine a servo may not answer in time)
-                velocities.append(abs(message.velocity[message.name.index(joint)]))
-
-        self.node.create_subscription(JointState, "servo_states", on_states, 10)
-        wait_for(lambda: velocities)
-        return velocities
-
     def at_rest(self, seconds: float = 0.3) -> tuple[float, float]:
         """Waits until the head truly stands still; where."""
         since, where = time.monotonic(), (self.pan, self.tilt)

@@ -310,10 +310,6 @@ def run_threads(
     return threads.exit_code()
 
 
-class StartError(HeadTrackingError):
-    """ROS refuses its arguments, or a file that they name."""
-
-
 def start_ros(arguments: Sequence[str] | None = None) -> None:
     """Call `rclpy.init` without its signal handlers.
 
@@ -324,7 +320,7 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
         arguments: the command line; None: `sys.argv`.
 
     Raises:
-        StartError: an argument of ROS is malformed.
+        HeadTrackingError: an argument of ROS is malformed.
         ParameterFileError: a parameter file is malformed.
     """
     # rosidl_generator_py does without its generator, whose parser takes 7 MB and 0.1 s
@@ -341,7 +337,7 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
         with merged(arguments) as accepted:
             rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
-        raise StartError(in_short(error)) from error
+        raise HeadTrackingError(in_short(error)) from error
 
 
 def _fast_dds() -> list[str]:
@@ -357,12 +353,12 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
     """Return the arguments of the program itself; the first one is its name.
 
     Raises:
-        StartError: an argument of ROS is malformed.
+        HeadTrackingError: an argument of ROS is malformed.
     """
     try:
         return list(remove_ros_args(list(arguments)))
     except rclpy_implementation.RCLError as error:
-        raise StartError(in_short(error)) from error
+        raise HeadTrackingError(in_short(error)) from error
 
 
 def _why_no_log_file() -> str:
