@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,6 +105,20 @@ def allowed(info: ParameterInfo) -> str:
     if math.isinf(info.minimum):
         return f"{info.maximum:g}{unit} or less"
     return f"{info.minimum:g} to {info.maximum:g}{unit}"
+
+
+def unknown(name: str, known: Collection[str], given: Collection[str]) -> str:
+    """Return a text about a name that no parameter of a node has; empty: a parameter has it.
+
+    Args:
+        name: of a value.
+        known: the parameters of the node.
+        given: the names of all values for the node; a servo among them may be unused.
+    """
+    is_unused = f"{name.split('.', 1)[0]}.motor.id" in given
+    if name in known or is_unused or name.startswith("qos_overrides."):
+        return ""
+    return f"has no parameter {name}{nearest(name, known)}"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

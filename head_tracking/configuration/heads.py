@@ -25,7 +25,7 @@ from head_tracking.dynamixel import (
     check_configuration,
 )
 from head_tracking.parameter_files import COMMAND_LINE, Given, given_to
-from head_tracking.parameters import ParameterError, checked, nearest, parameter_info
+from head_tracking.parameters import ParameterError, checked, parameter_info, unknown
 
 P = TypeVar("P")
 
@@ -166,10 +166,6 @@ class _Values:
     def check_names(self) -> None:
         """Raise ParameterError if a file names a parameter that does not exist."""
         for name, given in self._given.items():
-            is_unused = f"{name.split('.', 1)[0]}.motor.id" in self._given  # a servo
-            is_known = name in self._known or is_unused or name.startswith("qos_overrides.")
-            if given.node and not is_known:  # without a node it may be for another one
-                raise ParameterError(
-                    f"{given.file}: {self._node} has no parameter {name}"
-                    f"{nearest(name, self._known)}"
-                )
+            problem = unknown(name, self._known, self._given)
+            if given.node and problem:  # without a node it may be for another one
+                raise ParameterError(f"{given.file}: {self._node} {problem}")

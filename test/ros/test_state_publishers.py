@@ -205,6 +205,7 @@ def test_velocities_and_efforts_may_be_missing_or_too_few(complete):
     "bad",
     [
         {"zeros.nose": 1.0},
+        {"zeros.elbow": 1.0, "dependent_joints.elbow.parent": "shoulder"},
         {"dependent_joints.nose.parent": "shoulder"},
         {"dependent_joints.elbow.parent": "nose"},
         {"dependent_joints.elbow.factor": 2.0},

@@ -2,7 +2,7 @@ from dataclasses import astuple
 
 import pytest
 
-from head_tracking.transforms import JointState, JointStates, RobotModelError, parse_robot_model
+from head_tracking.transforms import JointState, JointStates, parse_robot_model
 
 CHAIN = """
 <robot name="chain">
@@ -32,10 +32,6 @@ def test_what_follows_a_measured_joint_is_added_in_any_order(model):
     assert is_same(states["third"], JointState(4.0, 6.0))
 
 
-def test_nothing_is_invented(model):
-    assert JointStates(model, {}).complete({}) == {}
-
-
 def test_a_stated_default_stands_until_it_is_measured(model):
     states = JointStates(model, {"first": 0.25})
     assert is_same(states.complete({})["third"], JointState(2.5))
@@ -45,9 +41,3 @@ def test_a_stated_default_stands_until_it_is_measured(model):
 def test_a_measured_follower_is_believed(model):
     states = JointStates(model, {}).complete({"first": JointState(0.5), "second": JointState(0.9)})
     assert is_same(states["second"], JointState(0.9))
-
-
-@pytest.mark.parametrize("name", ["nose", "second"])
-def test_a_default_for_no_joint_of_its_own_is_refused(model, name):
-    with pytest.raises(RobotModelError):
-        JointStates(model, {name: 0.0})

@@ -58,6 +58,7 @@ def test_a_leading_slash_is_stripped_when_set_and_refused_when_asked_for(buffer)
         ("base", "base", moved(1)),
         ("/base", "base", moved(1)),
         ("map", "base", moved(math.nan)),
+        ("map", "base", moved(math.inf)),
         ("map", "base", Transform((0, 0, 0), Rotation(0, 0, math.nan, 1))),
         ("map", "base", Transform((0, 0, 0), Rotation(0, 0, 0, 0))),
         ("map", "base", Transform((0, 0, 0), Rotation(0, 0, 0.2, 1))),

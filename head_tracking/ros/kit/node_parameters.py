@@ -29,6 +29,7 @@ from head_tracking.parameters import (
     checked,
     nearest,
     parameter_info,
+    unknown,
 )
 from head_tracking.programs import NODES
 
@@ -112,17 +113,9 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
         }
         declared, given = node._parameters, node._parameter_overrides
         for name in sorted(given):
-            is_known = (
-                name in declared
-                or name in shared
-                or name.startswith("qos_overrides.")
-                or f"{name.split('.', 1)[0]}.motor.id" in given  # a servo that is not in use
-            )
-            if not is_known:
-                problems.append(
-                    f"{source(node, name)}: {full_name} has no parameter {name}"
-                    f"{nearest(name, declared)}"
-                )
+            problem = "" if name in shared else unknown(name, declared, given)
+            if problem:
+                problems.append(f"{source(node, name)}: {full_name} {problem}")
     if names:
         # one file may configure nodes of several processes
         problems += _misspelt_nodes({*NODES, *(node.get_name() for node in nodes)})

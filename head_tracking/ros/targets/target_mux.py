@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -159,10 +158,11 @@ class TargetMuxNode(Node):
         self._set_selected(self._mux.select(self._now))
 
     def _on_target(self, name: str, target: Target) -> None:
-        if not all(map(math.isfinite, target.point)):
+        try:
+            target.check()
+        except ValueError as error:
             self.get_logger().error(
-                f"{name}: the target {target} is not finite; it is ignored",
-                throttle_duration_sec=1.0,
+                f"{name}: the target {target} is ignored: {error}", throttle_duration_sec=1.0
             )
             return
         chosen = self._mux.offer(name, self._now)
