@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,8 @@ from head_tracking.exceptions import HeadTrackingError
 
 _KEY = "parameter"
 _LIKELY, _LISTED = 0.75, 3  # similarity and number of suggested names
+_WORD = r"([A-Za-z_]|\{(node|ns|namespace)\})\w*"
+_ROS_NAME = re.compile(rf"(~/|/)?{_WORD}(/{_WORD})*|~", re.ASCII)
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
@@ -34,6 +37,7 @@ class ParameterInfo:
         maximum: largest allowed number.
         choices: the allowed strings; empty: any.
         fixed: whether it can be set at the start only.
+        ros_name: whether a text is the name of a topic or a part of one.
     """
 
     description: str
@@ -42,6 +46,7 @@ class ParameterInfo:
     maximum: float = math.inf
     choices: tuple[str, ...] = ()
     fixed: bool = False
+    ros_name: bool = False
 
 
 def parameter(
@@ -53,9 +58,10 @@ def parameter(
     maximum: float = math.inf,
     choices: tuple[str, ...] = (),
     fixed: bool = False,
+    ros_name: bool = False,
 ) -> Any:
     """Make a field of a dataclass that is also a parameter; see `ParameterInfo`."""
-    info = ParameterInfo(description, unit, minimum, maximum, choices, fixed)
+    info = ParameterInfo(description, unit, minimum, maximum, choices, fixed, ros_name)
     return dataclasses.field(default=default, metadata={_KEY: info})
 
 
@@ -92,6 +98,10 @@ def checked(name: str, info: ParameterInfo, default: Any, value: Any) -> Any:
         raise ParameterError(f"{name} is {value}; allowed is {allowed(info)}")
     if info.choices and value not in info.choices:
         raise ParameterError(f"{name} is {value!r}; allowed are {', '.join(info.choices)}")
+    if info.ros_name and value != default and not _ROS_NAME.fullmatch(value):
+        raise ParameterError(
+            f"{name} is {value!r}; a name in ROS has letters, digits, _ and /, such as left/servos"
+        )
     return value
 
 

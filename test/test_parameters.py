@@ -4,7 +4,7 @@ import pytest
 
 from head_tracking.configuration import configured_head
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.parameters import ParameterInfo, checked
+from head_tracking.parameters import ParameterError, ParameterInfo, checked
 
 SPEED = ParameterInfo("Speed.", "rad/s", 0.1, 2.0)
 
@@ -39,6 +39,23 @@ def test_words_can_be_limited():
     assert checked("law", info, "speed", "position") == "position"
     with pytest.raises(ValueError, match="allowed are speed, position"):
         checked("law", info, "speed", "magic")
+
+
+NAMES = ParameterInfo("Topic.", ros_name=True)
+
+
+@pytest.mark.parametrize("name", ["~", "~/a", "/a/b_1", "a/{node}", "{ns}/a"])
+def test_a_name_in_ros_is_accepted(name):
+    assert checked("topic", NAMES, "", name) == name
+    assert checked("topic", NAMES, "", "") == ""
+
+
+@pytest.mark.parametrize("name", ["a b", "/", "a/", "a//b", "/a/1b", "~a", "{x}", "a\n", "ä"])
+def test_a_name_that_ros_would_refuse_is_refused(name):
+    with pytest.raises(ParameterError):
+        checked("topic", NAMES, "", name)
+    with pytest.raises(ParameterError):
+        checked("topics", NAMES, ("servo_states",), ["servo_states", ""])
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,7 @@ class ServoBusParameters:
         ("head_pan", "head_tilt"),
         "Names of the servos; the parameters X_controller.* describe X.",
         fixed=True,
+        ros_name=True,
     )
 
 

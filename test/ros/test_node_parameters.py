@@ -13,6 +13,7 @@ from std_msgs.msg import Float64
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.topics import Output, TopicListener
+from head_tracking.ros.targets.target_mux import TargetMuxNode
 
 
 @dataclass(frozen=True)
@@ -124,3 +125,10 @@ def test_parameters_change_the_delivery_of_topics(make):
     for endpoint in (offered, wanted):
         assert endpoint.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
     assert node.get_parameter("qos_overrides./angle.publisher.depth").value == 1
+
+
+def test_an_empty_topic_of_a_source_is_the_usual_one(threads):
+    node = TargetMuxNode(parameter_overrides=[Parameter("clicked_point.topic", value="")])
+    topics = dict(node.get_subscriber_names_and_types_by_node("target_mux", "/"))
+    node.destroy_node()
+    assert {"/clicked_point/target_point", "/visual_target/target_point"} <= topics.keys()

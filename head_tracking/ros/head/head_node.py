@@ -46,6 +46,7 @@ class DriveParameters:
         "head_controller/joint_trajectory",
         "The topic of the joint_trajectory_controller.",
         fixed=True,
+        ros_name=True,
     )
     time_from_start: float = parameter(
         0.0,

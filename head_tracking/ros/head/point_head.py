@@ -26,6 +26,7 @@ class PointHeadParameters:
         "Namespace of the actions and of joint_trajectory: head_controller for clients of TIAGo, "
         "head_traj_controller for clients of PR2. Empty: the node's name.",
         fixed=True,
+        ros_name=True,
     )
 
 

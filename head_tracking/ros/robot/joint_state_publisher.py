@@ -36,7 +36,7 @@ class JointStatePublisherParameters:
     """The sources of joint states."""
 
     source_list: tuple[str, ...] = parameter(
-        ("servo_states",), "Topics of measured joint states.", fixed=True
+        ("servo_states",), "Topics of measured joint states.", fixed=True, ros_name=True
     )
     publish_default_positions: bool = parameter(
         False,

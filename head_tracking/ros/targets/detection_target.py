@@ -53,7 +53,7 @@ class DetectionTargetParameters:
     )
     class_id: str = parameter("", "Class of vision_msgs detections to follow; empty: all.")
     humans: str = parameter(
-        "/humans", "Namespace of ROS4HRI: <humans>/faces/tracked, ...", fixed=True
+        "/humans", "Namespace of ROS4HRI: <humans>/faces/tracked, ...", fixed=True, ros_name=True
     )
     depth_tolerance: float = parameter(
         0.02,

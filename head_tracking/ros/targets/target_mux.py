@@ -39,6 +39,7 @@ class MuxWiring:
         ("clicked_point", "target_pose", "visual_target", "frame_target", "fictitious_target"),
         "Names of the sources; each has its own parameters.",
         fixed=True,
+        ros_name=True,
     )
     fixed_frame: str = parameter(
         "base_link", "A frame that does not move with the head.", fixed=True
@@ -68,7 +69,7 @@ class MuxWiring:
 class SourceParameters:
     """One source."""
 
-    topic: str = parameter("", "Its topic; empty: <name>/target_point.", fixed=True)
+    topic: str = parameter("", "Its topic; empty: <name>/target_point.", fixed=True, ros_name=True)
     type: str = parameter(
         "point",
         "PointStamped, or PoseStamped (its position).",
@@ -133,10 +134,9 @@ class TargetMuxNode(Node):
 
     def _source(self, name: str, rank: int) -> SourceParameters:
         # the default priorities follow the order of the list
-        defaults = {"topic": f"{name}/target_point", "priority": 20 - rank} | _DEFAULTS.get(
-            name, {}
-        )
-        return NodeParameters(self, SourceParameters, f"{name}.", defaults).value
+        defaults = {"priority": 20 - rank} | _DEFAULTS.get(name, {})
+        p = NodeParameters(self, SourceParameters, f"{name}.", defaults).value
+        return replace(p, topic=p.topic or f"{name}/target_point")
 
     def _receiver(self, name: str) -> Callable[[PointStamped | PoseStamped], None]:
         def receive(message: PointStamped | PoseStamped) -> None:
