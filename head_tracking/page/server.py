@@ -7,6 +7,7 @@ import contextlib
 import errno
 import json
 import socket
+import sys
 import tempfile
 import threading
 import time
@@ -25,7 +26,7 @@ from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from head_tracking.page.access import Access
+from head_tracking.page.access import Access, Receive, Scope, Send
 from head_tracking.page.commands import commands
 from head_tracking.page.live import EncodedPicture, Live, ViewParameters
 from head_tracking.page.replay import Replays
@@ -42,8 +43,14 @@ _LARGEST_REQUEST = 64 * 1024  # bytes
 _LARGEST_RECORDING = 256 * 1024 * 1024  # bytes that may be uploaded
 _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
-_PACE = 0.005  # s between two requests; eight browsers send one in 0.008 s at most
+_PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
+_MESSAGES = 200.0  # per second; a browser sends one for each picture
+_RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
 _UNWATCHED = 0.2  # s between samples while no browser watches
+
+_SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of STOP
+
+_AT_ONCE = ("/head/stop", "/head/resume")
 
 Answer = Callable[[dict[str, Any]], Any]
 """Returns the answer to a request by its fields: a Response, an Outcome, or what JSON can hold.
@@ -112,12 +119,15 @@ class Page:
         self._stopping = ThreadPoolExecutor(4, "stop")
         self._working = ThreadPoolExecutor(8, "command")
         self._sampling = ThreadPoolExecutor(1, "sample")
+        sys.setswitchinterval(_SWITCH)
         self._socket = _listening(parameters.host, parameters.port)
         app = Starlette(routes=self._routes(), lifespan=self._lifespan)
         self._access = Access(app, parameters.host, parameters.token)
         self._server = uvicorn.Server(
             uvicorn.Config(
-                self._access,
+                self._answer,
+                interface="asgi3",
+                http="h11",  # httptools reads more pipelined requests than it answers
                 log_level="critical",
                 access_log=False,
                 ws_max_size=_LARGEST_REQUEST,
@@ -224,8 +234,6 @@ class Page:
         """Return the route of requests that are answered in one of these threads."""
 
         async def respond(request: Request) -> Response:
-            if threads is self._working:
-                await self._turn()
             try:
                 fields = {**request.query_params, **await _fields(request), **request.path_params}
                 return await _respond(threads, answer, fields)
@@ -236,11 +244,13 @@ class Page:
 
         return Route(f"/head/{path}", respond, methods=[method])
 
-    async def _turn(self) -> None:
-        """Wait so that a flood of requests leaves the processor to STOP."""
-        now = time.monotonic()
-        self._next_turn = max(self._next_turn + _PACE, now)
-        await asyncio.sleep(self._next_turn - now)
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request; a flood of others leaves the processor to STOP."""
+        if scope["type"] != "lifespan" and scope["path"] not in _AT_ONCE:
+            now = time.monotonic()
+            self._next_turn = max(self._next_turn + _PACE, now - _BURST)
+            await asyncio.sleep(self._next_turn - now)
+        await self._access(scope, receive, send)
 
     def _recording(self, name: str) -> Path:
         """Return one of the listed recordings by its name.
@@ -276,8 +286,9 @@ class Page:
         watcher = self._browsers[browser] = _Watcher()
         sending = asyncio.create_task(self._send(browser, watcher))
         try:
-            while True:
-                watcher.receive(await browser.receive_text())
+            while watcher.receive(await browser.receive_text()):
+                await asyncio.sleep(0)  # a message that waits already would not let others run
+            await browser.close(1008, "too many messages")
         except (WebSocketDisconnect, KeyError, RuntimeError):
             pass
         finally:
@@ -317,15 +328,23 @@ class _Watcher:
     def __init__(self) -> None:
         self.ready = True
         self.topic: str | None = ""
+        self._due = 0.0
 
-    def receive(self, text: str) -> None:
-        """Receive what the browser sends: `got` after each picture, or a topic."""
+    def receive(self, text: str) -> bool:
+        """Receive what the browser sends: `got` after each picture, or a topic.
+
+        Returns:
+            False if it sends too many messages.
+        """
+        now = time.monotonic()
+        self._due = max(self._due, now - 1.0) + 1.0 / _MESSAGES
         if text == "got":
             self.ready = True
         elif text.startswith("camera "):
             self.topic, self.ready = text.removeprefix("camera "), True
         elif text == "blind":
             self.topic = None
+        return self._due <= now
 
 
 def _wheel() -> Path:
@@ -399,7 +418,9 @@ def _listening(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for number in range(port, min(port + _PORTS, 65536)) if port else (0,):
         try:
-            return socket.create_server((host, number), family=family, backlog=128)
+            listening = socket.create_server((host, number), family=family, backlog=128)
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED)  # of connections
+            return listening
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
                 raise ParameterError(

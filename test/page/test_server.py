@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import select
+import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -91,6 +93,31 @@ def test_stop_does_not_wait_for_commands_that_hang(robot: _Robot, client: httpx.
         assert robot.stops == before + 1
         robot.go_on.set()
         assert all(asked)
+
+
+def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, page: Page) -> None:
+    """A browser opens six to a server; here, a request hangs in each."""
+    try:
+        chromium()
+    except NoBrowser as missing:
+        pytest.skip(str(missing))
+    robot.go_on.clear()
+    with open_browser() as opened:
+        tab = opened.new_page()
+        tab.goto(f"http://127.0.0.1:{page.port}/")
+        tab.wait_for_function("window.headPage")
+        tab.evaluate(
+            """async () => {
+              const { command } = await import("/head/static/dom.js");
+              for (let number = 0; number < 6; number += 1) command("mode", { mode: "face" });
+            }"""
+        )
+        for _ in range(6):
+            assert robot.asked.acquire(timeout=30.0)
+        before = robot.stops
+        tab.locator("#stop").dispatch_event("click")
+        wait_for(lambda: robot.stops > before, 20.0)
+    robot.go_on.set()
 
 
 def test_stop_needs_the_mark_of_the_page(robot: _Robot, page: Page) -> None:
@@ -186,6 +213,35 @@ def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> No
     wait_for(lambda: page.browsers == 0, 30.0)
     with watch(page) as opened:
         until(opened, "state")
+
+
+def test_a_browser_that_sends_too_many_messages_is_refused(page: Page) -> None:
+    wait_for(lambda: page.browsers == 0, 30.0)
+    with watch(page) as flooding, watch(page) as other:
+        with pytest.raises(ConnectionClosed) as refused:
+            while True:
+                flooding.send("got")
+        assert refused.value.rcvd is not None
+        assert refused.value.rcvd.code == 1008
+        for _ in range(10):
+            other.send("got")
+            until(other, "state")
+
+
+def test_no_more_requests_are_read_than_answered(page: Page) -> None:
+    """A client that sends requests without an end must not fill the memory."""
+    request = b"GET /head/nothing HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", page.port)) as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 16 * 1024)
+        client.settimeout(30.0)
+        sent = answered = 0
+        while answered < 100:
+            readable, writable, _ = select.select([client], [client], [], 30.0)
+            if writable:
+                sent += client.send(request * 100)
+            if readable:
+                answered += client.recv(1 << 16).count(b"HTTP/1.1 404")
+    assert sent - answered * len(request) < 500_000
 
 
 def test_uploads_are_limited_by_the_size_that_comes(

@@ -417,7 +417,9 @@ def test_a_newcomer_is_welcomed_once_and_can_stop_meanwhile(robot, viewer, brows
     titles = []
     for _ in range(3):
         titles.append(page.locator("#welcome-title").inner_text())
-        assert page.locator("#stop").is_enabled()
+        if len(titles) == 2:
+            page.keyboard.press("Escape")  # the welcome says that it is STOP
+            wait_for(lambda: is_relaxed(robot), PATIENCE)
         press(page, "Next") if len(titles) < 3 else press(page, "Begin")
     assert len(set(titles)) == 3
     page.locator("#welcome").wait_for(state="hidden")

@@ -42,15 +42,25 @@ export function toast(text, seconds = 6) {
   toast.timer = setTimeout(() => { node.hidden = true; }, 1000 * seconds);
 }
 
+let pending = new AbortController();
+
+/** Give up the requests that wait: a browser has six connections to a server, and STOP needs one. */
+export function abort() {
+  pending.abort();
+  pending = new AbortController();
+}
+
 /** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown. */
 export async function send(path, body = {}, method = "POST") {
+  const { signal } = pending;
   try {
-    const answer = await fetch(path, { method, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
+    const answer = await fetch(path, { method, signal, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
     const isJson = (answer.headers.get("Content-Type") ?? "").includes("json");
     const outcome = isJson ? await answer.json() : { done: false, text: await answer.text() };
     if (outcome.done === false) toast(outcome.text, 12);
     return outcome;
   } catch {
+    if (signal.aborted) return { done: false, text: "" };
     toast("The page's server does not answer. Use the power switch of the servos if they must stop.", 12);
     return { done: false, text: "" };
   }

@@ -1,7 +1,7 @@
 // The page: the live websocket, STOP and the tabs.
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
-import { button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
+import { abort, button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
 import { RobotScene } from "./scene.js";
@@ -55,15 +55,15 @@ class Page {
   }
 
   async stop() {
+    abort();
     const { text } = await send("/head/stop");
     if (text) toast(text, 12);
   }
 
-  /** Esc closes an open dialog or menu; else it is STOP. */
+  /** Esc closes an open question or menu; else it is STOP, beside the welcome as well. */
   onKey(event) {
     if (event.key !== "Escape" || event.repeat) return;
-    const dialog = document.querySelector("dialog[open]");
-    if (dialog) { dialog.close(); event.preventDefault(); return; }
+    if (by("sure").open) { by("sure").close(); event.preventDefault(); return; }
     if (document.activeElement?.tagName === "SELECT") { document.activeElement.blur(); return; }
     this.stop();
   }
@@ -89,8 +89,11 @@ class Page {
       tab.tabIndex = tab.dataset.tab === name ? 0 : -1;
     }
     for (const section of document.querySelectorAll("section[data-tab]")) section.hidden = section.dataset.tab !== name;
-    const home = name === "tune" ? by("tune") : by("live"); // on Tune, the chart shows the effect of a change
-    if (by("chart").parentNode !== home) home.prepend(by("chart"));
+    // on Tune the chart shows the effect of a change, on Joints the robot in 3D does
+    for (const [card, other] of [["chart", "tune"], ["robot", "joints"]]) {
+      const home = by(name === other ? other : "live");
+      if (by(card).parentNode !== home) home.prepend(by(card));
+    }
     if (name === "tune") this.tuning.refresh();
     if (name === "record") this.recordings.refresh();
     this.chooseCamera();
@@ -163,7 +166,7 @@ class Page {
 
   chooseCamera() {
     if (this.socket?.readyState !== WebSocket.OPEN) return;
-    this.socket.send(by("live").hidden || by("source").value === "none" ? "blind" : `camera ${by("source").value}`);
+    this.socket.send((by("live").hidden && by("joints").hidden) || by("source").value === "none" ? "blind" : `camera ${by("source").value}`);
   }
 
   setRobot(robot, isLive) {
