@@ -351,6 +351,8 @@ class Live:
         (image.reduce(factor) if factor > 1 else image).save(data, "JPEG", quality=_QUALITY)
         header = _HEADER.pack(picture.stamp, time.monotonic())
         encoded = self._encoded[topic] = EncodedPicture(picture.number, header + data.getvalue())
+        if not topic:
+            self.last_minute.add_picture(data.getvalue())
         return encoded
 
     def _camera(self, picture: Picture) -> Camera:

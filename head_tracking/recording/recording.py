@@ -19,6 +19,7 @@ from head_tracking.transforms import (
 )
 
 _PICTURE_AGE = 2_000_000_000  # ns
+_PICTURE_PERIOD = 200_000_000  # ns between pictures of the last minute, which need memory
 ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
 """The topic on which each controller publishes its error."""
 
@@ -197,11 +198,12 @@ class Recording:
 
 
 class LastMinute:
-    """Keeps the observations of the last `seconds`; for any thread."""
+    """Keeps the observations and pictures of the last `seconds`; for any thread."""
 
     def __init__(self, seconds: float) -> None:
         self._length = round(seconds * 1e9)
         self._seen: deque[Observation] = deque()
+        self._pictures: deque[RecordedPicture] = deque()
         self._lock = threading.Lock()
 
     def add(self, seen: Observation) -> None:
@@ -209,16 +211,27 @@ class LastMinute:
         with self._lock:
             if self._seen and seen.stamp < self._seen[-1].stamp:
                 self._seen.clear()  # time jumped back
+                self._pictures.clear()
             self._seen.append(seen)
-            while seen.stamp - self._seen[0].stamp > self._length:
-                self._seen.popleft()
+            for kept in (self._seen, self._pictures):
+                while kept and seen.stamp - kept[0].stamp > self._length:
+                    kept.popleft()
+
+    def add_picture(self, picture: bytes) -> None:
+        """Add a JPEG that belongs to the latest observation; of several in a while, the first."""
+        with self._lock:
+            if not self._seen:
+                return
+            stamp = self._seen[-1].stamp
+            if not self._pictures or stamp - self._pictures[-1].stamp >= _PICTURE_PERIOD:
+                self._pictures.append(RecordedPicture(stamp, picture))
 
     def recording(self, urdf: str = "") -> Recording:
-        """Return the observations as a recording of the robot with this model.
+        """Return what is kept as a recording of the robot with this model.
 
         Raises:
             RecordingError: there are none.
         """
         with self._lock:
-            seen = tuple(self._seen)
-        return Recording(seen, urdf)
+            seen, pictures = tuple(self._seen), tuple(self._pictures)
+        return Recording(seen, urdf, pictures=pictures)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -418,6 +419,7 @@ def write_recording(recording: Recording) -> bytes:
     description = bag.channel("/robot_description", _STRING, [LATCHED_OFFER])
     joints = bag.channel("/joint_states", "sensor_msgs/msg/JointState", [OFFER])
     transforms = bag.channel("/tf", "tf2_msgs/msg/TFMessage", [OFFER])
+    images = bag.channel("/camera/image/compressed", _COMPRESSED, [OFFER])
     target = bag.channel("/target_point", "geometry_msgs/msg/PointStamped", [OFFER])
     nodes = {
         node: (
@@ -434,8 +436,12 @@ def write_recording(recording: Recording) -> bytes:
         bag.write(description, recording.seen[0].stamp, {"data": recording.urdf})
     before: str | None = None
     statuses: dict[str, tuple[str, ...]] = {}
+    pictures = deque(recording.pictures)
     for seen in recording.seen:
         stamp = seen.stamp
+        while pictures and pictures[0].stamp <= stamp:
+            message = {"header": header(stamp, ""), "format": "jpeg", "data": pictures[0].data}
+            bag.write(images, pictures.popleft().stamp, message)
         names, positions = list(seen.joints), list(seen.joints.values())
         message = {"header": header(stamp, ""), "name": names, "position": positions}
         bag.write(joints, stamp, message)

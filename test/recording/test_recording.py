@@ -21,6 +21,23 @@ def test_only_the_last_minute_is_kept():
     assert recording.seen[-1].stamp == 199 * SECOND
 
 
+def test_pictures_of_the_last_minute_are_kept_five_a_second():
+    last_minute = LastMinute(60.0)
+    last_minute.add_picture(b"before the first observation")
+    for moment in range(2000):
+        last_minute.add(seen(moment / 20))
+        last_minute.add_picture(b"%d" % moment)
+    recording = last_minute.recording()
+    stamps = [one.stamp for one in recording.pictures]
+    assert len(stamps) == pytest.approx(300, abs=2)
+    assert recording.seen[-1].stamp - stamps[0] <= 60 * SECOND
+    picture = recording.picture_at(recording.duration)
+    assert picture is not None
+    assert int(picture.data) == pytest.approx(1999, abs=4)
+    last_minute.add(seen(1.0))
+    assert last_minute.recording().pictures == ()
+
+
 def test_a_jump_back_in_time_starts_anew():
     last_minute = LastMinute(60.0)
     last_minute.add(seen(100))

@@ -17,7 +17,12 @@ from mcap_ros2.decoder import DecoderFactory
 
 from head_tracking.recording import recording_file
 from head_tracking.recording.bag_writer import header, transform_of, xyz
-from head_tracking.recording.recording import Observation, Recording, RecordingError
+from head_tracking.recording.recording import (
+    Observation,
+    RecordedPicture,
+    Recording,
+    RecordingError,
+)
 from head_tracking.recording.recording_file import read_recording, write_recording
 from head_tracking.ros.kit.message_types import message_definition
 from head_tracking.transforms import RobotModel, Rotation, Transform
@@ -90,7 +95,10 @@ def moving(model: RobotModel, length: float) -> list[tuple[float, str, Any]]:
 
 def test_what_is_written_is_read_again(kinectbot):
     pauses = Observation(at(3.0), {PAN: 0.2})
-    recording = Recording((seen(1.0, 0.1), seen(2.0, 0.2), pauses), kinectbot.urdf)
+    pictures = tuple(RecordedPicture(at(when), b"%d" % when) for when in (1.0, 1.5, 2.0))
+    recording = Recording(
+        (seen(1.0, 0.1), seen(2.0, 0.2), pauses), kinectbot.urdf, pictures=pictures
+    )
     again = read(write_recording(recording))
     assert again.urdf == kinectbot.urdf
     shown = [again.at(time) for time in (1.0, 2.0)]
@@ -101,6 +109,7 @@ def test_what_is_written_is_read_again(kinectbot):
     assert shown[1].error is None
     assert shown[0].frames["gripper"] == pytest.approx(seen(1.0).frames["gripper"])
     assert not again.notice
+    assert again.pictures == pictures
 
 
 def test_a_written_recording_moves_in_other_programs(kinectbot):
