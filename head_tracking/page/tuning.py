@@ -129,7 +129,7 @@ def described(setting: Setting) -> dict[str, Any]:
     low, high = factor * setting.minimum, factor * setting.maximum
     value = shown_value(setting)
     if factor != 1.0 and 1.0 < high - low < math.inf:  # rounded towards the inside
-        step = 10.0 ** _decimals(max(abs(low), abs(high)))
+        step = 10.0 ** max(_decimals(max(abs(low), abs(high))), 0)
         low, high = math.ceil(step * low) / step, math.floor(step * high) / step
         value = min(max(value, low), high)
     return {
@@ -166,9 +166,9 @@ def shown_value(setting: Setting) -> Any:
 
 
 def _decimals(number: float) -> int:
-    """Return the number of decimals that shows four digits, at most three."""
+    """Return the number of decimals that shows four digits, at most three; negative: of tens."""
     digits = math.floor(math.log10(abs(number))) + 1 if 1.0 <= abs(number) < math.inf else 1
-    return max(4 - digits, 0)
+    return 4 - digits
 
 
 def sent_value(setting: Setting, shown: Any) -> Any:

@@ -275,9 +275,9 @@ export class RobotScene {
     if (box.isEmpty()) return;
     this.framed = true;
     const ball = box.getBoundingSphere(new THREE.Sphere());
-    const away = (ball.radius * 1.25) / Math.sin((this.camera.fov * Math.PI) / 360);
+    const away = ball.radius / Math.sin((this.camera.fov * Math.PI) / 360);
     this.controls.target.copy(ball.center);
-    this.camera.position.copy(ball.center).add(new THREE.Vector3(0.35, -0.85, 0.38).normalize().multiplyScalar(away));
+    this.camera.position.copy(ball.center).add(new THREE.Vector3(-0.55, -0.7, 0.4).normalize().multiplyScalar(away));
     this.controls.update();
   }
 }

@@ -42,10 +42,10 @@ export class Steering {
     form.onsubmit = (event) => { event.preventDefault(); this.go(); };
     const field = (name, text, make) => { const label = element(form, "label", { "data-for": name }); element(label, "span", {}, text); return make(label); };
     this.frame = field("frame", "Frame", (label) => element(label, "select", { id: "frame" }));
-    this.xyz = ["x", "y", "z"].map((name, number) => field("point", `${name} (m)`, (label) => element(label, "input", { id: name, type: "number", step: 0.05, value: [1, 0, 0.5][number], required: "" })));
     this.shape = field("path", "Shape", (label) => element(label, "select", { id: "shape" }));
+    this.xyz = ["x", "y", "z"].map((name, number) => field("point", `${name} (m)`, (label) => element(label, "input", { id: name, type: "number", step: 0.05, value: [1, 0, 0.5][number], required: "" })));
     offer(this.shape, SHAPES, "circle");
-    this.size = field("path", "Half width (m)", (label) => element(label, "input", { id: "size", type: "number", min: 0.05, max: 2, step: 0.05, value: 0.3 }));
+    this.size = field("size", "Half width (m)", (label) => element(label, "input", { id: "size", type: "number", min: 0.05, max: 2, step: 0.05, value: 0.3 }));
     this.speed = field("path", "Speed (m/s)", (label) => element(label, "input", { id: "speed-of-path", type: "number", min: 0.01, max: 3, step: 0.01, value: 0.2 }));
     this.addPoint = button(form, "Add point", () => { this.points.push(this.xyz.map((input) => Number(input.value))); this.showOptions(); }, { "data-for": "points" });
     this.clearPoints = button(form, "Clear points", () => { this.points = []; this.showOptions(); }, { "data-for": "points" });
@@ -90,7 +90,7 @@ export class Steering {
 
   showOptions() {
     const { mode } = this, own = this.shape.value === "points";
-    const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode) || (mode === "path" && own), path: mode === "path", points: mode === "path" && own };
+    const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode) || (mode === "path" && own), path: mode === "path", size: mode === "path" && !own, points: mode === "path" && own };
     for (const node of by("options").querySelectorAll("[data-for]")) node.hidden = !wanted[node.dataset.for];
     by("options").hidden = !Object.values(wanted).some(Boolean);
     for (const id of ["live", "cards"]) by(id).classList.toggle("options", !by("options").hidden);
