@@ -226,7 +226,7 @@ class Head:
             model,
             servos or head.servos,
             pointing_frame=pointing_frame or head.pointing_frame,
-            baud_rate=baud_rate or head.baud_rate,
+            baud_rate=head.baud_rate if baud_rate is None else baud_rate,
             calibration=known,
         )
 
@@ -311,7 +311,7 @@ class Head:
                 at_stamp=stamp is not None,
             )
         try:
-            return result.result(timeout)
+            return result.result(min(timeout, threading.TIMEOUT_MAX))
         except FutureTimeoutError:
             return PointingResult(False, miss if motion.miss is None else motion.miss)
         finally:  # also on Ctrl-C
@@ -592,6 +592,7 @@ class Head:
 
         Raises:
             FrameError: a frame is unknown, or was not known at that time.
+            ValueError: the time is not finite.
         """
         return self._lookup(frame, link, stamp, _TIMEOUT, link)
 
@@ -617,9 +618,9 @@ class Head:
         self, target: str, source: str, stamp: float | None, timeout: float, frame: str
     ) -> Transform:
         """Return `T_target_source`; an error is about `frame`."""
-        at, timeout = (LATEST, 0.0) if stamp is None else (round(stamp * 1e9), timeout)
+        at, patience = _nanoseconds(stamp), 0.0 if stamp is None else timeout
         try:
-            return self.frames.lookup_transform(target, source, at, timeout).transform
+            return self.frames.lookup_transform(target, source, at, patience).transform
         except TransformException as error:
             raise FrameError(frame, str(error)) from error
 
@@ -753,6 +754,18 @@ def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:
         x, y, z = map(float, point)
     except (TypeError, ValueError):
         raise ValueError(f"the point is {point!r}; give x, y and z in metres") from None
-    if not all(map(math.isfinite, (x, y, z, stamp or 0.0))):
-        raise ValueError(f"the point {(x, y, z)} at {stamp} is not finite")
-    return Target(LATEST if stamp is None else round(stamp * 1e9), frame, (x, y, z))
+    target = Target(_nanoseconds(stamp), frame, (x, y, z))
+    try:
+        target.check()
+    except ValueError as error:
+        raise ValueError(f"the point {target} is refused: {error}") from None
+    return target
+
+
+def _nanoseconds(stamp: float | None) -> int:
+    """Convert a time [s] to a stamp [ns]; None: the latest."""
+    if stamp is None:
+        return LATEST
+    if not math.isfinite(stamp):
+        raise ValueError(f"the stamp is {stamp}; give seconds, as time.time() does")
+    return round(stamp * 1e9)

@@ -25,7 +25,11 @@ from head_tracking import (
     UnreachableError,
 )
 from head_tracking.dynamixel import DynamixelError
-from head_tracking.dynamixel.exceptions import PortMissingError, ServoNotFoundError
+from head_tracking.dynamixel.exceptions import (
+    ConfigurationError,
+    PortMissingError,
+    ServoNotFoundError,
+)
 from head_tracking.transforms import Rotation, Transform
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_msgs", "std_srvs", "sensor_msgs")
@@ -214,11 +218,20 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
         assert unknown.value.frame == "nose"
     with pytest.raises(FrameError):
         head.look_at((2, 0, 0.5), "camera_link", stamp=1.0)  # 1970
-    for point in ((math.nan, 0, 0), (1, math.inf, 0), (1, 2), "abc", None):
+    for point in ((math.nan, 0, 0), (1, math.inf, 0), (1e308, 0, 0), (1, 2), "abc", None):
         with pytest.raises(ValueError):
             head.look_at(point)
         with pytest.raises(ValueError):
             head.follow(point)
+    camera_pose = partial(head.pose, "camera_link")
+    for stamp in (math.nan, math.inf):
+        for ask in (
+            head.look_at,
+            head.follow,
+            lambda _, stamp: head.pose("base_link", stamp=stamp),
+        ):
+            with pytest.raises(ValueError):
+                ask((1, 0, 0), stamp=stamp)
     for velocity in (0.0, -1.0, math.nan):
         with pytest.raises(ValueError):
             head.look_at((1, 0, 0), max_velocity=velocity)
@@ -226,6 +239,10 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
             head.look_at((1, 0, 0), timeout=velocity)
     assert servos.torque == [0, 0]
     assert servos.true == (0.0, 0.0)
+
+
+def test_a_turn_may_take_any_time(head):
+    assert head.look_at(LEFT, timeout=math.inf).arrived
 
 
 def test_a_timeout_before_the_first_step_reports_the_angle_to_the_point(head):
@@ -257,6 +274,8 @@ def test_missing_ports_and_servos_raise_their_errors(servos, kinectbot):
     with pytest.raises(PortMissingError) as missing:
         Head.open("/dev/ttyNOT0")
     assert missing.value.port_name == "/dev/ttyNOT0"
+    with pytest.raises(ConfigurationError):
+        Head.open("/dev/ttyNOT0", baud_rate=0)
     pair = (
         JointConfiguration("head_pan_joint", 1, controller="a"),
         JointConfiguration("head_tilt_joint", 9, controller="b"),
