@@ -20,8 +20,8 @@ class NotInstalledError(HeadTrackingError, FileNotFoundError):
 def share_directory() -> Path:
     """Return the folder that has urdf/ and config/.
 
-    It is beside the package (a checkout), in the ament index, or is share/head_tracking below a
-    parent of this file or below the Python environment (pip).
+    It is beside the package (a checkout), or is share/head_tracking below a parent of this file
+    (colcon, pip) or below the Python environment.
 
     Raises:
         NotInstalledError: there is no such folder.
@@ -29,7 +29,6 @@ def share_directory() -> Path:
     here = Path(__file__).resolve()
     candidates = [
         here.parents[1],
-        *_ament_index(),
         *(parent / "share" / PACKAGE for parent in here.parents),
         Path(sys.prefix) / "share" / PACKAGE,
     ]
@@ -86,13 +85,3 @@ def robot_parameters(name_or_path: str) -> list[Path]:
     beside = model.with_name(model.name.removesuffix(".xacro").removesuffix(".urdf") + ".yaml")
     own = [share_directory() / "config" / f"{name_or_path}.yaml", beside]
     return list(filter(Path.is_file, own))[:1]
-
-
-def _ament_index() -> list[Path]:
-    try:
-        from ament_index_python.packages import get_package_share_directory
-
-        return [Path(get_package_share_directory(PACKAGE))]
-    except (ImportError, LookupError, OSError):
-        # no ROS, not in the index, or AMENT_PREFIX_PATH is not set (OSError)
-        return []
