@@ -132,7 +132,6 @@ def carry_out(
     dry_run: bool,
     yes: bool,
     execute: Callable[[Sequence[str]], int] = subprocess.call,
-    ask: Callable[[str], str] = input,
 ) -> int:
     """Print the steps, ask, and run them; return the exit code."""
     for step in steps:
@@ -141,7 +140,7 @@ def carry_out(
         return DONE
     if not yes:
         try:
-            answer = ask("Continue? [y/N] ") if sys.stdin.isatty() else ""
+            answer = input("Continue? [y/N] ") if sys.stdin.isatty() else ""
         except (EOFError, KeyboardInterrupt):
             answer = ""
         if answer.strip().lower() not in ("y", "yes"):

@@ -134,16 +134,9 @@ class JointHistory(History[float]):
 
     __slots__ = ("continuous", "joint")
 
-    def __init__(
-        self,
-        joint: str = "",
-        *,
-        continuous: bool = False,
-        cache_time: int = DEFAULT_CACHE_TIME,
-    ) -> None:
+    def __init__(self, joint: str = "", *, cache_time: int = DEFAULT_CACHE_TIME) -> None:
         super().__init__(cache_time)
-        self.joint = joint
-        self.continuous = continuous
+        self.joint, self.continuous = joint, False
 
     def _between(self, older: float, newer: float, ratio: float) -> float:
         difference = newer - older

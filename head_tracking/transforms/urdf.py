@@ -7,7 +7,6 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -29,17 +28,13 @@ def parse_in_child_process() -> None:
     _parses_in_child = True
 
 
-def load_robot_model(path: str | Path, mappings: Mapping[str, str] | None = None) -> RobotModel:
+def load_robot_model(path: str | Path) -> RobotModel:
     """Return the model in a URDF file, or in a xacro file if its name ends in .xacro.
-
-    Args:
-        path: the file.
-        mappings: values of the xacro file's arguments.
 
     Raises:
         RobotModelError: the file cannot be read, or the model is not valid.
     """
-    return _parse("load_robot_model", Path(path).absolute(), dict(mappings or {}))
+    return _parse("load_robot_model", Path(path).absolute())
 
 
 def parse_robot_model(urdf: str) -> RobotModel:

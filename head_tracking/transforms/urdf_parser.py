@@ -12,7 +12,6 @@ import math
 import os
 import pickle
 import sys
-from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -70,7 +69,7 @@ _NUMBERS = {
 }
 
 
-def load_robot_model(path: Path, mappings: Mapping[str, str]) -> RobotModel:
+def load_robot_model(path: Path) -> RobotModel:
     """See `urdf.load_robot_model`."""
     try:
         text = path.read_text(encoding="utf-8")
@@ -78,7 +77,7 @@ def load_robot_model(path: Path, mappings: Mapping[str, str]) -> RobotModel:
         raise RobotModelError(f"cannot read the robot model {path}: {error}") from error
     try:
         if path.suffix == ".xacro":
-            text = _expand(path, mappings)
+            text = _expand(path)
         return parse_robot_model(text)
     except RobotModelError as error:
         raise RobotModelError(f"{path}: {error}") from error
@@ -117,9 +116,9 @@ def with_fixed_root(urdf: str, root: str, frame: str, T_frame_root: Transform) -
     return parse_robot_model(ElementTree.tostring(document, encoding="unicode"))
 
 
-def _expand(path: Path, mappings: Mapping[str, str]) -> str:
+def _expand(path: Path) -> str:
     try:
-        return str(xacro.process_file(str(path), mappings=dict(mappings)).toxml())
+        return str(xacro.process_file(str(path)).toxml())
     except Exception as error:  # xacro's own, expat's, and those of evaluated expressions
         raise RobotModelError(f"xacro cannot expand the model: {error}") from error
 

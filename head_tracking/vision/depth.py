@@ -9,11 +9,10 @@ _BAND = 0.04
 """Depths within this relative difference belong to one surface."""
 
 _MINIMUM_PIXELS = 4
+_LEAST_SHARE = 0.1  # of the region that the surface covers
 
 
-def surface_depth(
-    depths: npt.NDArray[np.float32], near: float, far: float, least_share: float = 0.1
-) -> float | None:
+def surface_depth(depths: npt.NDArray[np.float32], near: float, far: float) -> float | None:
     """Return the median depth [m] of the surface that fills most of a region.
 
     A region contains holes, and pixels behind and in front of the object. Depths are sorted into
@@ -24,12 +23,11 @@ def surface_depth(
         depths: depths of the region [m], any shape; NaN: unknown.
         near: minimum depth [m].
         far: maximum depth [m].
-        least_share: minimum share of the region that the surface covers.
 
     Returns:
         None if too few depths are known.
     """
-    minimum = max(_MINIMUM_PIXELS, least_share * depths.size)
+    minimum = max(_MINIMUM_PIXELS, _LEAST_SHARE * depths.size)
     valid = depths[np.isfinite(depths) & (depths >= near) & (depths <= far)]
     if valid.size < minimum:
         return None
