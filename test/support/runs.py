@@ -12,15 +12,17 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import LAWS, Tracker, TrackingStep
 from head_tracking.transforms import Vector3
 
-
-def around(bearing: float, level: float = 0.08) -> Vector3:
-    """Return a point 2 m from the head, at a bearing [rad]."""
-    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
+LEVEL = 0.08  # m above the head's base frame
 
 
-def sine(frequency: float) -> Path:
-    """Return an oscillation by 0.5 rad at a frequency [Hz]."""
-    return lambda t: around(0.5 * math.sin(math.tau * frequency * t))
+def around(bearing: float, level: float = LEVEL, distance: float = 2.0) -> Vector3:
+    """Return a point in front of the head, at a bearing [rad]."""
+    return distance * math.cos(bearing), distance * math.sin(bearing), level
+
+
+def sine(frequency: float, amplitude: float = 0.5, middle: float = 0.0) -> Path:
+    """Return an oscillation [Hz, rad]."""
+    return lambda t: around(middle + amplitude * math.sin(math.tau * frequency * t))
 
 
 swing = sine(0.2)

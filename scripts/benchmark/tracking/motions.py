@@ -8,33 +8,18 @@ from collections.abc import Callable
 from random import Random
 
 from plant import in_base
+from runs import around, sine, still
 
 Point = tuple[float, float, float]
 Path = Callable[[float], Point]
 
-LEVEL = 0.08  # m above the head's base frame
 PAUSE_NEAR = 40.0  # s for which a person stands before the head
-
-
-def around(bearing: float, level: float = LEVEL, distance: float = 2.0) -> Point:
-    """Return a point in front of the head, at a bearing [rad]."""
-    return distance * math.cos(bearing), distance * math.sin(bearing), level
-
-
-def sine(frequency: float, amplitude: float = 0.5, middle: float = 0.0) -> Path:
-    """Swing to and fro [Hz, rad]."""
-    return lambda t: around(middle + amplitude * math.sin(math.tau * frequency * t))
 
 
 def triangle(speed: float, amplitude: float = 0.5) -> Path:
     """Turn on the spot at a speed [rad/s], with sharp turns."""
     rate = 0.25 * speed / amplitude
     return lambda t: around(amplitude * (4.0 * abs((rate * t) % 1.0 - 0.5) - 1.0))
-
-
-def rest(t: float) -> Point:
-    """Stand still."""
-    return around(0.3)
 
 
 def ramp(t: float) -> Point:
@@ -99,7 +84,7 @@ def wandering(t: float) -> Point:
 
 
 PATHS: dict[str, Path] = {
-    "still": rest,
+    "still": still,
     "±0.5 rad, 0.2 Hz": sine(0.2),
     "±0.5 rad, 0.5 Hz": sine(0.5),
     "±0.5 rad, 1 Hz": sine(1.0),
