@@ -59,7 +59,7 @@ class SupersededError(HeadTrackingError):
     """A later command replaced this one before the head arrived.
 
     Attributes:
-        point: the point of the replaced command, shape (3,) [m].
+        point: the point of the replaced command, shape (3,) [m]; NaN: a camera saw none.
         miss: angle to the point at that time [rad]; None: the turn had not started.
     """
 

@@ -379,22 +379,33 @@ class Head:
         base, epoch = self._head.base_frame, self._permit()
         self.pose(frame, base)
 
+        def check() -> None:
+            if follower is not self._follower:
+                seen = follower.sighting
+                raise SupersededError(seen.point if seen else (math.nan,) * 3, self.error)
+            self._permit(epoch)
+
         def follow(point: Iterable[float], stamp: float) -> None:
-            target = _target(point, frame, stamp)
             with self._control.lock:
-                if follower is not self._follower:
-                    raise SupersededError(target.point, self.error)
-                self._follow(target, epoch)
+                check()
+                self._follow(_target(point, frame, stamp), epoch)
+
+        def see(stamp: float) -> Transform:
+            with self._control.lock:
+                check()
+            return self.pose(frame, base, stamp=stamp)
 
         follower = CameraFollower(
             find_detector(what) if isinstance(what, str) else what,
             pictures(camera) if isinstance(camera, int | str) else camera,
             follow,
-            lambda stamp: self.pose(frame, base, stamp=stamp),
+            see,
             model,
             distances,
         )
-        self._end_following(follower)
+        before = self._end_following(follower)
+        if before is not None and isinstance(camera, int | str):
+            before.wait(_TIMEOUT)  # it may use the same device
         follower.start()
         return follower
 
@@ -683,10 +694,11 @@ class Head:
             raise RefusedCommandError(HeadState.STOPPED)
         return now
 
-    def _end_following(self, follower: CameraFollower | None = None) -> None:
-        """End the camera that controls the head; another one replaces it, or none."""
+    def _end_following(self, follower: CameraFollower | None = None) -> CameraFollower | None:
+        """End and return the camera that controls the head; another one replaces it, or none."""
         with self._control.lock:
-            self._follower = follower
+            before, self._follower = self._follower, follower
+        return before
 
     def _follow(self, target: Target, epoch: int) -> None:
         with self._control.lock:

@@ -66,7 +66,8 @@ class CameraFollower:
         source: images (blue, green, red; shape (height, width, 3)) with their times [s, as
             time.time()].
         follow: receives each point in the optical frame [m], and its time [s].
-        pose: returns `T_fixed_optical` at a time [s]; may block until it is known.
+        pose: returns `T_fixed_optical` at the time of each image [s]; may block until it is known,
+            and raise an error that ends the thread.
         camera: the camera; None: one with `DEFAULT_VIEW`.
         distances: limits and assumption of the distance; None: 2 m where it is not measured.
 

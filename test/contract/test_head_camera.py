@@ -18,6 +18,7 @@ from head_tracking import (
 from head_tracking.vision import NoPictureError
 
 pytest.importorskip("cv2")
+GREY = np.full((240, 320, 3), 128, np.uint8)
 
 
 @pytest.fixture
@@ -82,9 +83,33 @@ def test_a_second_camera_replaces_the_first(head, follow):
     assert second.error is None
 
 
+@pytest.mark.parametrize(
+    ("command", "error"),
+    [
+        (lambda head: head.hold(), SupersededError),
+        (lambda head: head.look_at((1.0, -0.2, 0.6)), SupersededError),
+        (lambda head: head.follow_camera("face", []), SupersededError),
+        (lambda head: head.relax(), SupersededError),
+        (lambda head: head.stop(), RefusedCommandError),
+        (lambda head: head.close(), RefusedCommandError),
+    ],
+)
+def test_a_camera_that_sees_nothing_ends_with_the_next_command_too(head, command, error):
+    """Else its device would stay in use."""
+
+    def images():
+        while True:
+            time.sleep(0.02)
+            yield time.time(), GREY
+
+    camera = head.follow_camera("face", images())
+    command(head)
+    assert camera.wait(10.0)
+    assert isinstance(camera.error, error)
+
+
 def test_a_camera_without_a_face_does_not_move_the_head(head, servos):
-    grey = np.full((240, 320, 3), 128, np.uint8)
-    camera = head.follow_camera("face", ((time.time(), grey) for _ in range(5)))
+    camera = head.follow_camera("face", ((time.time(), GREY) for _ in range(5)))
     assert camera.wait(10.0)
     assert (camera.sighting, camera.error) == (None, None)
     assert servos.true == pytest.approx((0.0, 0.0), abs=1e-6)
