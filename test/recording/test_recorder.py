@@ -121,9 +121,7 @@ def test_all_that_is_said_is_in_the_file_as_it_was_said(node, recorder):
     assert stamps == sorted(stamps)
     assert abs(stamps[-1] * 1e-9 - time.time()) < 60.0
     record = next(record for topic, _, record in found if topic == "/joint_states")
-    assert deserialize_message(record.data, JointState) == sent[0] or math.isnan(
-        deserialize_message(record.data, JointState).velocity[0]
-    )
+    assert str(deserialize_message(record.data, JointState)) == str(sent[0])  # it has a NaN
 
 
 def test_the_file_tells_what_ros2_bag_wants_to_know(node, recorder):
@@ -145,12 +143,7 @@ def test_the_file_tells_what_ros2_bag_wants_to_know(node, recorder):
     assert offer["reliability"] == "reliable"
     assert offer["deadline"] == {"sec": 9223372036, "nsec": 854775807}
     assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
-    assert (
-        summary.statistics.message_count
-        == recorder._session._count
-        + len([c for c in summary.channels.values() if c.topic.startswith("/tf")])
-        or summary.statistics.message_count > 1
-    )
+    assert summary.statistics.message_count == recorder._session._count
     files = yaml.safe_load(attachment.data)
     assert files == {"/servo_bus": {"ros__parameters": VALUES["/servo_bus"]}}
 
