@@ -26,7 +26,7 @@ from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from head_tracking.page.access import Access, Receive, Scope, Send
+from head_tracking.page.access import Access, Message, Receive, Scope, Send
 from head_tracking.page.commands import commands
 from head_tracking.page.live import EncodedPicture, Live, ViewParameters
 from head_tracking.page.replay import Replays
@@ -48,6 +48,7 @@ _MESSAGES = 200.0  # per second; a browser sends one for each picture
 _RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
 _UNWATCHED = 0.2  # s between samples while no browser watches
 
+_LAST = 50  # the number of requests after which one ends its connection: uvicorn reads on for each
 _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of STOP
 
 _AT_ONCE = ("/head/stop", "/head/resume")
@@ -115,7 +116,7 @@ class Page:
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._state, self._sampled = "", asyncio.Event()
         self._pictures: dict[str, EncodedPicture] = {}
-        self._next_turn = 0.0
+        self._next_turn, self._requests = 0.0, 0
         self._stopping = ThreadPoolExecutor(4, "stop")
         self._working = ThreadPoolExecutor(8, "command")
         self._sampling = ThreadPoolExecutor(1, "sample")
@@ -246,11 +247,22 @@ class Page:
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request; a flood of others leaves the processor to STOP."""
+
+        async def send_last(message: Message) -> None:
+            """Send a message; the connection ends after it, and with it what is waiting there."""
+            if message["type"] == "http.response.start":
+                headers = [*message.get("headers", ()), (b"connection", b"close")]
+                message = {**message, "headers": headers}
+            await send(message)
+
+        is_last = False
         if scope["type"] != "lifespan" and scope["path"] not in _AT_ONCE:
             now = time.monotonic()
             self._next_turn = max(self._next_turn + _PACE, now - _BURST)
+            self._requests += 1
+            is_last = self._requests % _LAST == 0
             await asyncio.sleep(self._next_turn - now)
-        await self._access(scope, receive, send)
+        await self._access(scope, receive, send_last if is_last else send)
 
     def _recording(self, name: str) -> Path:
         """Return one of the listed recordings by its name.
