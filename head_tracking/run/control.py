@@ -10,7 +10,6 @@ from dataclasses import asdict
 from typing import Any
 
 import rclpy
-from rclpy.logging import get_logger
 from rclpy.node import Node
 
 from head_tracking.control import ControlLoop, JointOwners
@@ -211,7 +210,6 @@ class ControlProcess:
             plan, threads, resources, self._stop, self._others.start, self._report_servos, owners
         )
         check_parameters(head.nodes.values())
-        get_logger("head_tracking").info(threads.executor)
         head_node = head.nodes.get(plan.head_node)
         monitor = RunMonitor(
             head_node.control if head_node else None,

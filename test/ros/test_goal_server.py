@@ -33,7 +33,7 @@ def served(request, monkeypatch, threads):
     )
     threads.start(server)
     threads.start(asks)
-    assert threads.executor.endswith("EventsExecutor") is (request.param == "events")
+    assert (type(server.executor).__name__ == "EventsExecutor") is (request.param == "events")
     return Client(asks, actions.PointHead, "/serves/goals"), begun
 
 

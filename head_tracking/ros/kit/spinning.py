@@ -120,16 +120,6 @@ class NodeThreads:
         self.problems: list[str] = []
 
     @property
-    def executor(self) -> str:
-        """The executor, as text for the log."""
-        if isinstance(self._executor, SingleThreadedExecutor):
-            return (
-                "all nodes run in one SingleThreadedExecutor, which needs more processor time: "
-                "the EventsExecutor of rclpy is missing or does not work here"
-            )
-        return "all nodes run in one EventsExecutor"
-
-    @property
     def failure(self) -> NodeDied | None:
         """The first error of a node: of a callback, or its attribute `failure`."""
         for node in self._nodes:
@@ -141,7 +131,13 @@ class NodeThreads:
     def start(self, node: Node) -> None:
         """Start to spin a node."""
         if self._executor is None:
-            kind = EventsExecutor if events_executor_works(node.context) else SingleThreadedExecutor
+            kind = EventsExecutor
+            if not events_executor_works(node.context):
+                kind = SingleThreadedExecutor
+                node.get_logger().warning(
+                    "the EventsExecutor of rclpy is missing or does not work here: another one "
+                    "runs the nodes, which needs more processor time"
+                )
             self._executor = kind(context=node.context)
             self._thread.start()
         self._nodes.append(node)
