@@ -121,6 +121,29 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, page:
     robot.go_on.set()
 
 
+_NO_WEBGL = """
+HTMLCanvasElement.prototype.getContext = ((get) => function (kind, ...options) {
+  return kind.startsWith("webgl") ? null : get.call(this, kind, ...options);
+})(HTMLCanvasElement.prototype.getContext);
+"""
+
+
+def test_stop_works_in_a_browser_without_3d(robot: _Robot, page: Page) -> None:
+    try:
+        chromium()
+    except NoBrowser as missing:
+        pytest.skip(str(missing))
+    with open_browser() as opened:
+        tab = opened.new_page()
+        tab.set_default_timeout(1e3 * PATIENCE)
+        tab.add_init_script(_NO_WEBGL)
+        tab.goto(f"http://127.0.0.1:{page.port}/", wait_until="load")
+        before = robot.stops
+        tab.locator("#stop").dispatch_event("click")
+        wait_for(lambda: robot.stops > before, 20.0)
+        tab.wait_for_selector("#robot .failing", state="attached")
+
+
 def test_stop_needs_the_mark_of_the_page(robot: _Robot, page: Page) -> None:
     before = robot.stops
     assert httpx.post(f"http://127.0.0.1:{page.port}/head/stop").status_code == 403

@@ -4,7 +4,7 @@ import { Chart } from "./chart.js";
 import { abort, button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
-import { RobotScene } from "./scene.js";
+import { NoScene, RobotScene } from "./scene.js";
 import { Steering, titleOf } from "./steer.js";
 
 const SILENT = 3000; // ms without a state until the page shows "disconnected"
@@ -23,8 +23,16 @@ class Page {
     this.state = null;
     this.about = null;
     this.silent = ""; // why no states are received
-    this.failing = {}; // why this browser can't show a part, by part
-    this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point, take_over: true }));
+    this.lacking = {}; // what this browser lacks, by part
+    this.failing = {}; // why it can't show a part, by part
+    by("stop").onclick = () => this.stop(); // first: STOP must not depend on what comes below
+    addEventListener("keydown", (event) => this.onKey(event));
+    try {
+      this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point, take_over: true }));
+    } catch (error) {
+      this.scene = new NoScene();
+      this.failing = this.lacking = { robot: error.message };
+    }
     this.chart = new Chart(by("lines"));
     this.steer = new Steering(() => this.canSteer());
     this.camera = new CameraPicture(
@@ -36,10 +44,8 @@ class Page {
     this.calibration = new Calibration((text, yes) => this.tuning.ask(text, yes));
     this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob) : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
     this.recordings = new Recordings((opened) => { this.replay.open(opened); this.openTab("live"); });
-    by("stop").onclick = () => this.stop();
     by("resume").onclick = () => { by("resume").blur(); send("/head/resume"); };
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
-    addEventListener("keydown", (event) => this.onKey(event));
     this.makeTabs();
     this.makeTheme();
     this.makeView();
@@ -233,7 +239,7 @@ class Page {
       health: () => showHealth(about),
       calibration: () => this.calibration.show(about.calibration),
     };
-    this.failing = {};
+    this.failing = { ...this.lacking };
     for (const [part, show] of Object.entries(parts)) {
       try { show(); } catch (error) { this.failing[part] = error.message; }
     }

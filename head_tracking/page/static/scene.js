@@ -275,9 +275,18 @@ export class RobotScene {
     if (box.isEmpty()) return;
     this.framed = true;
     const ball = box.getBoundingSphere(new THREE.Sphere());
-    const away = ball.radius / Math.sin((this.camera.fov * Math.PI) / 360);
+    const away = (1.1 * ball.radius) / Math.sin((this.camera.fov * Math.PI) / 360);
     this.controls.target.copy(ball.center);
     this.camera.position.copy(ball.center).add(new THREE.Vector3(-0.55, -0.7, 0.4).normalize().multiplyScalar(away));
     this.controls.update();
   }
+}
+
+/** Stands in for the scene in a browser without WebGL. */
+export class NoScene {
+  wanted = {};
+  want() {}
+  setRobot() {}
+  show() {}
+  showPicture() {}
 }
