@@ -187,12 +187,6 @@ class HeadModes:
             return Mode.TRACK if sending is None else sending.mode
         return Mode.POINT if self._is_enabled(POINTER) else Mode.OFF
 
-    @property
-    def sought(self) -> str:
-        """What the head follows once the camera sees it; empty: nothing of that kind."""
-        mode = self.mode()
-        return str(mode) if mode in _FOLLOWS else ""
-
     def possible(self) -> tuple[Mode, ...]:
         """Return the modes whose nodes exist or can be started."""
         return tuple(

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.calibrating import CameraCalibration
-from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES, Mode
+from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
 from head_tracking.page.motion import Motion, number
 from head_tracking.page.other_topics import Picture
 from head_tracking.page.robot import Robot
@@ -111,7 +111,6 @@ class Live:
         self._prediction_due = self._slow_due = 0.0
         self._encoded: dict[str, EncodedPicture] = {}
         self._notices: list[str] = []
-        self._mode = Mode.OFF
         self._camera_requested = False
         self.robot_text = ""
         self.slow_text = ""
@@ -248,7 +247,7 @@ class Live:
             for name, transform in self.observation.frames.items()
             if "person" in name and latest.get(name, 0) > oldest
         }
-        mode = self._mode
+        mode = self._robot.mode
         region = self._robot.topics.region() if mode in FOUND_IN_PICTURES else None
         picture = self.latest_picture() if people or region is not None else None
         if picture is None or self._model is None:
@@ -273,7 +272,6 @@ class Live:
     def _slow(self) -> dict[str, Any]:
         robot, live = self._robot, self.observation
         self._start_camera()
-        self._mode = robot.modes.mode()
         status, outcome, health = robot.status(live), robot.stop.outcome, robot.topics.health()
         values = {one.values.get("joint"): dict(one.values) for one in health}
         servos = robot.joints.servos()
@@ -286,7 +284,7 @@ class Live:
             "word": str(status.word),
             "text": status.reason,
             "error": number(live.error),
-            "mode": str(self._mode),
+            "mode": str(robot.mode),
             "modes": [str(mode) for mode in robot.modes.possible()],
             "target_text": live.target_text,
             "stopped": robot.stop.stopped,

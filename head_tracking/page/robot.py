@@ -13,7 +13,14 @@ from rclpy.node import Node
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_parameters import HeadParameters
-from head_tracking.page.head_modes import POINTER, TRACKER, HeadModes, Mode, OtherNodes
+from head_tracking.page.head_modes import (
+    FOUND_IN_PICTURES,
+    POINTER,
+    TRACKER,
+    HeadModes,
+    Mode,
+    OtherNodes,
+)
 from head_tracking.page.joint_control import JointControl
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.status import Status, head_status
@@ -52,6 +59,7 @@ class Robot:
         topics: the latest messages of other nodes.
         parameters: of other nodes.
         modes: what the head looks at.
+        mode: of the head, as of the last `observe`.
         joints: joints moved by hand.
         recorder: writes all topics of the robot into files.
     """
@@ -69,6 +77,7 @@ class Robot:
         self._model: RobotModel | None = None
         self._head: PanTiltHead | None = None
         self._no_head = ""
+        self.mode = Mode.OFF
         self.stop = Stop(node)
         self._polled = PolledNode(node, f"{node.get_name()}_polled", report)
         if buffer is None:
@@ -151,10 +160,10 @@ class Robot:
             watched: with the pointing error, whose topic is frequent.
         """
         self.poll()
-        model = self._model
+        model, mode = self._model, self.modes.mode()
+        self.mode = mode
         if model is None:
             return Observation(self._now)
-        mode = self.modes.mode()
         controller = {Mode.OFF: "", Mode.POINT: POINTER}.get(mode, TRACKER)
         status = self.topics.status(controller)
         # point_head keeps its target; head_tracker needs it again and again
@@ -171,14 +180,15 @@ class Robot:
         )
 
     def status(self, live: Observation) -> Status:
-        """Return what the robot does; see `head_status`."""
+        """Return what the robot does, as of the last `observe`; see `head_status`."""
+        is_sought = self.mode in FOUND_IN_PICTURES and self.mode is not Mode.VISUAL
         return head_status(
             live,
             self.topics.health(),
             self.joints.servos(),
             self.silent_joints(),
             stopped=self.stop.stopped,
-            sought=self.modes.sought,
+            sought=str(self.mode) if is_sought else "",
         )
 
     def stop_everything(self) -> Outcome:
