@@ -89,7 +89,8 @@ def calibrate_camera(
             each other or the model.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is unknown, or the joints are not measured until the end.
-        ValueError: there is no such target, or the marker has no size.
+        ValueError: there is no such target, the marker has no size or a wrong family, or the model
+            is for other images.
     """
     observe = observer(target, marker)
     robot = head.frames.model
@@ -102,6 +103,11 @@ def calibrate_camera(
         raise _no_picture()
     height, width = first.shape[:2]
     lens = model or camera_with_view(width, height, DEFAULT_VIEW)
+    if (lens.width, lens.height) != (width, height):
+        raise ValueError(
+            f"the images are {width} x {height}; the camera's model is for {lens.width} x "
+            f"{lens.height}"
+        )
     still = _Observer(head, source, lens, observe, TARGETS[target])
     views = _gather(still, head, geometry, lens, report)
     report(f"{len(views)} views; computing")

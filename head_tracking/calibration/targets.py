@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from head_tracking.calibration.geometry import Array
+from head_tracking.parameters import checked, parameter_info
 from head_tracking.vision.candidate import Frame
 from head_tracking.vision.faces import FaceDetector, FaceParameters
 from head_tracking.vision.images import Pixels
@@ -34,7 +36,7 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
         marker: family, number and size of the marker.
 
     Raises:
-        ValueError: there is no such target, or the marker has no size.
+        ValueError: there is no such target, or the marker has no size or a wrong family.
     """
     if target not in TARGETS:
         raise ValueError(f"the target is {target!r}; allowed are {', '.join(TARGETS)}")
@@ -44,6 +46,8 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
         return _Room()
     if marker is None or marker.marker_size <= 0.0:
         raise ValueError("marker_size is not above 0; set it to the edge of the black square [m]")
+    for each in fields(marker):
+        checked(each.name, parameter_info(each), each.default, getattr(marker, each.name))
     detector = MarkerDetector(marker)
     return lambda frame: {
         int(each.label): np.asarray(each.points, float) for each in detector.detect(frame, [])

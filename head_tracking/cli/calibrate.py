@@ -41,17 +41,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _calibrate(options: argparse.Namespace) -> int:
-    from head_tracking.vision import MarkerParameters, camera_with_view
+    from head_tracking.vision import MarkerParameters, camera_with_view, pictures
 
     marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
     open_head = Head.simulated if options.sim else partial(Head.open, options.port)
     with open_head(robot=options.robot) as head:
+        images = (
+            _simulated_images(head, options.target) if options.sim else pictures(options.camera)
+        )
+        source = iter(images)
+        height, width = next(source)[1].shape[:2]  # there is a camera
         Terminal(assume_yes=options.yes).confirm(
             "The head will look around. Is its range free of obstacles?"
         )
-        width, height = (320, 240) if options.sim else options.size
         calibration = head.calibrate(
-            _simulated_images(head, options.target) if options.sim else options.camera,
+            source,
             target=options.target,
             marker=marker,
             model=camera_with_view(width, height, math.radians(options.view)),
@@ -105,10 +109,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--sim", action="store_true", help="simulate servos and a camera whose pose is wrong")
     add("--robot", default="kinectbot", metavar="NAME|FILE", help="name of the robot, or its model")
     add("--camera", default=0, type=_camera, help="number, device, file or URL (%(default)s)")
-    add(
-        "--size", nargs=2, type=between(16, 10_000, "pixels", int), default=(640, 480),
-        metavar=("W", "H"), help="image size",
-    )  # fmt: skip
     add(
         "--view", type=between(5.0, 170.0, "degrees"), default=60.0, metavar="DEG",
         help="its horizontal angle of view [degrees] (%(default)s)",

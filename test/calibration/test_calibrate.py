@@ -21,7 +21,7 @@ from head_tracking.scene import film
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.simulation import SimulatedJoints
 from head_tracking.transforms import TransformBuffer, load_robot_model
-from head_tracking.vision import MarkerParameters
+from head_tracking.vision import MarkerParameters, camera_with_view
 
 
 @pytest.fixture
@@ -171,3 +171,16 @@ def test_the_play_of_simulated_servos_is_found(quick, degrees):
         estimate = found.estimates[name]
         assert estimate.observable
         assert abs(estimate.value - math.radians(degrees)) < math.radians(0.25)
+
+
+def test_an_unknown_marker_family_is_refused_before_the_head_moves():
+    images = ((time.time(), np.zeros((240, 320, 3), np.uint8)) for _ in range(100))
+    with Head.simulated() as head, pytest.raises(ValueError):
+        head.calibrate(images, marker=MarkerParameters("5", -1, 0.16))
+
+
+def test_the_model_of_a_camera_must_fit_its_images():
+    marker = MarkerParameters("4X4_50", -1, 0.16)
+    images = ((time.time(), np.zeros((240, 320, 3), np.uint8)) for _ in range(100))
+    with Head.simulated() as head, pytest.raises(ValueError):
+        head.calibrate(images, marker=marker, model=camera_with_view(640, 480, math.radians(60.0)))
