@@ -42,6 +42,7 @@ _FAR: Final = 3.5  # deviations: larger errors, or negative play, contradict the
 _NEGATIVE_PLAY: Final = math.radians(0.5)  # less is noise
 _OUTLYING: Final = 5.0  # deviations: such a view is excluded,
 _MOST_LEFT_OUT: Final = 0.2  # at most this share of all
+_LEAST_FREE: Final = 0.25  # of the residuals: at least so many degrees of freedom
 _MOST_NOISE: Final = 4.0  # px
 _UNSTEADY: Final = 2.5  # times the stated deviation of the readings
 _MOVED: Final = 5.7  # deviations: a motion reduces the cost by a chi-square with p = 5e-9
@@ -138,7 +139,7 @@ def solve(
         for poses in guesses
     ]
     fit = min(fits, key=lambda each: each.cost)
-    noise = fit.noise()
+    noise = fit.noise(free)
     fit.run(free, noise)
     moved = fit.movement(free, noise)
     if moved is not None:
@@ -147,15 +148,15 @@ def solve(
             f"the marker or the camera moved at about view {moved} of {len(views)}: fasten both, "
             "and calibrate again",
         )
-    kept = fit.consistent_views()
+    kept = fit.consistent_views(free)
     if len(kept) < max(FEWEST_VIEWS, (1.0 - _MOST_LEFT_OUT) * len(views)):
         raise CalibrationError(
             Reason.INCONSISTENT,
             f"{len(views) - len(kept)} of {len(views)} views are outliers: the marker must not "
             "move, and the images must be sharp",
         )
-    fit = fit.with_views(kept).run(free, fit.noise())
-    noise = fit.noise()
+    fit = fit.with_views(kept).run(free, fit.noise(free))
+    noise = fit.noise(free, robust=False)
     if noise > _MOST_NOISE:
         raise CalibrationError(
             Reason.BLURRED,
@@ -408,12 +409,31 @@ class _Fit:
         self._set(x, free)
         return jacobian
 
-    def noise(self) -> float:
-        """Return the standard deviation of a corner [px], from the median of the residuals."""
+    def noise(self, free: Sequence[int], *, robust: bool = True) -> float:
+        """Return the standard deviation of a corner [px].
+
+        The fit absorbs a part of the noise. With markers this counts every unknown, which is
+        cautious, because the pose of a small marker is ambiguous. With points it is the trace of
+        the hat matrix, because priors determine most of the readings.
+
+        Args:
+            free: indices of `PARAMETERS`.
+            robust: whether to use the median of the residuals; their mean square scatters less. Of
+                markers it is the median always: they have more residuals.
+        """
         misses = np.abs(self._errors()).ravel()
-        used = self.changes.size + self._poses.size + self._readings.size
-        share = math.sqrt(misses.size / max(misses.size - used, 0.25 * misses.size))
-        return max(0.05, float(np.median(misses)) / 0.6745 * share)
+        used = float(self.changes.size + self._poses.size + self._readings.size)
+        typical = float(np.median(misses)) / 0.6745
+        if self._has_points:
+            orthonormal, _ = np.linalg.qr(self._differences(self._unknowns(free), free))
+            used = float((orthonormal[: misses.size] ** 2).sum())
+            typical = typical if robust else math.sqrt(float(np.mean(misses**2)))
+        share = math.sqrt(misses.size / max(misses.size - used, _LEAST_FREE * misses.size))
+        return max(0.05, typical * share)
+
+    @property
+    def _has_points(self) -> bool:
+        return len(self._shape) == 1
 
     def pixels(self) -> Array:
         """Return the seen corners relative to the optical axis, shape (N * K, 2) [px]."""
@@ -423,9 +443,9 @@ class _Fit:
         """Return the differences of the expected corners from the seen ones, as `pixels`."""
         return self._errors().reshape(-1, 2)
 
-    def consistent_views(self) -> list[int]:
+    def consistent_views(self, free: Sequence[int]) -> list[int]:
         """Return the indices of the views that are no outliers."""
-        misses = np.sqrt((self._errors() ** 2).mean(axis=(1, 2))) / self.noise()
+        misses = np.sqrt((self._errors() ** 2).mean(axis=(1, 2))) / self.noise(free)
         aside = np.abs(self._readings).max(axis=0)[self._seen.images] / self._reading
         limit = _OUTLYING * max(1.0, self.unsteadiness())
         return np.flatnonzero((misses < _OUTLYING) & (aside < limit)).tolist()
@@ -439,8 +459,14 @@ class _Fit:
         for share in _SPLITS:
             first = round(share * count)
             moved = self.moved_at(first)
-            added = (len(moved._poses) - len(self._poses)) * (_POSE if len(self._shape) > 1 else 3)
-            if added and self.cost - moved.run(free, noise).cost > 0.5 * _unlikely(added):
+            added = (len(moved._poses) - len(self._poses)) * (3 if self._has_points else _POSE)
+            if not added:
+                continue
+            gain = self.cost - moved.run(free, noise).cost
+            ratio = 1.0
+            if self._has_points:  # few residuals: a motion looks like noise
+                ratio = noise / min(noise, moved.noise(free, robust=False))
+            if gain * ratio**2 > 0.5 * _unlikely(added):
                 return first
         return None
 

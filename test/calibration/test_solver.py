@@ -141,3 +141,11 @@ def test_few_views_are_refused(geometry):
     with pytest.raises(CalibrationError) as refusal:
         solve(geometry, CAMERA, random_head(geometry, 134, 0.5).views[:5], SIZE)
     assert refusal.value.reason is Reason.FEW_VIEWS
+
+
+@pytest.mark.parametrize("noise", [1.0, 2.0])
+def test_the_noise_of_a_face_is_not_overestimated(geometry, noise):
+    """A face gives two numbers a view, and the errors of the readings hide in these."""
+    heads = [random_head(geometry, seed, noise, points=1) for seed in range(8)]
+    found = [solve(geometry, CAMERA, head.views, None).noise for head in heads]
+    assert np.median(found) == pytest.approx(noise, rel=0.2)
