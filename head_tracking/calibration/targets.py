@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from head_tracking.calibration.geometry import Array
-from head_tracking.parameters import checked, parameter_info
 from head_tracking.vision.candidate import Frame
 from head_tracking.vision.faces import FaceDetector, FaceParameters
 from head_tracking.vision.images import Pixels
-from head_tracking.vision.markers import MarkerDetector, MarkerParameters
+from head_tracking.vision.markers import DICTIONARIES, MarkerDetector, MarkerParameters
 from head_tracking.vision.opencv import cv2
 
 TARGETS: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
@@ -46,8 +44,8 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
         return _Room()
     if marker is None or marker.marker_size <= 0.0:
         raise ValueError("marker_size is not above 0; set it to the edge of the black square [m]")
-    for each in fields(marker):
-        checked(each.name, parameter_info(each), each.default, getattr(marker, each.name))
+    if marker.dictionary not in DICTIONARIES:
+        raise ValueError(f"dictionary {marker.dictionary!r}: allowed are {', '.join(DICTIONARIES)}")
     detector = MarkerDetector(marker)
     return lambda frame: {
         int(each.label): np.asarray(each.points, float) for each in detector.detect(frame, [])
