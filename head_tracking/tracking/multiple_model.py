@@ -39,15 +39,15 @@ MODELS = (
     Model(2, 1e5, 10.0),  # near-constant velocity, high process noise
     Model(2, 1e4, 3.0),  # near-constant velocity, low process noise
     Model(3, 1e3, 4.0),  # harmonic, low process noise
-    Model(3, 2e6, 10.0),  # harmonic, high process noise
+    Model(3, 5e5, 10.0),  # harmonic, high process noise
 )
 """The first scores favour a target at rest."""
 
 _USUAL_NOISE = 0.003  # rad; noise of a point before it is estimated
 _SPEED = 0.5  # rad/s; prior standard deviation of a target's velocity
 ACCELERATION = 2.0  # rad/s^2; prior standard deviation of its acceleration
-_MEMORY = 0.8  # s; time constant of the scores
-_LARGEST_SHARE = 0.12  # largest weight of one point in a score
+_MEMORY = 2.0  # s; time constant of the scores
+_LARGEST_SHARE = 0.04  # largest weight of one point in a score
 _ERROR_MEMORY = 0.9  # s; time constant of the errors of the mixture
 _NOISE_MEMORY = 2.0  # s; time constant of the variance of the points
 _NOISE_POINTS = 6  # fifth differences: a 1 Hz oscillation at 15 points a second vanishes

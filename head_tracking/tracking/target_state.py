@@ -82,7 +82,6 @@ class TargetStateMachine:
         self._seen: float | None = None
         self._on_target = 0.0
         self._interval = _USUAL_INTERVAL
-        self._held: tuple[float, float] | None = None
         self._centring = False
 
     @property
@@ -114,7 +113,7 @@ class TargetStateMachine:
             self._become(TargetState.ACQUIRING, "a new target has come")
         if now - self._refused > _REFUSAL_SHOWN:
             self.refusal = ""
-        self._seen, self._held, self._centring = now, None, False
+        self._seen, self._centring = now, False
 
     def refused(self, reason: str, now: float) -> None:
         """Record why a target was refused; a reason is kept for 1 s before another replaces it."""
@@ -123,7 +122,7 @@ class TargetStateMachine:
 
     def forget(self, reason: str) -> None:
         """Return to the state before the first target."""
-        self._seen = self._held = None
+        self._seen = None
         self._centring = False
         self.refusal = self.stalled = ""
         self._become(TargetState.IDLE, reason)
@@ -153,11 +152,14 @@ class TargetStateMachine:
         elif self._state is not TargetState.TRACKING or now - self._on_target > _OFF_TIME:
             self._become(TargetState.ACQUIRING, "the head turns to the target")
 
-    def goal(self, positions: tuple[float, float], now: float) -> tuple[float, float] | None:
+    def goal(
+        self, positions: tuple[float, float], last: tuple[float, float], now: float
+    ) -> tuple[float, float] | None:
         """Return where to turn without a target [rad]; None: send nothing.
 
         Args:
             positions: present pan and tilt [rad].
+            last: pan and tilt that look at where the lost target should be [rad].
             now: the time [s].
         """
         p = self.parameters
@@ -176,8 +178,7 @@ class TargetStateMachine:
         if self._state is TargetState.IDLE:
             return None
         self._become(TargetState.HOLDING, "the target is lost")
-        self._held = self._held or inside(self._head, positions)
-        return self._held
+        return inside(self._head, last)
 
     def _recentring(self, positions: tuple[float, float]) -> tuple[float, float] | None:
         centre = self._head.pan_limits.clamp(0.0), self._head.tilt_limits.clamp(0.0)

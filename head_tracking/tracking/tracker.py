@@ -241,7 +241,14 @@ class Tracker:
             self.estimator.lead_time += _SMOOTHING * (ahead - self.estimator.lead_time)
             self._watch_servos(command, joints)
             return TrackingStep(command, gaze, error)
-        goal = self.machine.goal(joints.positions, now)
+        last = joints.positions
+        if estimate is not None:
+            target = self._from_base(estimate, now)
+            if target is None:
+                return TrackingStep()
+            gaze = self.head.gaze_along(target.ray_at(now), *joints.positions)
+            last = gaze.pan, gaze.tilt
+        goal = self.machine.goal(joints.positions, last, now)
         if goal is None:
             return TrackingStep()
         speed = min(self.machine.parameters.default_joint_speed, self.law.at_most)

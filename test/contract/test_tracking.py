@@ -147,7 +147,7 @@ def test_a_bad_value_is_refused_with_its_name_and_changes_nothing(person, name, 
     [((1, -1, 0, "nowhere"), "nowhere"), ((math.nan, 0, 0, "base_link"), ""), ((1, 0, 0, ""), "")],
 )
 def test_what_is_no_target_is_named_and_moves_nothing(bench, person, target, fact):
-    before = bench.servos.true
+    before = bench.servos.at_rest()
     person.complaint("head_tracker", fact, of=lambda: person.look_at(*target))
     assert bench.servos.at_rest() == pytest.approx(before, abs=0.5 * DEGREE)
 

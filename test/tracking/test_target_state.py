@@ -12,7 +12,7 @@ HEAD = PanTiltHead(
 )
 REACHED = Gaze(0.0, 0.0, GazeStatus.REACHED, 0.0)
 BEYOND = Gaze(0.0, 0.0, GazeStatus.OUT_OF_REACH, 0.3, "the target is out of reach")
-HERE = (0.5, 0.2)
+HERE, THERE = (0.5, 0.2), (0.3, 0.1)
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def seen(life, until=1.0):
 
 def test_before_the_first_target_nothing_moves(make):
     life = make()
-    assert life.goal(HERE, 1e6) is None
+    assert life.goal(HERE, HERE, 1e6) is None
     assert life.state is TargetState.IDLE
     assert not life.follows(1e6, 0.5)
 
@@ -71,30 +71,31 @@ def test_a_slow_stream_of_points_is_no_loss(make):
     assert life.state is TargetState.TRACKING
 
 
-def test_a_lost_target_stops_the_head_where_it_is(make):
+def test_where_a_lost_target_should_be_the_head_waits_for_it(make):
     life = make()
     last = seen(life)
     assert not life.follows(last + 0.5, 0.5)
-    assert life.goal(HERE, last + 0.6) == HERE
-    assert life.goal((0.51, 0.2), last + 0.7) == HERE
+    assert life.goal(HERE, THERE, last + 0.6) == THERE
+    assert life.goal((0.51, 0.2), THERE, last + 0.7) == THERE
+    assert life.goal(HERE, (9.0, 0.2), last + 0.8) == (HEAD.pan_limits.upper, 0.2)
     assert life.state is TargetState.HOLDING
 
 
 def test_after_the_timeout_it_recentres_and_then_is_silent(make):
     life = make()
     last = seen(life)
-    life.goal(HERE, last + 1.0)
-    assert life.goal(HERE, last + 10.0) == (0.0, 0.0)
+    life.goal(HERE, THERE, last + 1.0)
+    assert life.goal(HERE, THERE, last + 10.0) == (0.0, 0.0)
     assert life.state is TargetState.RECENTERING
-    assert life.goal((0.01, 0.0), last + 13.0) is None
+    assert life.goal((0.01, 0.0), THERE, last + 13.0) is None
     assert life.state is TargetState.IDLE
-    assert life.goal(HERE, last + 14.0) is None  # somebody else moves the head now
+    assert life.goal(HERE, THERE, last + 14.0) is None  # somebody else moves the head now
 
 
 def test_a_search_begins_and_any_target_interrupts_it(make):
     life = make(enable_target_search=True)
     last = seen(life)
-    assert life.goal(HERE, last + 10.0)[0] == pytest.approx(2.6, abs=0.02)
+    assert life.goal(HERE, THERE, last + 10.0)[0] == pytest.approx(2.6, abs=0.02)
     assert life.state is TargetState.SEARCHING
     life.seen(last + 11.0, new=True)
     assert life.state is TargetState.ACQUIRING
@@ -106,8 +107,8 @@ def test_recentring_on_request(make):
     seen(life)
     life.recenter()
     assert life.state is TargetState.RECENTERING
-    assert life.goal(HERE, 2.0) == (0.0, 0.0)
-    assert life.goal((0.0, 0.0), 3.0) is None
+    assert life.goal(HERE, THERE, 2.0) == (0.0, 0.0)
+    assert life.goal((0.0, 0.0), THERE, 3.0) is None
     assert life.state is TargetState.IDLE
 
 
@@ -173,7 +174,7 @@ class Facts(RuleBasedStateMachine):
     def wait(self, pan):
         self.now += 3.0
         if self.enabled:
-            goal = self.machine.goal((pan, 0.0), self.now)
+            goal = self.machine.goal((pan, 0.0), THERE, self.now)
             assert self.seen or goal is None or self.machine.state is not TargetState.IDLE
 
     @rule(joint=st.sampled_from(["", "pan does not move"]))
