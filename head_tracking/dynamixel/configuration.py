@@ -247,7 +247,7 @@ class BusSettings:
 
     def __post_init__(self) -> None:
         allowed = (
-            ("command_timeout", self.command_timeout >= 0.0, "0 or seconds above 0"),
+            ("command_timeout", 0.0 <= self.command_timeout < 1e9, "0 to 1e9 seconds"),
             ("watchdog", 0.0 <= self.watchdog <= 2.5, "0 to 2.5 seconds"),
             ("hot", self.warm <= self.hot, f"at least warm, {self.warm} degrees"),
             ("rest", self.hot <= self.rest, f"at least hot, {self.hot} degrees"),

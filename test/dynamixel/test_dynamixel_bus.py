@@ -182,6 +182,7 @@ def test_angle_limits_without_overlap_are_refused() -> None:
     "option",
     [
         {"command_timeout": -1.0},
+        {"command_timeout": float("inf")},
         {"watchdog": 3.0},
         {"warm": 66.0},
         {"rest": 64.0},
