@@ -288,8 +288,9 @@ class DynamixelBackend(JointBackend):
             stop = partial(ServoBus.relax_at_once, timeout=timeout, epoch=epoch)
             try:
                 problems.update(thread.at_once(stop, timeout / 2))
-            except DynamixelError as cause:
-                problems.update(dict.fromkeys(self._names[thread.bus], str(cause)))
+            except Exception as cause:  # STOP of the other buses goes on
+                problem = str(cause) or repr(cause)
+                problems.update(dict.fromkeys(self._names[thread.bus], problem))
 
         helpers = [threading.Thread(target=relax, args=(each,)) for each in self.threads[1:]]
         for helper in helpers:

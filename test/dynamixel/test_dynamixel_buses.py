@@ -145,3 +145,24 @@ def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_f
         assert loop.stuck == {"head_pan_joint": "it cannot hold"}
     finally:
         backend.close()
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
+    failing: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    buses, ports = make(PAN, TILT)
+    for thread in buses.threads:
+        run(thread.bus.switching_torque(None, True))
+
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ports[failing], "sync_write", fail)
+        problems = buses.relax_now()
+    names = (PAN.joint_name, TILT.joint_name)
+    assert problems[names[failing]]
+    assert not problems[names[1 - failing]]
+    assert ports[1 - failing].servos[2 - failing]["Torque Enable"] == 0
+    buses.close()
