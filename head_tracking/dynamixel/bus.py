@@ -325,9 +325,11 @@ class ServoBus:
         problems: Mapping[str, str] = {}
         try:
             if self._connected:
-                with suppress(DynamixelError):
-                    run(self._procedures.braking(), self._pause)
-                problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
+                try:
+                    with suppress(DynamixelError):
+                        run(self._procedures.braking(), self._pause)
+                finally:  # also after an interrupt
+                    problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
         finally:
             self._connected = False
             self.cycle.end()

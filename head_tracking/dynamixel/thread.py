@@ -178,12 +178,11 @@ class BusThread:
             self._owner.release()
 
     def _run(self) -> None:
-        try:
-            self._run_cycles()
-        except BaseException as error:  # reported after the servos were relaxed
-            self.error = error
-        finally:
-            self._finish()
+        for work in (self._run_cycles, self._finish):
+            try:
+                work()
+            except BaseException as error:  # reported after the servos were relaxed
+                self.error = self.error or error
         if self.error is not None and self._on_error is not None:
             self._on_error(self.error)
 
@@ -193,6 +192,7 @@ class BusThread:
             if self._ended:
                 return
             self._closing = True
+            self.unconfirmed = tuple(joint.joint_name for joint in self.bus.joints)
             try:
                 self.unconfirmed = self.bus.close()
             finally:

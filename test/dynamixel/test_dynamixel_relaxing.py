@@ -7,6 +7,7 @@ from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, writes
 from simulated_device import Bench
 
 from head_tracking.dynamixel import (
+    BusThread,
     ConfigurationError,
     DynamixelPort,
     JointConfiguration,
@@ -177,3 +178,37 @@ def test_what_cannot_be_relaxed_raises() -> None:
         relax_servos("/dev/none", {1: "AX-13"})
     with pytest.raises(PortMissingError):
         relax_servos("/dev/none", {1: "AX-12"})
+
+
+# Interrupts, and errors of other kinds
+
+
+def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    port = FakePort()
+    bus = connected(port)
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bus.requests, "drop_goals", lambda joint=None: joint or interrupt())
+    with pytest.raises(KeyboardInterrupt):
+        bus.close()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+
+
+def test_no_joint_is_called_relaxed_when_closing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = FakePort()
+    errors: list[BaseException] = []
+    thread = BusThread(connected(port), 100.0, lambda _: None, errors.append)
+
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr(thread.bus, "close", fail)
+    thread.start()
+    thread.stop()
+    assert thread.unconfirmed == (PAN.joint_name, TILT.joint_name)
+    assert thread.error is errors[0]
+    assert isinstance(thread.error, RuntimeError)
