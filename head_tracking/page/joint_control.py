@@ -110,6 +110,10 @@ class JointControl:
 
         One message has all joints: a driver acts on the latest message only.
         """
+        model = self._others.buffer.model
+        missing = [] if model is None else sorted(positions.keys() - model.joints.keys())
+        if missing:
+            return Outcome(False, f"The robot has no joint {missing[0]!r}.")
         if self.free:
             self._positions.update(positions)
             if self._timer.is_canceled():  # another reset would delay the next message

@@ -226,6 +226,9 @@ def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_
     robot = page()
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
+    wait_for(robot.model)
+    assert not robot.joints.move({"head_pan_joint": 0.2, "nose": 0.1}).done
+    assert tracker.on is True
     assert robot.joints.move({"head_pan_joint": 0.2}).done
     assert tracker.on is False
     wait_for(lambda: bus.commands)
