@@ -16,8 +16,8 @@ from head_tracking.tracking.multiple_model import ACCELERATION, Bearing, Bearing
 _HISTORY = 1.0  # s; a point may be older than the latest one by this
 _FUTURE = 0.5  # s; larger differences between clocks are errors
 _FEWEST = 8  # points that are kept whatever their age
-_NEAR = 0.4  # of `jump_threshold`: a point is used if it is so near to the prediction,
-_LIKELY = 1.25  # plus this number of standard deviations of the prediction,
+_NEAR = 0.45  # of `jump_threshold`: a point is used if it is so near to the prediction,
+_LIKELY = 1.25  # plus this number of its standard deviations, or how far the last used one was,
 _WIDEST = 2.5  # and at most this times `jump_threshold`
 _FASTEST = 1.5  # rad/s; suspects that need a higher speed do not confirm each other
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
@@ -240,7 +240,7 @@ class TargetEstimator:
         self._snapshots: list[_Snapshot] = []
         self._suspects: list[tuple[float, Ray]] = []
         self._left: tuple[float, Ray] | None = None
-        self._began = self._suspected = 0.0
+        self._began = self._off = self._suspected = 0.0
         self._estimate: TargetEstimate | None = None
 
     @property
@@ -318,10 +318,12 @@ class TargetEstimator:
         away = self._angle(ray, Ray(*estimate.bearing(stamp), ray.distance))
         threshold = self.parameters.jump_threshold
         spread = max(estimate.deviation(0, stamp), estimate.deviation(1, stamp))
-        if away <= min(_NEAR * threshold + _LIKELY * spread, _WIDEST * threshold):
+        spread = max(_LIKELY * spread, self._off)
+        if away <= min(_NEAR * threshold + spread, _WIDEST * threshold):
             if self._is_gap(stamp):
                 self._begin([(stamp, ray)], self._snapshots[-1])
                 return Verdict.NEW_TARGET
+            self._off = away
             self._suspects = [each for each in self._suspects if each[0] > stamp]
             self._insert(stamp, ray)
             return Verdict.TAKEN
@@ -411,7 +413,7 @@ class TargetEstimator:
             if before is None
             else before.bearings.restarted(bearing)
         )
-        self._began, self._estimate = stamp, None
+        self._began, self._off, self._estimate = stamp, 0.0, None
         self._append(stamp, ray, bearings)
         for each in others:
             self._append(*each)
