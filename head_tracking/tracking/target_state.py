@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from head_tracking.compatibility import StrEnum
@@ -153,13 +154,17 @@ class TargetStateMachine:
             self._become(TargetState.ACQUIRING, "the head turns to the target")
 
     def goal(
-        self, positions: tuple[float, float], last: tuple[float, float], now: float
+        self,
+        positions: tuple[float, float],
+        waiting: Callable[[], tuple[float, float] | None],
+        now: float,
     ) -> tuple[float, float] | None:
         """Return where to turn without a target [rad]; None: send nothing.
 
         Args:
             positions: present pan and tilt [rad].
-            last: pan and tilt that look at where the lost target should be [rad].
+            waiting: returns pan and tilt that look at where the lost target should be [rad]; None:
+                that is unknown.
             now: the time [s].
         """
         p = self.parameters
@@ -178,7 +183,8 @@ class TargetStateMachine:
         if self._state is TargetState.IDLE:
             return None
         self._become(TargetState.HOLDING, "the target is lost")
-        return inside(self._head, last)
+        place = waiting()
+        return None if place is None else inside(self._head, place)
 
     def _recentring(self, positions: tuple[float, float]) -> tuple[float, float] | None:
         centre = self._head.pan_limits.clamp(0.0), self._head.tilt_limits.clamp(0.0)

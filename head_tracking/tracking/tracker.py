@@ -241,14 +241,7 @@ class Tracker:
             self.estimator.lead_time += _SMOOTHING * (ahead - self.estimator.lead_time)
             self._watch_servos(command, joints)
             return TrackingStep(command, gaze, error)
-        last = joints.positions
-        if estimate is not None:
-            target = self._from_base(estimate, now)
-            if target is None:
-                return TrackingStep()
-            gaze = self.head.gaze_along(target.ray_at(now), *joints.positions)
-            last = gaze.pan, gaze.tilt
-        goal = self.machine.goal(joints.positions, last, now)
+        goal = self.machine.goal(joints.positions, lambda: self._waiting(joints, now), now)
         if goal is None:
             return TrackingStep()
         speed = min(self.machine.parameters.default_joint_speed, self.law.at_most)
@@ -305,6 +298,15 @@ class Tracker:
             watch.restart()
         joints = self._readings.latest
         return None if joints is None else self.law.stop(joints)
+
+    def _waiting(self, joints: JointReading, now: float) -> tuple[float, float] | None:
+        """Return pan and tilt that look at where the lost target should be [rad]; None: unknown."""
+        estimate = self.estimator.estimate
+        target = None if estimate is None else self._from_base(estimate, now)
+        if target is None:
+            return None
+        gaze = self.head.gaze_along(target.ray_at(now), *joints.positions)
+        return gaze.pan, gaze.tilt
 
     def _from_base(self, estimate: TargetEstimate, now: float) -> TargetEstimate | None:
         """Return the estimate in the base frame; None if the pose of the base is unknown."""

@@ -9,7 +9,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -96,16 +96,25 @@ def test_stop_does_not_wait_for_commands_that_hang(robot: _Robot, client: httpx.
         assert all(asked)
 
 
-def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, page: Page) -> None:
-    """A browser opens six to a server; here, a request hangs in each."""
+@contextmanager
+def visited(page: Page, script: str = "") -> Iterator[Any]:
+    """The page in a browser, in which a script ran first; without a browser the test is skipped."""
     try:
         chromium()
     except NoBrowser as missing:
         pytest.skip(str(missing))
-    robot.go_on.clear()
-    with open_browser() as opened:
-        tab = opened.new_page()
+    with open_browser() as browser:
+        tab = browser.new_page()
+        tab.set_default_timeout(1e3 * PATIENCE)
+        tab.add_init_script(script)
         tab.goto(f"http://127.0.0.1:{page.port}/")
+        yield tab
+
+
+def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, page: Page) -> None:
+    """A browser opens six to a server; here, a request hangs in each."""
+    robot.go_on.clear()
+    with visited(page) as tab:
         tab.wait_for_function("window.headPage")
         tab.evaluate(
             """async () => {
@@ -129,15 +138,7 @@ HTMLCanvasElement.prototype.getContext = ((get) => function (kind, ...options) {
 
 
 def test_stop_works_in_a_browser_without_3d(robot: _Robot, page: Page) -> None:
-    try:
-        chromium()
-    except NoBrowser as missing:
-        pytest.skip(str(missing))
-    with open_browser() as opened:
-        tab = opened.new_page()
-        tab.set_default_timeout(1e3 * PATIENCE)
-        tab.add_init_script(_NO_WEBGL)
-        tab.goto(f"http://127.0.0.1:{page.port}/", wait_until="load")
+    with visited(page, _NO_WEBGL) as tab:
         before = robot.stops
         tab.locator("#stop").dispatch_event("click")
         wait_for(lambda: robot.stops > before, 20.0)
@@ -211,15 +212,7 @@ JSON.parse = ((parse) => (text) => {
 def test_each_card_says_why_its_part_cannot_be_shown_and_the_rest_is(
     page: Page, script: str, failing: tuple[str, ...], shown: str
 ) -> None:
-    try:
-        chromium()
-    except NoBrowser as missing:
-        pytest.skip(str(missing))
-    with open_browser() as opened:
-        tab = opened.new_page()
-        tab.set_default_timeout(1e3 * PATIENCE)
-        tab.add_init_script(script)
-        tab.goto(f"http://127.0.0.1:{page.port}/")
+    with visited(page, script) as tab:
         tab.wait_for_selector(shown, state="attached")
         for card in failing:
             assert tab.locator(f"#{card} .failing").text_content()

@@ -15,6 +15,10 @@ BEYOND = Gaze(0.0, 0.0, GazeStatus.OUT_OF_REACH, 0.3, "the target is out of reac
 HERE, THERE = (0.5, 0.2), (0.3, 0.1)
 
 
+def there():
+    return THERE
+
+
 @pytest.fixture
 def make(head):
     return lambda **parameters: TargetStateMachine(head, TargetStateParameters(**parameters))
@@ -30,7 +34,7 @@ def seen(life, until=1.0):
 
 def test_before_the_first_target_nothing_moves(make):
     life = make()
-    assert life.goal(HERE, HERE, 1e6) is None
+    assert life.goal(HERE, there, 1e6) is None
     assert life.state is TargetState.IDLE
     assert not life.follows(1e6, 0.5)
 
@@ -75,27 +79,35 @@ def test_where_a_lost_target_should_be_the_head_waits_for_it(make):
     life = make()
     last = seen(life)
     assert not life.follows(last + 0.5, 0.5)
-    assert life.goal(HERE, THERE, last + 0.6) == THERE
-    assert life.goal((0.51, 0.2), THERE, last + 0.7) == THERE
-    assert life.goal(HERE, (9.0, 0.2), last + 0.8) == (HEAD.pan_limits.upper, 0.2)
+    assert life.goal(HERE, there, last + 0.6) == THERE
+    assert life.goal((0.51, 0.2), there, last + 0.7) == THERE
+    assert life.goal(HERE, lambda: (9.0, 0.2), last + 0.8) == (HEAD.pan_limits.upper, 0.2)
     assert life.state is TargetState.HOLDING
+
+
+def test_a_target_at_an_unknown_place_does_not_keep_the_head_from_its_centre(make):
+    life = make()
+    last = seen(life)
+    assert life.goal(HERE, lambda: None, last + 1.0) is None
+    assert life.state is TargetState.HOLDING
+    assert life.goal(HERE, lambda: None, last + 10.0) == (0.0, 0.0)
 
 
 def test_after_the_timeout_it_recentres_and_then_is_silent(make):
     life = make()
     last = seen(life)
-    life.goal(HERE, THERE, last + 1.0)
-    assert life.goal(HERE, THERE, last + 10.0) == (0.0, 0.0)
+    life.goal(HERE, there, last + 1.0)
+    assert life.goal(HERE, there, last + 10.0) == (0.0, 0.0)
     assert life.state is TargetState.RECENTERING
-    assert life.goal((0.01, 0.0), THERE, last + 13.0) is None
+    assert life.goal((0.01, 0.0), there, last + 13.0) is None
     assert life.state is TargetState.IDLE
-    assert life.goal(HERE, THERE, last + 14.0) is None  # somebody else moves the head now
+    assert life.goal(HERE, there, last + 14.0) is None  # somebody else moves the head now
 
 
 def test_a_search_begins_and_any_target_interrupts_it(make):
     life = make(enable_target_search=True)
     last = seen(life)
-    assert life.goal(HERE, THERE, last + 10.0)[0] == pytest.approx(2.6, abs=0.02)
+    assert life.goal(HERE, there, last + 10.0)[0] == pytest.approx(2.6, abs=0.02)
     assert life.state is TargetState.SEARCHING
     life.seen(last + 11.0, new=True)
     assert life.state is TargetState.ACQUIRING
@@ -107,8 +119,8 @@ def test_recentring_on_request(make):
     seen(life)
     life.recenter()
     assert life.state is TargetState.RECENTERING
-    assert life.goal(HERE, THERE, 2.0) == (0.0, 0.0)
-    assert life.goal((0.0, 0.0), THERE, 3.0) is None
+    assert life.goal(HERE, there, 2.0) == (0.0, 0.0)
+    assert life.goal((0.0, 0.0), there, 3.0) is None
     assert life.state is TargetState.IDLE
 
 
@@ -174,7 +186,7 @@ class Facts(RuleBasedStateMachine):
     def wait(self, pan):
         self.now += 3.0
         if self.enabled:
-            goal = self.machine.goal((pan, 0.0), THERE, self.now)
+            goal = self.machine.goal((pan, 0.0), there, self.now)
             assert self.seen or goal is None or self.machine.state is not TargetState.IDLE
 
     @rule(joint=st.sampled_from(["", "pan does not move"]))
