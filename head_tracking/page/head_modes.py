@@ -380,7 +380,10 @@ class HeadModes:
 
     def _is_enabled(self, name: str) -> bool:
         """Return whether a node exists and has not published that it is disabled."""
-        return self._topics.enabled(name) is not False and self._exists(name)
+        enabled = self._topics.enabled(name)
+        if enabled is None:  # the graph is late, and costs less than the services
+            return name in self._graph.nodes
+        return enabled and self._exists(name)
 
     def _disable(self, names: Iterable[str]) -> None:
         for name in names:

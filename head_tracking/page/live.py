@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import struct
@@ -29,7 +28,7 @@ from head_tracking.ros.kit.images import frame_pose
 from head_tracking.transforms import RobotModel, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 
-_WIDEST, _QUALITY = 640, 80  # pixels, of JPEG
+_WIDEST = 640  # pixels of a picture
 _DISTANCE = 1.5  # m: of a point in an image without a target
 _FACE = 0.24  # m: side of the box around a person's face
 _HIDDEN = 10**9  # ns: a person that was measured longer ago is not marked
@@ -118,7 +117,7 @@ class Live:
         self.failing: dict[str, str] = {}
         self.last_minute = LastMinute(_RECORDED)
         self.observation = Observation(0)
-        self.calibration = CameraCalibration(robot, self.latest_picture)
+        self.calibration = CameraCalibration(robot, partial(self.latest_picture, exact=True))
 
     def observe(self, *, watched: bool = False) -> None:
         """Add what the robot does now to the last minute."""
@@ -179,12 +178,12 @@ class Live:
         depth = distance / math.hypot(x, y, 1.0)
         return pose @ (x * depth, y * depth, depth)
 
-    def latest_picture(self, topic: str = "") -> Picture | None:
-        """Return the latest picture of a topic; empty: of the default topic."""
+    def latest_picture(self, topic: str = "", *, exact: bool = False) -> Picture | None:
+        """Return the latest picture of a topic; empty: of the default topic; see `picture`."""
         topics = self._robot.topics.images()
         if not topic and topics:
             topic = min(topics, key=_rank)
-        return self._robot.topics.picture(topic) if topic in topics else None
+        return self._robot.topics.picture(topic, exact=exact) if topic in topics else None
 
     def _attempt(self, part: str, add: Callable[[], Any]) -> Any:
         """Return what a function returns; None if it fails, with the reason in `failing`."""
@@ -342,15 +341,13 @@ class Live:
         picture, before = self.latest_picture(topic), self._encoded.get(topic)
         if picture is None or (before is not None and before.number == picture.number):
             return before if picture is not None else None
-        image, data = picture.image(), io.BytesIO()
-        if image is None:
+        data = picture.jpeg(_WIDEST)
+        if data is None:
             return None
-        factor = max(1, -(-picture.width // _WIDEST))
-        (image.reduce(factor) if factor > 1 else image).save(data, "JPEG", quality=_QUALITY)
         header = _HEADER.pack(picture.stamp, time.monotonic())
-        encoded = self._encoded[topic] = EncodedPicture(picture.number, header + data.getvalue())
+        encoded = self._encoded[topic] = EncodedPicture(picture.number, header + data)
         if not topic:
-            self.last_minute.add_picture(data.getvalue())
+            self.last_minute.add_picture(data)
         return encoded
 
     def _camera(self, picture: Picture) -> Camera:

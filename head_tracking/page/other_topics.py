@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import threading
 import time
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from PIL import Image
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CameraInfo, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, CompressedImage, RegionOfInterest
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Bool, Float64
 
@@ -47,6 +48,12 @@ _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
 _CALIBRATION_PERIOD = 1.0  # s
 _LATEST = QoSProfile(depth=1)
 _REGION = "visual_target/roi"
+_QUALITY, _JPEG = 80, b"\xff\xd8\xff"  # of JPEG; its first bytes
+_FRAMES = (0xC0, 0xC1, 0xC2)  # segments of a JPEG that have its size
+_IMAGE, _COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+_CAMERA_KINDS = (_IMAGE, _COMPRESSED_IMAGE, _CAMERA_INFO)
+_COMPRESSED = "/compressed"  # below the topic of the raw image, as image_transport publishes it
 
 
 class Received(NamedTuple):
@@ -60,14 +67,18 @@ class Picture(NamedTuple):
     """An image of a camera.
 
     Attributes:
-        topic: of the image.
+        topic: of the image; a compressed one is published below it.
         number: differs for each image.
         message: the image.
+        width: its width [pixels].
+        height: its height [pixels].
     """
 
     topic: str
     number: int
-    message: ImageMsg
+    message: ImageMsg | CompressedImage
+    width: int
+    height: int
 
     @property
     def stamp(self) -> int:
@@ -79,19 +90,24 @@ class Picture(NamedTuple):
         """The camera's optical frame."""
         return str(self.message.header.frame_id)
 
-    @property
-    def width(self) -> int:
-        """Width [pixels]."""
-        return int(self.message.width)
-
-    @property
-    def height(self) -> int:
-        """Height [pixels]."""
-        return int(self.message.height)
-
     def image(self) -> Image.Image | None:
         """Return it in colour or grey; see `image_of`."""
         return image_of(self.message)
+
+    def jpeg(self, widest: int) -> bytes | None:
+        """Return it as a JPEG of at most this width [pixels]; None as `image_of`.
+
+        A JPEG that is not wider stays as the camera has compressed it.
+        """
+        if isinstance(self.message, CompressedImage) and self.width <= widest:
+            data = bytes(self.message.data)
+            if data.startswith(_JPEG):
+                return data
+        image, file = self.image(), io.BytesIO()
+        if image is None:
+            return None
+        image.reduce(max(1, -(-self.width // widest))).save(file, "JPEG", quality=_QUALITY)
+        return file.getvalue()
 
 
 class OtherTopics:
@@ -115,8 +131,9 @@ class OtherTopics:
         self._diagnostics: dict[str, dict[str, Received]] = {}
         self._warnings: tuple[str, ...] = ()
         self._cameras: dict[str, tuple[float, Camera | None]] = {}
+        self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
         self._images: tuple[str, ...] = ()
-        self._infos: tuple[str, ...] = ()
+        self._pictures: dict[str, Picture | None] = {}
         self._discovery_due = 0.0
         for name in _CAN_BE_DISABLED:
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
@@ -211,33 +228,51 @@ class OtherTopics:
         return int(box.x_offset), int(box.y_offset), int(box.width), int(box.height)
 
     def images(self) -> tuple[str, ...]:
-        """Return the topics of images that exist."""
+        """Return the topics of images that exist, raw or compressed."""
         now = time.monotonic()
         if now >= self._discovery_due:
             self._discovery_due = now + _DISCOVERY_PERIOD
-            known = [
-                (name, types)
-                for name, types in self._node.get_topic_names_and_types()
-                if self._graph.is_below(name)
-            ]
-            self._images, self._infos = (
-                tuple(sorted(name for name, types in known if kind in types))
-                for kind in ("sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo")
-            )
+            known = self._node.get_topic_names_and_types()
+            self._topics = {
+                kind: {
+                    name for name, types in known if kind in types and self._graph.is_below(name)
+                }
+                for kind in _CAMERA_KINDS
+            }
+            compressed = {
+                name.removesuffix(_COMPRESSED)
+                for name in self._topics[_COMPRESSED_IMAGE]
+                if name.endswith(_COMPRESSED)
+            }
+            self._images = tuple(sorted(self._topics[_IMAGE] | compressed))
         return self._images
 
-    def picture(self, topic: str) -> Picture | None:
-        """Return the latest image of a topic; None without one."""
-        received = self._request(ImageMsg, topic, MEASUREMENT)
+    def picture(self, topic: str, *, exact: bool = False) -> Picture | None:
+        """Return the latest image of a topic; None without one.
+
+        Args:
+            topic: one of `images`.
+            exact: without the losses of its compression, if the camera offers that.
+        """
+        name, kind = topic, ImageMsg
+        is_compressed = f"{topic}{_COMPRESSED}" in self._topics[_COMPRESSED_IMAGE]
+        if is_compressed and not (exact and topic in self._topics[_IMAGE]):
+            name, kind = f"{topic}{_COMPRESSED}", CompressedImage
+        received, before = self._request(kind, name, MEASUREMENT), self._pictures.get(name)
         if received is None:
             return None
-        return Picture(topic, round(received.at * 1e9), received.message)
+        number = round(received.at * 1e9)
+        if before is None or before.number != number:
+            size = size_of(received.message)
+            before = None if size is None else Picture(topic, number, received.message, *size)
+            self._pictures[name] = before
+        return before
 
     def camera(self, picture: Picture) -> Camera | None:
         """Return the calibration of an image; None: no usable one has been received."""
-        folder = picture.topic.rpartition("/")[0]
+        folder, infos = picture.topic.rpartition("/")[0], self._topics[_CAMERA_INFO]
         for name in (f"{folder}/camera_info", f"{folder.rpartition('/')[0]}/camera_info"):
-            received = self._request(CameraInfo, name, MEASUREMENT) if name in self._infos else None
+            received = self._request(CameraInfo, name, MEASUREMENT) if name in infos else None
             if received is None:
                 continue
             due, camera = self._cameras.get(name, (0.0, None))
@@ -300,14 +335,30 @@ _MODES = {
 """The encodings that need no OpenCV: the mode of the image and that of the data, for Pillow."""
 
 
-def image_of(message: ImageMsg) -> Image.Image | None:
+def image_of(message: ImageMsg | CompressedImage) -> Image.Image | None:
     """Return an image in colour or grey; None if it is damaged or its encoding not supported."""
-    modes, size = _MODES.get(message.encoding), (message.width, message.height)
     try:
+        if isinstance(message, CompressedImage):
+            opened = Image.open(io.BytesIO(message.data))
+            return opened if opened.mode in ("L", "RGB") else opened.convert("RGB")
+        modes, size = _MODES.get(message.encoding), (message.width, message.height)
         if modes is not None and min(size) > 0:
             mode, raw = modes
             image = Image.frombuffer(mode, size, message.data, "raw", raw, message.step, 1)
             return image.convert("RGB") if mode == "RGBA" else image
         return Image.fromarray(np.ascontiguousarray(picture_of(message).bgr[..., ::-1]))
-    except (ImageError, OpenCVMissingError, ValueError):
+    except (ImageError, OpenCVMissingError, OSError, ValueError):
         return None
+
+
+def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
+    """Return width and height [pixels]; None if a compressed image is damaged."""
+    if not isinstance(message, CompressedImage):
+        return int(message.width), int(message.height)
+    data, at = message.data, 2
+    while bytes(data[:3]) == _JPEG and at + 9 <= len(data):  # the segments: ISO 10918-1, B.1
+        if data[at + 1] in _FRAMES:
+            return data[at + 7] << 8 | data[at + 8], data[at + 5] << 8 | data[at + 6]
+        at += 2 + (data[at + 2] << 8 | data[at + 3])
+    image = image_of(message)
+    return None if image is None else image.size

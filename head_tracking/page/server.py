@@ -46,7 +46,7 @@ _PORTS = 20  # that are tried
 _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
 _MESSAGES = 200.0  # per second; a browser sends one for each picture
 _RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
-_UNWATCHED = 0.2  # s between samples while no browser watches
+_UNWATCHED = 0.5  # s between samples while no browser watches
 
 _LAST = 50  # the number of requests after which one ends its connection: uvicorn reads on for each
 _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of STOP
@@ -80,7 +80,7 @@ class PageParameters:
         8, "Browsers that may show the page at a time.", minimum=1, maximum=100, fixed=True
     )
     rate: float = parameter(
-        25.0, "States per second.", unit="Hz", minimum=1.0, maximum=60.0, fixed=True
+        20.0, "States per second.", unit="Hz", minimum=1.0, maximum=60.0, fixed=True
     )
 
 
@@ -116,10 +116,10 @@ class Page:
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._state, self._sampled = "", asyncio.Event()
         self._pictures: dict[str, EncodedPicture] = {}
+        self._ending = threading.Event()
         self._next_turn, self._requests = 0.0, 0
         self._stopping = ThreadPoolExecutor(4, "stop")
         self._working = ThreadPoolExecutor(8, "command")
-        self._sampling = ThreadPoolExecutor(1, "sample")
         sys.setswitchinterval(_SWITCH)
         self._socket = _listening(parameters.host, parameters.port)
         app = Starlette(routes=self._routes(), lifespan=self._lifespan)
@@ -160,33 +160,36 @@ class Page:
         """End the page; the robot goes on."""
         self._server.should_exit = True
         self._thread.join(_START + _END)
-        for threads in (self._sampling, self._stopping, self._working):
-            threads.shutdown(wait=threads is self._sampling, cancel_futures=True)
+        for threads in (self._stopping, self._working):
+            threads.shutdown(wait=False, cancel_futures=True)
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
-        sampling = asyncio.create_task(self._sample())
+        loop = asyncio.get_running_loop()
+        sampling = threading.Thread(target=self._sample, args=[loop], name="sample", daemon=True)
+        sampling.start()
         yield
-        sampling.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await sampling
+        self._ending.set()
+        await loop.run_in_executor(None, sampling.join)
 
-    async def _sample(self) -> None:
+    def _sample(self, loop: asyncio.AbstractEventLoop) -> None:
         """Sample the robot for all browsers; rarely while no browser watches."""
-        loop, live = asyncio.get_running_loop(), self._live
-        while True:
-            start = time.monotonic()
-            if self._browsers:
-                topics = {one.topic for one in self._browsers.values() if one.topic is not None}
-                self._state, self._pictures = await loop.run_in_executor(
-                    self._sampling, live.sample, topics
-                )
-                self._sampled.set()
-                self._sampled = asyncio.Event()
+        pause = 0.0
+        while not self._ending.wait(pause):
+            start, watchers = time.monotonic(), list(self._browsers.values())
+            if watchers:
+                topics = {one.topic for one in watchers if one.topic is not None}
+                loop.call_soon_threadsafe(self._offer, *self._live.sample(topics))
             else:
-                await loop.run_in_executor(self._sampling, live.observe)
-            period = self._period if self._browsers else _UNWATCHED
-            await asyncio.sleep(max(start + period - time.monotonic(), 0.1 * period))
+                self._live.observe()
+            period = self._period if watchers else _UNWATCHED
+            pause = max(start + period - time.monotonic(), 0.1 * period)
+
+    def _offer(self, state: str, pictures: dict[str, EncodedPicture]) -> None:
+        """Let all browsers have the latest sample."""
+        self._state, self._pictures = state, pictures
+        self._sampled.set()
+        self._sampled = asyncio.Event()
 
     def _routes(self) -> list[BaseRoute]:
         robot, live, replays = self._robot, self._live, self._replays

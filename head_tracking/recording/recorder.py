@@ -22,22 +22,21 @@ import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 
 from head_tracking.parameters import parameter
 from head_tracking.recording.bag_writer import BagWriter, offer
-from head_tracking.ros.kit.images import picture_of
+from head_tracking.ros.kit.images import compressed_message
 from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.threads import take_message
 from head_tracking.vision.images import ImageError
-from head_tracking.vision.opencv import OpenCVMissingError, cv2
+from head_tracking.vision.opencv import OpenCVMissingError
 
 _PERIOD = 0.02  # s between polls
 _DISCOVERY_PERIOD = 0.5  # s
 _CHUNK_PERIOD = 1.0  # s: what a crash loses at most
 _PICTURE_PERIOD = 0.1  # s
-_JPEG_QUALITY = 80
 _DEPTH = 200  # messages of a topic between two polls
 _KEPT_FREE = 200_000_000  # bytes on the disk
 _SHARED = {"/tf", "/tf_static", "/diagnostics", "/rosout", "/parameter_events", "/clock"}
@@ -322,19 +321,11 @@ class _Session:
         try:
             if message.encoding in _DEPTH_ENCODINGS:
                 raise ImageError("depth images are not recorded")
-            picture = picture_of(message).bgr
-            done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-            if not done:
-                raise ImageError("it can't be compressed")
+            return bytes(serialize_message(compressed_message(message)))
         except (ImageError, OpenCVMissingError) as error:
             self._left_out[topic.name] = str(error)
             del self._topics[topic.name]
             return None
-        compressed = CompressedImage(
-            header=message.header, format=f"{message.encoding}; jpeg compressed bgr8"
-        )
-        compressed.data.frombytes(data.tobytes())
-        return bytes(serialize_message(compressed))
 
     def _attach(self, before: Mapping[str, Any]) -> dict[str, Any]:
         """Attach the parameters when there are new nodes, in the format of `--params-file`.

@@ -52,7 +52,7 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
     wait_for(ball, PATIENCE)
     assert drawn
     # who does not ask any more is not sent any more
-    wait_for(lambda: robot.node.count_subscribers("/image") == 0, PATIENCE)
+    wait_for(lambda: robot.node.count_subscribers("/image/compressed") == 0, PATIENCE)
     before = len(drawn)
     robot.at_rest(1.0)
     assert len(drawn) <= before + 1

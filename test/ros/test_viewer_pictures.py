@@ -1,11 +1,14 @@
 """Pictures of other nodes as the page shows them."""
 
+import io
+
 import numpy as np
 import pytest
-from sensor_msgs.msg import Image
+from PIL import Image as PillowImage
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from head_tracking.page.other_topics import image_of
+from head_tracking.page.other_topics import Picture, image_of, size_of
 from head_tracking.ros.kit.images import image_message
 
 RED_AND_GREY = np.array([[[200, 10, 20], [90, 90, 90]]], np.uint8)
@@ -49,3 +52,30 @@ def test_grey_and_rows_with_a_gap():
 )
 def test_a_damaged_or_unsupported_image_is_none(message):
     assert image_of(message) is None
+
+
+def compressed(kind: str, **options: object) -> CompressedImage:
+    file = io.BytesIO()
+    PillowImage.new("RGB", (64, 48), (200, 10, 20)).save(file, kind, **options)
+    return CompressedImage(data=file.getvalue())
+
+
+def test_a_jpeg_of_a_camera_is_passed_on_unless_it_is_too_wide():
+    message = compressed("JPEG", progressive=True, comment=b"a camera")
+    picture = Picture("/image", 1, message, *size_of(message))
+    assert (picture.width, picture.height) == (64, 48)
+    assert picture.jpeg(64) == bytes(message.data)
+    smaller = PillowImage.open(io.BytesIO(picture.jpeg(32)))
+    assert (smaller.format, smaller.size) == ("JPEG", (32, 24))
+
+
+def test_other_compressions_become_jpeg():
+    message = compressed("PNG")
+    picture = Picture("/image", 1, message, *size_of(message))
+    shown = PillowImage.open(io.BytesIO(picture.jpeg(64)))
+    assert (shown.format, shown.size) == ("JPEG", (64, 48))
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\x00\x00" * 9, b"GIF"])
+def test_a_damaged_compressed_image_has_no_size(data):
+    assert size_of(CompressedImage(data=data)) is None

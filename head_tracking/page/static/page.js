@@ -186,7 +186,7 @@ class Page {
     if (isLive) this.joints.setRobot(robot);
   }
 
-  /** Show joints, target and boxes: they change 25 times a second. */
+  /** Show joints, target and boxes: they change 20 times a second. */
   show(state) {
     this.state = state;
     const names = this.shownRobot?.independent ?? [];

@@ -14,6 +14,7 @@ from head_tracking.transforms import LATEST, Transform, TransformBuffer, Transfo
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.images import (
     DepthImage,
+    ImageError,
     Picture,
     RawImage,
     decode_compressed_depth,
@@ -21,6 +22,7 @@ from head_tracking.vision.images import (
     decode_depth,
     decode_picture,
 )
+from head_tracking.vision.opencv import cv2
 
 
 def picture_of(message: Image | CompressedImage) -> Picture:
@@ -92,6 +94,22 @@ def image_message(header: Header, encoding: str, pixels: npt.NDArray[Any]) -> Im
         step=pixels.nbytes // height,
         data=data,
     )
+
+
+def compressed_message(message: Image, quality: int = 80) -> CompressedImage:
+    """Return an image message as JPEG.
+
+    Raises:
+        ImageError: it cannot be decoded or compressed.
+    """
+    done, data = cv2.imencode(".jpg", picture_of(message).bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise ImageError("it can't be compressed")
+    compressed = CompressedImage(
+        header=message.header, format=f"{message.encoding}; jpeg compressed bgr8"
+    )
+    compressed.data.frombytes(data.tobytes())
+    return compressed
 
 
 def camera_of(message: CameraInfo, *, rectified: bool = False) -> Camera:

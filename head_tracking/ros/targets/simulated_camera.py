@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from head_tracking.parameters import parameter
-from head_tracking.ros.kit.images import camera_info, image_message
+from head_tracking.ros.kit.images import camera_info, compressed_message, image_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.threads import Worker
@@ -88,7 +88,9 @@ class _Exposure(NamedTuple):
 
 
 class SimulatedCameraNode(ClosingNode):
-    """Publishes `image`, `depth` (aligned) and `camera_info`, each while it has subscribers.
+    """Publishes `image`, `image/compressed`, `depth` (aligned) and `camera_info`.
+
+    Each is published while it has subscribers.
 
     A thread renders the images, and skips images if it is too slow.
 
@@ -126,6 +128,9 @@ class SimulatedCameraNode(ClosingNode):
         self._subscribe_to_target(p.scene)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
         self._image = self.create_publisher(Image, "image", 5, qos_overriding_options=OVERRIDABLE)
+        self._compressed = self.create_publisher(
+            CompressedImage, "image/compressed", 5, qos_overriding_options=OVERRIDABLE
+        )
         self._depth = self.create_publisher(Image, "depth", 5, qos_overriding_options=OVERRIDABLE)
         self._info = self.create_publisher(
             CameraInfo, "camera_info", 5, qos_overriding_options=OVERRIDABLE
@@ -157,7 +162,7 @@ class SimulatedCameraNode(ClosingNode):
             self._target = None
 
     def _expose(self) -> None:
-        publishers = (self._image, self._depth, self._info)
+        publishers = (self._image, self._compressed, self._depth, self._info)
         if not any(publisher.get_subscription_count() for publisher in publishers):
             return
         model = self._buffer.model
@@ -186,9 +191,9 @@ class SimulatedCameraNode(ClosingNode):
         messages: list[tuple[Publisher, Any]] = []
         if self._info.get_subscription_count():
             messages.append((self._info, camera_info(head, self._camera)))
-        wants_image = self._image.get_subscription_count() > 0
+        wanted = [one for one in (self._image, self._compressed) if one.get_subscription_count()]
         wants_depth = p.depth_encoding != "" and self._depth.get_subscription_count() > 0
-        if wants_image or wants_depth:
+        if wanted or wants_depth:
             target = exposure.target
             self.renderer.scene = self.scene if target is None else with_target(self.scene, target)
             seen = self.renderer.render(exposure.pose, exposure.stamp * 1e-9, depth=wants_depth)
@@ -197,9 +202,10 @@ class SimulatedCameraNode(ClosingNode):
             if p.depth_encoding == "16UC1":
                 depth = np.nan_to_num(depth * 1000.0, nan=0.0).clip(0, 65535).astype(np.uint16)
             messages.append((self._depth, image_message(head, p.depth_encoding, depth)))
-        if wants_image:
-            picture = self._noise.picture(seen.picture)
-            messages.append((self._image, image_message(head, "bgr8", picture)))
+        if wanted:
+            image = image_message(head, "bgr8", self._noise.picture(seen.picture))
+            for one in wanted:
+                messages.append((one, image if one is self._image else compressed_message(image)))
         taken = (self._now - exposure.stamp) * 1e-9
         self._worker.later(p.delay - min(p.delay, max(0.0, taken)), lambda: _publish(messages))
 
