@@ -372,7 +372,7 @@ class Tracking(TargetMotion):
             control.refuse(refusal)
             tracker.machine.refused(refusal.reason, now)
         control.refusal = tracker.machine.refusal
-        tracker.at_most = control.law.at_most
+        tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
         self.miss, self.fault, control.held = step.error, tracker.fault, None
         for joint in tracker.law.take_contradicted():

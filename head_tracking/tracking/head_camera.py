@@ -23,22 +23,15 @@ from head_tracking.transforms import Rotation, Vector3
 
 Array = npt.NDArray[np.float64]
 
-_ERRORS: Array = np.concatenate([np.arange(-0.2, 0.301, 0.02), np.arange(0.35, 0.901, 0.05)])
+_ERRORS: Array = np.arange(-0.2, 0.901, 0.02)
 """Hypotheses of the stamp error [s]."""
-_ZERO = int(np.abs(_ERRORS).argmin())
-_RIGHT = 0.9  # prior probability that the stamps are right
-_USUAL = 0.1  # s; scale of the Cauchy prior of their error otherwise
+_RIGHT = 0.75  # prior probability that the applied error is right
+_USUAL = 0.1  # s; scale of the Cauchy prior of the distance to another error
 _LEAST_DEVIATION = 0.006  # s; limit set by the target's own motion
 _WORTH = 0.025  # s; smaller errors are not corrected,
 _CLEAR = 4.0  # nor errors below this number of deviations
-_NEARBY = 0.1  # s; a larger change of the correction needs a larger difference of the scores:
-_MORE = 60.0  # 1/s; for each second of change beyond that,
-_CONTRADICTED = 20.0  # and at least this if the correction was confirmed
 _EXACT = 0.03  # s; a correction with a smaller deviation is confirmed
-_VIEW = 0.2  # rad; a third of the field of view of a webcam
-_TELLING = 2.0  # rad/s; at lower speeds the stamp error is not observable
-_SURE = 0.95  # probability of right stamps at which a correction is removed,
-_BETTER = 3.0  # if their score is better by this
+_NEGLIGIBLE = 0.001  # a point is not placed with a less probable error
 
 _TURNS: Array = np.array(
     [
@@ -57,7 +50,6 @@ _TURNS: Array = np.array(
 first one is right."""
 _NEAR: Array = np.arange(-0.1, 0.151, 0.025)
 """Hypotheses of the stamp error for wrong mountings [s]."""
-_WAIT = -float(_ERRORS.min())  # s; later, the joint readings for a ray are complete
 _WRONG = 7.0  # a wrong mounting whose score is better by this is reported
 _EXCLUDED = 10.0  # a wrong mounting whose score is worse by this is excluded
 
@@ -109,6 +101,7 @@ class HeadCamera:
         self._head, self._readings, self._base = head, readings, base
         self._came = self._judged = -math.inf
         self._range = math.nan
+        self._rate = self._placed_for = 0.0
         self._first: Rotation | None = None
         self._deviation = math.inf  # of the applied error, when the points told it best
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
@@ -117,29 +110,18 @@ class HeadCamera:
         counts = [len(_ERRORS)] + wrong * [len(_NEAR)]
         self._mountings = np.repeat(np.arange(len(_TURNS)), counts)
         self._bank = HypothesisBank(len(self._errors), self._mountings > 0)
-        self._believed = _moments(_PRIOR)
+        self._probabilities = _probabilities(self._prior)
 
     @property
     def stamp_error(self) -> StampError:
         """The estimate from the points alone, without the prior."""
-        return _moments(self._timing)
+        return _moments(_probabilities(self._timing))
 
     @property
     def learned(self) -> LearnedValue:
         """The corrected stamp error."""
         deviation = max(min(self._deviation, self.stamp_error.deviation), _LEAST_DEVIATION)
         return LearnedValue(self.applied, "s", deviation, self._judged, KNOWN)
-
-    @property
-    def safe_speed(self) -> float:
-        """The greatest speed [rad/s] at which an unknown stamp error does not lose the target.
-
-        Within the possible error, the head turns by a part of the camera's field of view.
-        """
-        if self._came == -math.inf:
-            return math.inf
-        mean, deviation = self._believed
-        return max(_VIEW / math.hypot(deviation, mean - self.applied), _TELLING)
 
     @property
     def _confirmed(self) -> bool:
@@ -150,8 +132,14 @@ class HeadCamera:
         """Scores of the stamp errors with the right mounting."""
         return self._bank.scores[: len(_ERRORS)]
 
+    @property
+    def _prior(self) -> Array:
+        return np.asarray(_PRIORS[np.abs(_ERRORS - self.applied).argmin()])
+
     def corrected(self, stamp: float, point: Vector3) -> tuple[float, Vector3]:
         """Accept a point; return its corrected stamp [s] and position [m].
+
+        While the stamp error is uncertain, the position is the mean over the possible errors.
 
         Args:
             stamp: stamp of the point [s].
@@ -166,11 +154,41 @@ class HeadCamera:
             self._recent.append((stamp, ray))
             if self.is_learning:
                 self.waiting.append((stamp, ray))
+                self._judge()
+        if self.is_learning and self._is_uncertain and self._turned.any():
+            return stamp - self.applied, self._mean_place(stamp, ray)
         return self._placed(stamp, ray) if self.applied else (stamp, point)
+
+    @property
+    def _is_uncertain(self) -> bool:
+        mean, deviation = _moments(self._probabilities)
+        return math.hypot(deviation, mean - self.applied) > _WORTH
+
+    @property
+    def _turned(self) -> npt.NDArray[np.bool_]:
+        """Whether pan and tilt have turned within the possible errors."""
+        latest = self._readings.latest
+        if latest is None:
+            return np.zeros(2, dtype=np.bool_)
+        return self._readings.ranges(latest.stamp - _LOOKED_BACK) > _TURNED
+
+    def _mean_place(self, stamp: float, ray: Vector3) -> Vector3:
+        """Return the mean of the points of a ray in the fixed frame [m] over the stamp errors."""
+        likely = self._probabilities > _NEGLIGIBLE
+        places = [self._place(stamp - error, ray) for error in _ERRORS[likely].tolist()]
+        x, y, z = np.average(places, axis=0, weights=self._probabilities[likely]).tolist()
+        return x, y, z
+
+    def _place(self, taken: float, ray: Vector3) -> Vector3:
+        """Return the point of a ray in the fixed frame [m], seen at a time [s]."""
+        pan, tilt = self._readings.at(taken)
+        point = self._head.placed_in_base(ray, pan, tilt)
+        return point if self._base is None else self._base.at(taken) @ point
 
     def keep(self, before: HeadCamera) -> None:
         """Continue with the correction of an earlier instance."""
-        self.applied, self._deviation = before.applied, before._deviation
+        self.applied = self._placed_for = before.applied
+        self._deviation = before._deviation
 
     def forget_target(self) -> None:
         """Discard the points of the target, and keep the estimates."""
@@ -179,9 +197,7 @@ class HeadCamera:
     def _placed(self, stamp: float, ray: Vector3) -> tuple[float, Vector3]:
         """Return the corrected stamp of a ray [s] and its point in the fixed frame [m]."""
         taken = stamp - self.applied
-        pan, tilt = self._readings.at(taken)
-        point = self._head.placed_in_base(ray, pan, tilt)
-        return taken, point if self._base is None else self._base.at(taken) @ point
+        return taken, self._place(taken, ray)
 
     def update(self, rate: float) -> list[tuple[float, Vector3]]:
         """Score the points whose joint readings are complete.
@@ -193,32 +209,37 @@ class HeadCamera:
             If the correction has changed by more than 20 ms, the points of the last second with
             the new correction: stamps [s] and points in the fixed frame [m].
         """
-        before = self.applied
-        if self._judge(rate):
-            self._believed = _moments(self._timing + _PRIOR)
-            self._decide_error(self._timing)
-            self._decide_mounting()
-        latest = self._readings.latest
+        self._rate = rate
+        self._judge()
+        latest, before = self._readings.latest, self._placed_for
+        self._placed_for = self.applied
         if latest is None or abs(self.applied - before) < _OTHERWISE:
             return []
         return [self._placed(*ray) for ray in self._recent if ray[0] > latest.stamp - _RECENT]
 
-    def _judge(self, rate: float) -> bool:
-        """Score the rays whose joint readings are complete; return whether there were any.
+    def _judge(self) -> None:
+        """Score the rays whose joint readings have come, and decide."""
+        if self._score_waiting():
+            self._probabilities = _probabilities(self._timing + self._prior)
+            self._decide_error()
+            self._decide_mounting()
+
+    def _score_waiting(self) -> bool:
+        """Score the rays whose joint readings have come; return whether there were any.
 
         While the head does not move, the hypotheses do not differ, and rays are only kept.
         """
         waiting, judged = self.waiting, False
         latest = -math.inf if self._readings.latest is None else self._readings.latest.stamp
-        if not waiting or waiting[0][0] + _WAIT > latest:
+        if not waiting or waiting[0][0] > latest:
             return False
-        turned = self._readings.ranges(latest - _LOOKED_BACK) > _TURNED
+        turned = self._turned
         if not turned.any():
             while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
                 waiting.popleft()
             return False
         every = _OFTEN if not self._confirmed or self._tells_mountings(turned) else _SELDOM
-        while waiting and waiting[0][0] + _WAIT <= latest:
+        while waiting and waiting[0][0] <= latest:
             stamp, ray = waiting.popleft()
             away = math.hypot(*ray)
             self._range = away if math.isnan(self._range) else self._range
@@ -226,7 +247,7 @@ class HeadCamera:
             if stamp - self._judged > every:
                 self._judged, judged = stamp, True
                 share = self._range / away
-                self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share), rate)
+                self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
         return judged
 
     def _tells_mountings(self, turned: npt.NDArray[np.bool_]) -> bool:
@@ -234,7 +255,7 @@ class HeadCamera:
         differences = _TURNS[np.unique(self._mountings)] - _TURNS[0]
         return bool(differences[..., turned].any())
 
-    def _score(self, stamp: float, ray: Vector3, rate: float) -> None:
+    def _score(self, stamp: float, ray: Vector3) -> None:
         """Score the hypotheses with the bearings that they give to a ray."""
         times = stamp - self._errors
         angles = np.array(self._readings.at_all(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
@@ -246,7 +267,7 @@ class HeadCamera:
         if self._base is not None:
             x, y, z = self._upright(self._base, times, np.array([x, y, z]))
         bearings = np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
-        self._bank.add(stamp, bearings, speeds, rate)
+        self._bank.add(stamp, bearings, speeds, self._rate)
 
     def _upright(self, base: HeadBase, times: Array, points: Array) -> Array:
         """Return points in C at times [s], shape (3, N), in the first axes of C."""
@@ -261,24 +282,20 @@ class HeadCamera:
         )
         return np.asarray(self._first.as_matrix() @ turned)
 
-    def _decide_error(self, scores: Array) -> None:
-        """Apply the most likely error if it is significant; remove it if zero is."""
-        mean, deviation = self._believed
-        applied = float(np.interp(self.applied, _ERRORS, scores))
-        farther = abs(mean - self.applied) - _NEARBY
-        if abs(mean - self.applied) < _OTHERWISE:
-            self._deviation = min(self._deviation, _moments(scores).deviation)
-        elif farther > 0.0 and applied > -max(_CONTRADICTED * self._confirmed, _MORE * farther):
+    def _decide_error(self) -> None:
+        """Apply another error if it is significant; else improve the applied one."""
+        mean, deviation = _moments(self._probabilities)
+        alone, change = self.stamp_error.deviation, abs(mean - self.applied)
+        is_other = change > max(_CLEAR * deviation, _WORTH)
+        if is_other:
+            self._deviation = alone
+        elif change < _OTHERWISE and alone < _EXACT:
+            self._deviation = min(self._deviation, alone)
+        else:
             return
-        before = self.applied
-        if abs(mean) > max(_CLEAR * deviation, _WORTH):
-            self.applied = _peak(scores)
-        elif self.applied:
-            right = np.exp(scores + _PRIOR)
-            if right[_ZERO] > _SURE * right.sum() and scores[_ZERO] - applied > _BETTER:
-                self.applied = 0.0
-        if abs(self.applied - before) >= _OTHERWISE:
-            self._deviation = math.inf
+        if is_other or self.applied:
+            found = _peak(self._timing)
+            self.applied = found if abs(found) > _WORTH else 0.0
 
     def _decide_mounting(self) -> None:
         """Report a wrong mounting, and exclude those that the points contradict."""
@@ -309,23 +326,27 @@ class HeadCamera:
         )
 
 
-def _prior() -> Array:
-    """Return log probabilities of the errors: most likely none, else Cauchy."""
-    others = np.gradient(_ERRORS) / (math.pi * _USUAL * (1.0 + (_ERRORS / _USUAL) ** 2))
+def _prior(usual: float) -> Array:
+    """Return log probabilities of the errors: most likely the usual one, else Cauchy."""
+    off = (_ERRORS - usual) / _USUAL
+    others = np.gradient(_ERRORS) / (math.pi * _USUAL * (1.0 + off * off))
     probabilities = (1.0 - _RIGHT) * others
-    probabilities[_ZERO] += _RIGHT
+    probabilities[np.abs(off).argmin()] += _RIGHT
     return np.asarray(np.log(probabilities))
 
 
-_PRIOR = _prior()
+_PRIORS: Array = np.array([_prior(error) for error in _ERRORS])
 
 
-def _moments(logarithms: Array) -> StampError:
-    """Return mean and standard deviation of the errors by their log probabilities [s]."""
+def _probabilities(logarithms: Array) -> Array:
     weights = np.exp(logarithms - logarithms.max())
-    weights /= weights.sum()
-    mean = float(weights @ _ERRORS)
-    return StampError(mean, math.sqrt(float(weights @ (_ERRORS - mean) ** 2)))
+    return np.asarray(weights / weights.sum())
+
+
+def _moments(probabilities: Array) -> StampError:
+    """Return mean and standard deviation of the errors [s]."""
+    mean = float(probabilities @ _ERRORS)
+    return StampError(mean, math.sqrt(float(probabilities @ (_ERRORS - mean) ** 2)))
 
 
 def _peak(scores: Array) -> float:

@@ -83,7 +83,6 @@ class Tracker:
     Attributes:
         head: as given.
         law: may be replaced at any time.
-        at_most: temporary speed limit [rad/s].
         machine: the state machine.
         camera: the estimates of a camera on the head.
     """
@@ -102,7 +101,6 @@ class Tracker:
         ahead = head.ray((_FAR_AHEAD, 0.0, 0.0), 0.0, 0.0)
         self.estimator = TargetEstimator(estimator, 0.0 if ahead is None else ahead.tilt)
         self.machine = TargetStateMachine(head, state)
-        self.at_most = math.inf
         self._base = base
         self._stall_watches = FollowingWatch(head.pan_joint), FollowingWatch(head.tilt_joint)
         self._readings = JointReadings() if readings is None else readings
@@ -226,7 +224,6 @@ class Tracker:
         if self.estimator.settle(now):
             self.machine.seen(now, new=True)
             self._came, self._jumps = now, 0
-        self.law.at_most = min(self.at_most, self.camera.safe_speed)
         self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
         estimate = self.estimator.estimate
         if estimate is not None and self._follows(now):

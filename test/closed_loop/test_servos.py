@@ -144,7 +144,8 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
     assert {each.source for each in learned.values()} >= {"learned"}
     steered.learn(servos, camera)
     steered.reset("a new run", 0.0)
-    other = replace(ordinary, servos=PlainServo(dead_time=0.12), stamp_error=0.09)
+    slow = PlainServo(dead_time=0.12)
+    other = replace(ordinary, duration=12.0, servos=slow, stamp_error=0.09)
     ClosedLoop(swing, other).run(steered)
     now = steered.learned
     assert list(now) == list(learned)

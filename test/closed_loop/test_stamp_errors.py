@@ -37,6 +37,18 @@ def test_the_error_is_found(head, path, late):
     assert watched.applied[-1] == pytest.approx(late, abs=0.015)
 
 
+@pytest.mark.parametrize("late", [0.15, 0.3, 0.45])
+@pytest.mark.parametrize("bearing", [0.3, 0.8])
+def test_a_still_face_that_is_seen_late_is_not_overshot(head, bearing, late):
+    """Its points move with the head at first; no speed of its own explains that."""
+    conditions = replace(ON_HEAD, duration=4.0, delay=late, stamp_error=late, field=(2.2, 1.5))
+    _, recording = run(head, lambda _: around(bearing), conditions)
+    off = recording.positions[:, 0] - recording.wanted[0, 0]
+    assert math.degrees(off.max()) < 1.0
+    settled = recording.times - recording.times[0] > late + 1.0
+    assert math.degrees(np.abs(off[settled]).max()) < 1.0
+
+
 @pytest.mark.parametrize("seed", [2, 3])
 def test_the_error_is_found_while_only_one_joint_turns(head, seed):
     """Motion of pan alone excludes the mountings with pan reversed, but not the one of tilt."""
