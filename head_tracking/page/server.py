@@ -41,6 +41,7 @@ _STATIC = Path(__file__).with_name("static")
 
 _LARGEST_REQUEST = 64 * 1024  # bytes
 _LARGEST_RECORDING = 256 * 1024 * 1024  # bytes that may be uploaded
+_UPLOADS = 3  # at a time; others wait
 _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
 _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
@@ -118,8 +119,10 @@ class Page:
         self._pictures: dict[str, EncodedPicture] = {}
         self._ending = threading.Event()
         self._next_turn, self._requests = 0.0, 0
+        self._uploads = asyncio.Semaphore(_UPLOADS)
         self._stopping = ThreadPoolExecutor(4, "stop")
         self._working = ThreadPoolExecutor(8, "command")
+        self._reading = ThreadPoolExecutor(1, "recording")  # several would leave STOP no processor
         sys.setswitchinterval(_SWITCH)
         self._socket = _listening(parameters.host, parameters.port)
         app = Starlette(routes=self._routes(), lifespan=self._lifespan)
@@ -160,7 +163,7 @@ class Page:
         """End the page; the robot goes on."""
         self._server.should_exit = True
         self._thread.join(_START + _END)
-        for threads in (self._stopping, self._working):
+        for threads in (self._stopping, self._working, self._reading):
             threads.shutdown(wait=False, cancel_futures=True)
 
     @contextlib.asynccontextmanager
@@ -201,7 +204,6 @@ class Page:
                 {"name": file.name, "size": file.stat().st_size} for file in robot.recorder.files()
             ],
             "recordings/{name}": lambda at: _download(self._recording(at["name"])),
-            "last-minute.mcap": lambda _: _download(replays.last_minute()),
             "replay/{key}/at": lambda at: replays.at(at["key"], float(at["time"])),
             "replay/{key}/picture": lambda at: _picture(
                 replays.picture(at["key"], float(at["time"]))
@@ -213,11 +215,15 @@ class Page:
         post: dict[str, Answer] = {
             f"do/{name}": command for name, command in commands(robot, live, tuning).items()
         }
-        post["replay/open"] = lambda fields: (
-            replays.open_file(self._recording(str(fields["name"])))
-            if fields.get("name")
-            else replays.open_last_minute()
-        )
+
+        def open_recording(fields: dict[str, Any]) -> Any:
+            if fields.get("name"):
+                return replays.open_file(self._recording(str(fields["name"])))
+            return replays.open_last_minute()
+
+        def last_minute(_: dict[str, Any]) -> Response:
+            return _download(replays.last_minute())
+
         at_once: dict[str, Answer] = {
             "stop": lambda _: robot.stop_everything(),
             "resume": lambda _: robot.stop.resume(),
@@ -230,6 +236,8 @@ class Page:
             *(self._route("GET", *one, self._working) for one in get.items()),
             *(self._route("POST", *one, self._working) for one in post.items()),
             *(self._route("POST", *one, self._stopping) for one in at_once.items()),
+            self._route("GET", "last-minute.mcap", last_minute, self._reading),
+            self._route("POST", "replay/open", open_recording, self._reading),
             Route("/head/replay/upload", self._upload, methods=["POST"]),
             WebSocketRoute("/head/live", self._watch),
         ]
@@ -280,17 +288,18 @@ class Page:
 
     async def _upload(self, request: Request) -> Response:
         """Open a recording that a browser sends, up to a size that is counted while it comes."""
-        with tempfile.TemporaryFile() as file:
-            try:
-                loop, limit = asyncio.get_running_loop(), _LARGEST_RECORDING
-                async for chunk in _chunks(request, limit):
-                    await loop.run_in_executor(self._working, file.write, chunk)
-                file.seek(0)
-                return await _respond(self._working, self._replays.open_file, file)
-            except _TooLargeError as error:
-                return _refused(error, 413)
-            except RecordingError as error:
-                return _refused(error, 400)
+        async with self._uploads:
+            with tempfile.TemporaryFile() as file:
+                try:
+                    loop, limit = asyncio.get_running_loop(), _LARGEST_RECORDING
+                    async for chunk in _chunks(request, limit):
+                        await loop.run_in_executor(self._working, file.write, chunk)
+                    file.seek(0)
+                    return await _respond(self._reading, self._replays.open_file, file)
+                except _TooLargeError as error:
+                    return _refused(error, 413)
+                except RecordingError as error:
+                    return _refused(error, 400)
 
     async def _watch(self, browser: WebSocket) -> None:
         """Send states and pictures to a browser. A slow one skips those it has no time for."""

@@ -74,14 +74,16 @@ class Stop:
         return None if attempt is None else attempt.outcome
 
     def stop(self) -> Outcome:
-        """Relax all servos; return the result within half a second, and retry afterwards."""
-        attempt = _Attempt(self._where)
+        """Relax all servos; return the result within half a second, and retry afterwards.
+
+        While an attempt is in progress, its result is returned: many requests are one STOP.
+        """
         with self._lock:
             self.count += 1
-            previous, self._attempt = self._attempt, attempt
-        if previous is not None:
-            previous.cancelled.set()
-        threading.Thread(target=self._try, args=(attempt,), name="stop", daemon=True).start()
+            attempt = self._attempt
+            if attempt is None or attempt.over:
+                attempt = self._attempt = _Attempt(self._where)
+                threading.Thread(target=self._try, args=[attempt], name="stop", daemon=True).start()
         attempt.confirmed.wait(_ANSWER)
         return attempt.outcome
 

@@ -275,6 +275,24 @@ def test_uploads_are_limited_by_the_size_that_comes(
     assert (answer.status_code, answer.json()["done"]) == (400, False)
 
 
+def test_uploads_beyond_a_number_wait_until_one_ends(page: Page) -> None:
+    """Each needs a file: those that wait are not read."""
+    head = b"POST /head/replay/upload HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Head-Tracking: page\r\n"
+    opened = []
+    for _ in range(server._UPLOADS):
+        first = socket.create_connection(("127.0.0.1", page.port), 30.0)
+        first.sendall(head + b"Expect: 100-continue\r\nContent-Length: 4\r\n\r\n")
+        assert first.recv(100).startswith(b"HTTP/1.1 100")  # the body is read
+        opened.append(first)
+    with socket.create_connection(("127.0.0.1", page.port), 30.0) as last:
+        last.sendall(head + b"Content-Length: 4\r\n\r\nnone")
+        assert not select.select([last], [], [], 0.5)[0]
+        opened.pop().close()
+        assert last.recv(100).startswith(b"HTTP/1.1 400")
+    for one in opened:
+        one.close()
+
+
 @pytest.mark.parametrize("name", ["nothing.mcap", "..%2f..%2fetc%2fpasswd", "%2e%2e"])
 def test_only_recordings_that_are_listed_are_sent(client: httpx.Client, name: str) -> None:
     assert client.get(f"/head/recordings/{name}").status_code == 404

@@ -1,5 +1,6 @@
 """STOP of the page: whatever else fails, for its own robot only, confirmed or not."""
 
+import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -106,6 +107,21 @@ def test_a_stop_ends_what_the_page_sends_for_good(start, page, by_page):
     wait_for(lambda: not robot.stop.stopped)
     assert tracker.on
     wait_for(lambda: robot.modes.mode() is Mode.TRACK)
+
+
+def test_a_stop_during_a_stop_joins_it_and_a_later_one_is_sent(start, page):
+    bus = start(BusStandIn())
+    bus.confirms = set()
+    robot = page()
+    assert not robot.stop.stop().done
+    first = {one for one in threading.enumerate() if one.name == "stop"}
+    assert not robot.stop.stop().done
+    assert first == {one for one in threading.enumerate() if one.name == "stop"}
+    bus.confirms = {"head_pan_joint", "head_tilt_joint"}
+    wait_for(lambda: robot.stop.outcome.done)
+    calls = bus.calls.count("stop")
+    assert robot.stop.stop().done
+    assert bus.calls.count("stop") > calls  # a later one is asked for again
 
 
 def test_a_mode_is_chosen_after_resume_only(start, page):
