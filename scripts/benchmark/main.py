@@ -21,6 +21,7 @@ BENCHMARKS = {
     "crash": "crash:killed",
     "page": "page:fluidity",
     "page-open": "page:left_open",
+    "page-stop": "page:stopped",
 }  # fmt: skip
 
 

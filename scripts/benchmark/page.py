@@ -77,6 +77,40 @@ COUNT_FRAMES = """() => {
 COUNTED = "({...window.frameCount})"
 
 
+# floods the page with one kind of request, from 20 connections
+FLOOD = """
+import http.client, sys, threading
+def flood():
+    while True:
+        try:
+            client = http.client.HTTPConnection("127.0.0.1", int(sys.argv[1]), timeout=30)
+            while True:
+                client.request(*sys.argv[2:4], sys.argv[4], {"X-Head-Tracking": "page"})
+                client.getresponse().read()
+        except (OSError, http.client.HTTPException):
+            pass
+for _ in range(20):
+    threading.Thread(target=flood).start()
+"""
+FLOODS = {
+    "nobody else": (),
+    "20 clients change the mode": ("POST", "/head/do/mode", '{"mode": "track"}'),
+    "20 clients save the last minute": ("GET", "/head/last-minute.mcap", ""),
+    "20 clients press STOP": ("POST", "/head/stop", ""),
+}
+STOPS = 100
+PRESS_STOP = """async () => {
+  const start = performance.now();
+  await headPage.stop();
+  const took = performance.now() - start;
+  const about = { method: "POST", headers: { "X-Head-Tracking": "page" }, body: "{}" };
+  for (let done = false, left = 50; !done && left; left -= 1)
+    done = (await (await fetch("/head/resume", about)).json()).done;
+  await new Promise((end) => setTimeout(end, 100));
+  return took;
+}"""
+
+
 class Fluidity(NamedTuple):
     """The rates of one round.
 
@@ -161,6 +195,32 @@ def _arms() -> Iterator[None]:
         yield
     finally:
         process.terminate()
+        process.wait()
+
+
+def stopped() -> str:
+    """Return a table of the time from the click on STOP to its answer, beside floods."""
+    own_domain()
+    rows = []
+    with SimulatedRun("--viewer") as run, open_browser() as browser:
+        page = open_page(browser, run.port, 1280, 800)
+        for name, request in FLOODS.items():
+            with _flood(run.port, *request):
+                page.wait_for_timeout(1e3 * SETTLING)
+                times = [page.evaluate(PRESS_STOP) for _ in range(STOPS)]
+            percentiles = statistics.quantiles(times, n=100)
+            rows.append(row(name, *(f"{percentiles[n - 1]:.0f} ms" for n in (50, 99))))
+    return table("beside | p50 | p99", rows)
+
+
+@contextmanager
+def _flood(port: int, *request: str) -> Iterator[None]:
+    arguments = ["-c", FLOOD, str(port), *request] if request else ["-c", ""]
+    process = subprocess.Popen([sys.executable, *arguments])
+    try:
+        yield
+    finally:
+        process.kill()
         process.wait()
 
 
