@@ -8,7 +8,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import asdict
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,7 +21,6 @@ from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, robot_for_browser
 from head_tracking.page.status import faults
 from head_tracking.page.target_path import TargetPath
-from head_tracking.parameters import parameter
 from head_tracking.recording.recording import LastMinute, Observation
 from head_tracking.ros.kit.diagnostics import Level
 from head_tracking.ros.kit.images import frame_pose
@@ -33,34 +32,10 @@ _DISTANCE = 1.5  # m: of a point in an image without a target
 _FACE = 0.24  # m: side of the box around a person's face
 _HIDDEN = 10**9  # ns: a person that was measured longer ago is not marked
 _SLOW_PERIOD = 0.25  # s between samples of what changes slowly
-_PREDICTION_PERIOD = 0.1  # s
+_PREDICTION_PERIOD, _AHEAD = 0.1, 0.5  # s: how often, and how far ahead
 _RECORDED = 60.0  # s
 _ORDER = {Level.ERROR: 0, Level.STALE: 1, Level.WARN: 2, Level.OK: 3}
 _HEADER = struct.Struct("<qd")
-
-
-@dataclass(frozen=True, slots=True)
-class ViewParameters:
-    """What is drawn around the head."""
-
-    horizontal_view: float = parameter(
-        1.0, "Angle of the view cone from side to side.", unit="rad", minimum=0.05, maximum=3.0
-    )
-    aspect_ratio: float = parameter(
-        4 / 3, "Width of the camera's picture over its height.", minimum=0.1, maximum=10.0
-    )
-    sight_length: float = parameter(
-        3.0, "Length of the line of sight.", unit="m", minimum=0.1, maximum=100.0
-    )
-    field_radius: float = parameter(
-        1.0, "Distance at which the reachable field is drawn.", unit="m", minimum=0.1, maximum=50.0
-    )
-    trail_seconds: float = parameter(
-        5.0, "How long the target's trail stays.", unit="s", minimum=0.1, maximum=60.0
-    )
-    prediction_seconds: float = parameter(
-        0.5, "How far ahead the target's path is drawn.", unit="s", minimum=0.05, maximum=5.0
-    )
 
 
 class EncodedPicture(NamedTuple):
@@ -81,7 +56,7 @@ class Live:
     Args:
         robot: is sampled.
         find_package: for meshes at package:// addresses.
-        view: what is drawn around the head.
+        horizontal_view: of a camera without calibration, from side to side [rad].
         report: receives a text when a part begins to fail.
 
     Attributes:
@@ -98,10 +73,10 @@ class Live:
         self,
         robot: Robot,
         find_package: FindPackage,
-        view: ViewParameters,
+        horizontal_view: float,
         report: Callable[[str], None],
     ) -> None:
-        self._robot, self._view, self._report = robot, view, report
+        self._robot, self._view, self._report = robot, horizontal_view, report
         self._find_package = find_package
         self._model: RobotModel | None = None
         self._motion: Motion | None = None
@@ -150,8 +125,7 @@ class Live:
         self, model: RobotModel, head: PanTiltHead | None, meshes_at: str
     ) -> RobotForBrowser:
         """Return a robot for the browser; see `robot_for_browser`."""
-        radius = self._view.field_radius
-        return robot_for_browser(model, head, radius, meshes_at, self._find_package)
+        return robot_for_browser(model, head, meshes_at, self._find_package)
 
     def point_at(self, u: float, v: float, stamp: int | None, topic: str = "") -> Vector3:
         """Return the point at a place in the picture, in the model's root [m].
@@ -201,7 +175,7 @@ class Live:
 
     def _follow_model(self) -> None:
         """Describe the robot anew when its model has changed."""
-        model, view = self._robot.model(), self._view
+        model = self._robot.model()
         if model is None or model is self._model:
             return
         self._model = model  # once: a model that fails is reported and not tried again
@@ -211,16 +185,10 @@ class Live:
         if head is not None:
             at_zero = dict.fromkeys(model.independent_joints, 0.0)
             centre = model.transform(model.root, head.base_frame, at_zero).translation
-            self._path = TargetPath(view.prediction_seconds, centre)
+            self._path = TargetPath(_AHEAD, centre)
         robot = self.describe(model, head, "/head/mesh/")
         self.meshes, self._notices = robot.meshes, robot.about["notices"]
-        about = {
-            "type": "robot",
-            **robot.about,
-            "view": [view.horizontal_view, view.aspect_ratio, view.sight_length],
-            "trail": view.trail_seconds,
-        }
-        self.robot_text = json.dumps(about)
+        self.robot_text = json.dumps({"type": "robot", **robot.about, "view": self._view})
 
     def _observe(self, watched: bool) -> None:
         self.observation = self._robot.observe(watched=watched)
@@ -291,16 +259,7 @@ class Live:
             "stop": "" if outcome is None else outcome.text,
             "notices": [*waiting, *self._notices, *robot.notices()],
             "warnings": list(robot.topics.warnings()),
-            "servos": [
-                {
-                    "controller": servo.controller,
-                    "joint": servo.joint,
-                    "torque": servo.torque,
-                    "refuses": servo.refuses,
-                    "values": values.get(servo.joint, {}),
-                }
-                for servo in servos
-            ],
+            "servos": [asdict(servo) | {"values": values.get(servo.joint, {})} for servo in servos],
             "movable": movable,
             "free": robot.joints.free,
             "can_recover": robot.joints.can_recover,
@@ -309,12 +268,7 @@ class Live:
                 for one in faults(health, robot.modes.missing(), robot.silent_joints())
             ],
             "health": [
-                {
-                    "name": one.name,
-                    "level": one.level.name.lower(),
-                    "message": one.message,
-                    "values": dict(one.values),
-                }
+                asdict(one) | {"level": one.level.name.lower()}
                 for one in sorted(health, key=lambda one: _ORDER[one.level])
             ],
             "frames": list(robot.buffer.frames()),
@@ -352,7 +306,7 @@ class Live:
 
     def _camera(self, picture: Picture) -> Camera:
         camera = self._robot.topics.camera(picture)
-        return camera or camera_with_view(picture.width, picture.height, self._view.horizontal_view)
+        return camera or camera_with_view(picture.width, picture.height, self._view)
 
 
 def _box(

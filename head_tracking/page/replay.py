@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import secrets
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from head_tracking.gaze import PanTiltHead
+from head_tracking.page.live import Live
 from head_tracking.page.motion import Motion
+from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import RobotForBrowser
-from head_tracking.recording.recording import LastMinute, Recording, RecordingError
+from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording, write_recording
-from head_tracking.transforms import RobotModel, RobotModelError, parse_robot_model
+from head_tracking.transforms import RobotModelError, parse_robot_model
 
 _MOST = 6  # open recordings; then the oldest is closed
-
-HeadOf = Callable[[RobotModel], PanTiltHead | None]
 
 
 class OpenRecording(NamedTuple):
@@ -32,21 +30,12 @@ class Replays:
     """The open recordings; for any thread.
 
     Args:
-        last_minute: what the page has sampled.
-        model: returns the present robot's model.
-        head_of: returns the head of a model.
-        describe: returns a robot for the browser.
+        robot: the present robot.
+        live: what the page has sampled.
     """
 
-    def __init__(
-        self,
-        last_minute: LastMinute,
-        model: Callable[[], RobotModel | None],
-        head_of: HeadOf,
-        describe: Callable[[RobotModel, PanTiltHead | None, str], RobotForBrowser],
-    ) -> None:
-        self._last_minute = last_minute
-        self._model, self._head_of, self._describe = model, head_of, describe
+    def __init__(self, robot: Robot, live: Live) -> None:
+        self._robot, self._live = robot, live
         self._open: dict[str, OpenRecording] = {}
         self._lock = threading.Lock()
 
@@ -110,18 +99,18 @@ class Replays:
         return self._open[key].robot.meshes
 
     def _present(self) -> Recording:
-        model = self._model()
-        return self._last_minute.recording("" if model is None else model.urdf)
+        model = self._robot.model()
+        return self._live.last_minute.recording("" if model is None else model.urdf)
 
     def _add(self, recording: Recording) -> dict[str, Any]:
         try:
-            model = parse_robot_model(recording.urdf) if recording.urdf else self._model()
+            model = parse_robot_model(recording.urdf) if recording.urdf else self._robot.model()
         except RobotModelError as error:
             raise RecordingError(f"The recorded robot model is invalid: {error}") from error
         if model is None:
             raise RecordingError("The recording has no robot model, and none has been received.")
-        key, head = secrets.token_urlsafe(9), self._head_of(model)
-        robot = self._describe(model, head, f"/head/replay/{key}/mesh/")
+        key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(model)
+        robot = self._live.describe(model, head, f"/head/replay/{key}/mesh/")
         with self._lock:
             self._open[key] = OpenRecording(recording, Motion(model, head), robot)
             for oldest in list(self._open)[:-_MOST]:

@@ -127,23 +127,17 @@ class Robot:
         """Return the robot's model, and update its head when the model has changed."""
         model = self.buffer.model
         if model is not self._model and model is not None:
-            head = self._find_head(model)
-            self._head, self._no_head = (None, head) if isinstance(head, str) else (head, "")
+            self._head, self._no_head = self.head_of(model)
             self._targets.place_in(model.root)
             self._model = model
         return model
 
-    def head_of(self, model: RobotModel) -> PanTiltHead | None:
-        """Return the head of a model; None if it has none."""
-        head = self._find_head(model)
-        return head if isinstance(head, PanTiltHead) else None
-
-    def _find_head(self, model: RobotModel) -> PanTiltHead | str:
-        """Return the head of a model, or why it has none."""
+    def head_of(self, model: RobotModel) -> tuple[PanTiltHead | None, str]:
+        """Return the head of a model; None if it has none, and why."""
         try:
-            return self._head_parameters.head(model)
+            return self._head_parameters.head(model), ""
         except (RobotModelError, TransformException) as error:
-            return f"No head is shown: {error}"
+            return None, f"No head is shown: {error}"
 
     def head(self) -> PanTiltHead | None:
         """Return the head; None if the model has none."""

@@ -43,7 +43,6 @@ class RobotForBrowser(NamedTuple):
 def robot_for_browser(
     model: RobotModel,
     head: PanTiltHead | None,
-    radius: float,
     meshes_at: str,
     find_package: FindPackage = lambda _: None,
 ) -> RobotForBrowser:
@@ -55,7 +54,6 @@ def robot_for_browser(
     Args:
         model: the robot.
         head: its head; None: it has none.
-        radius: distance from the camera at which the reachable field is drawn [m].
         meshes_at: the address of the meshes, up to their number.
         find_package: for addresses that start with package://.
     """
@@ -94,7 +92,7 @@ def robot_for_browser(
             "axis": list(head.pointing_axis),
             "pan_limits": _finite(head.pan_limits),
             "tilt_limits": _finite(head.tilt_limits),
-            "field": _reachable_field(model, head, radius),
+            "field": _reachable_field(model, head),
         }
     return RobotForBrowser(about, tuple(shapes.meshes))
 
@@ -223,15 +221,14 @@ def mesh_file(address: str, find_package: FindPackage) -> Path:
     return path
 
 
-def _reachable_field(model: RobotModel, head: PanTiltHead, radius: float) -> list[float]:
-    """Return lines at a distance from the camera [m], in the root: x, y, z of both ends of each."""
+def _reachable_field(model: RobotModel, head: PanTiltHead) -> list[float]:
+    """Return lines 1 m from the camera, in the root: x, y, z of both ends of each."""
     pan, tilt = _finite(head.pan_limits), _finite(head.tilt_limits)
-    chain = model.chain(model.root, head.pointing_frame)
-    point = tuple(radius * a for a in head.pointing_axis)
+    chain, axis = model.chain(model.root, head.pointing_frame), head.pointing_axis
 
     def at(pan_position: float, tilt_position: float) -> Vector3:
         positions = {head.pan_joint: pan_position, head.tilt_joint: tilt_position}
-        return chain.transform(*[positions.get(joint, 0.0) for joint in chain.joints]) @ point
+        return chain.transform(*[positions.get(joint, 0.0) for joint in chain.joints]) @ axis
 
     def along(limits: list[float], lines: int) -> list[float]:
         return [float(position) for position in np.linspace(limits[0], limits[1], lines)]

@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from head_tracking.page.access import Access, Message, Receive, Scope, Send
 from head_tracking.page.commands import commands
-from head_tracking.page.live import EncodedPicture, Live, ViewParameters
+from head_tracking.page.live import EncodedPicture, Live
 from head_tracking.page.replay import Replays
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage
@@ -83,6 +83,11 @@ class PageParameters:
     rate: float = parameter(
         20.0, "States per second.", unit="Hz", minimum=1.0, maximum=60.0, fixed=True
     )
+    horizontal_view: float = parameter(
+        1.0,
+        "Angle of the camera's picture from side to side, if its calibration is not published.",
+        unit="rad", minimum=0.05, maximum=3.0, fixed=True,
+    )  # fmt: skip
 
 
 class Page:
@@ -94,7 +99,6 @@ class Page:
     Args:
         robot: is shown and steered.
         parameters: where and how often.
-        view: what is drawn around the head.
         find_package: for meshes at package:// addresses.
         report: receives a text when a part of the page begins to fail.
 
@@ -106,13 +110,12 @@ class Page:
         self,
         robot: Robot,
         parameters: PageParameters,
-        view: ViewParameters,
         find_package: FindPackage,
         report: Callable[[str], None],
     ) -> None:
         self._robot = robot
-        self._live = live = Live(robot, find_package, view, report)
-        self._replays = Replays(live.last_minute, robot.model, robot.head_of, live.describe)
+        self._live = live = Live(robot, find_package, parameters.horizontal_view, report)
+        self._replays = Replays(robot, live)
         self._limit, self._period = parameters.max_browsers, 1.0 / parameters.rate
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._state, self._sampled = "", asyncio.Event()

@@ -32,7 +32,6 @@ class ViewerNode(ClosingNode):
         if not installed():
             raise HeadTrackingError(MISSING)
         from head_tracking.page.access import is_loopback
-        from head_tracking.page.live import ViewParameters
         from head_tracking.page.robot import Robot
         from head_tracking.page.server import Page, PageParameters
         from head_tracking.recording.recorder import RecorderParameters
@@ -40,12 +39,11 @@ class ViewerNode(ClosingNode):
         super().__init__("viewer", **options)
         head = NodeParameters(self, HeadParameters).value
         page = NodeParameters(self, PageParameters).value
-        view = NodeParameters(self, ViewParameters).value
         recorder = NodeParameters(self, RecorderParameters).value
         self.robot = Robot(self, buffer, head, recorder, self._report)
         self.closing.callback(self.robot.close)
         try:
-            self.page = Page(self.robot, page, view, find_package, self._report)
+            self.page = Page(self.robot, page, find_package, self._report)
         except BaseException:
             self.closing.close()
             raise

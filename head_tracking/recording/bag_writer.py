@@ -51,11 +51,14 @@ class BagWriter:
 
     Args:
         stream: receives the file; it is not closed.
+
+    Attributes:
+        writer: of the format's library.
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
-        self._writer = Writer(stream, chunk_size=_CHUNK)
-        self._writer.start(profile="ros2", library="head_tracking")
+        self.writer = Writer(stream, chunk_size=_CHUNK)
+        self.writer.start(profile="ros2", library="head_tracking")
         self._schemas: dict[str, int] = {}
         self._encoders: dict[int, EncoderFunction] = {}
 
@@ -75,36 +78,18 @@ class BagWriter:
         """
         definition = message_definition(kind)
         if kind not in self._schemas:
-            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition.encode())
+            self._schemas[kind] = self.writer.register_schema(kind, "ros2msg", definition.encode())
         plain = [dict(offer) for offer in offers]
         metadata = {"offered_qos_profiles": yaml.dump(plain, Dumper=_Dumper, sort_keys=False)}
         if type_hash:
             metadata["topic_type_hash"] = type_hash
-        number = self._writer.register_channel(topic, "cdr", self._schemas[kind], metadata)
+        number = self.writer.register_channel(topic, "cdr", self._schemas[kind], metadata)
         self._encoders[number] = serialize_dynamic(kind, definition)[kind]
         return number
 
     def write(self, channel: int, stamp: int, message: Mapping[str, Any]) -> None:
         """Write a message given by its fields; missing ones are zero or empty."""
-        self.write_encoded(channel, stamp, stamp, self._encoders[channel](message))
-
-    def write_encoded(
-        self, channel: int, stamp: int, published: int, data: bytes, sequence: int = 0
-    ) -> None:
-        """Write a message in CDR, with the times of reception and publication [ns]."""
-        self._writer.add_message(channel, stamp, data, published, sequence)
-
-    def attach(self, stamp: int, name: str, media_type: str, text: str) -> None:
-        """Attach a file."""
-        self._writer.add_attachment(stamp, stamp, name, media_type, text.encode())
-
-    def flush(self) -> None:
-        """End a chunk and write it to the stream."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
-
-    def finish(self) -> None:
-        """Write the summary."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self.writer.add_message(channel, stamp, self._encoders[channel](message), stamp)
 
 
 def header(stamp: int, frame_id: str) -> dict[str, Any]:

@@ -238,14 +238,14 @@ class _Session:
                 if now >= chunk_due:
                     chunk_due = now + _CHUNK_PERIOD
                     attached = self._attach(attached)
-                    self._bag.flush()
+                    self._bag.writer.flush()  # type: ignore[no-untyped-call]
                     self._size = self._stream.tell()
                     if self._is_full():
                         break
                 self._ending.wait(_PERIOD)
             self._poll(time.monotonic())
             self._attach(attached)
-            self._bag.finish()
+            self._bag.writer.finish()  # type: ignore[no-untyped-call]
         except Exception as error:
             # a full disk, or a context that has ended: what was written up to here is kept
             self._end = f"ended by {type(error).__name__}: {error}"
@@ -309,7 +309,9 @@ class _Session:
                 topic.channel = self._channel(topic)
             self._count += 1
             number = about["publication_sequence_number"] or 0
-            self._bag.write_encoded(topic.channel, stamp, about["source_timestamp"], data, number)
+            self._bag.writer.add_message(
+                topic.channel, stamp, data, about["source_timestamp"], number
+            )
 
     def _channel(self, topic: _Topic) -> int:
         if topic.is_image:
@@ -336,5 +338,8 @@ class _Session:
         if values.keys() <= before.keys():
             return dict(before)
         text = yaml.safe_dump({name: {"ros__parameters": values[name]} for name in sorted(values)})
-        self._bag.attach(time.time_ns(), "parameters.yaml", "application/yaml", text)
+        now = time.time_ns()
+        self._bag.writer.add_attachment(
+            now, now, "parameters.yaml", "application/yaml", text.encode()
+        )
         return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 import threading
 from collections import deque
 from collections.abc import Collection, Mapping
@@ -86,11 +87,15 @@ def observed(
         status: the fields of its `~/status`.
         without: frames that are left out.
     """
+    frames = {}
+    for frame in set(buffer.frames()).difference(model.children_of_joints, without, [model.root]):
+        with contextlib.suppress(TransformException):
+            frames[frame] = buffer.lookup_transform(model.root, frame).transform
     sent, point, stamp = ("", None, None) if target is None else target
     return Observation(
         now,
         known_joints(buffer, model),
-        outer_frames(buffer, model, without),
+        frames,
         point,
         str(sent),
         error,
@@ -106,26 +111,6 @@ def known_joints(buffer: TransformBuffer, model: RobotModel) -> dict[str, float]
     """Return the latest position of every joint that is known [rad or m]."""
     found = {name: buffer.latest_joint_position(name) for name in model.independent_joints}
     return {name: latest[1] for name, latest in found.items() if latest is not None}
-
-
-def outer_frames(
-    buffer: TransformBuffer, model: RobotModel, without: Collection[str] = ()
-) -> Mapping[str, Transform]:
-    """Return the latest transforms of frames outside the model into its root.
-
-    Args:
-        buffer: has the frames.
-        model: of the robot.
-        without: frames that are left out.
-    """
-    found = {}
-    for frame in set(buffer.frames()).difference(without):
-        if frame not in model.children_of_joints and frame != model.root:
-            try:
-                found[frame] = buffer.lookup_transform(model.root, frame).transform
-            except TransformException:
-                continue
-    return found
 
 
 class Moment(NamedTuple):

@@ -471,5 +471,5 @@ def write_recording(recording: Recording) -> bytes:
                     status_channel, stamp, {"name": node, "message": seen.text, "values": values}
                 )
         before = seen.controller
-    bag.finish()
+    bag.writer.finish()  # type: ignore[no-untyped-call]
     return stream.getvalue()

@@ -72,6 +72,6 @@ def test_an_unknown_shape_is_refused(robot, head):
 
 
 def test_the_head_can_look_at_every_point_of_its_reachable_field(robot, head):
-    field = robot_for_browser(robot, head, 1.0, "/mesh/").about["field"]
+    field = robot_for_browser(robot, head, "/mesh/").about["field"]
     for index in range(0, len(field), 21):
         assert miss(robot, head, tuple(field[index : index + 3])) < 1e-3

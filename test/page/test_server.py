@@ -21,7 +21,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from head_tracking.page import server
-from head_tracking.page.live import ViewParameters
 from head_tracking.page.server import Page, PageParameters
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.kit.others import Outcome
@@ -63,7 +62,7 @@ def robot() -> _Robot:
 
 
 def serve(robot: _Robot, **parameters: Any) -> Page:
-    return Page(robot, PageParameters(**parameters), ViewParameters(), lambda _: None, print)  # type: ignore[arg-type]
+    return Page(robot, PageParameters(**parameters), lambda _: None, print)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")

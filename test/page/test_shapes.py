@@ -16,7 +16,7 @@ def shown(visuals: str, links: str = "", find_package=lambda _: None) -> RobotFo
         '<robot name="r"><material name="red"><color rgba="1 0 0 0.5"/></material>'
         f'<link name="a">{visuals}</link>{links}</robot>'
     )
-    return robot_for_browser(parse_robot_model(text), None, 1.0, "/mesh/", find_package)
+    return robot_for_browser(parse_robot_model(text), None, "/mesh/", find_package)
 
 
 def visual(geometry: str, material: str = "") -> str:
@@ -41,7 +41,7 @@ def test_simple_shapes(geometry, kind, size):
 
 
 def test_the_robots_of_the_tutorials_are_shown_whole(robot):
-    about = robot_for_browser(robot, None, 1.0, "/mesh/").about
+    about = robot_for_browser(robot, None, "/mesh/").about
     assert not about["notices"]
     assert {shape["link"] for shape in about["shapes"]} >= {"base_link", "camera_link"}
 

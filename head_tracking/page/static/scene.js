@@ -1,7 +1,7 @@
 // The robot in 3D, with forward kinematics in the browser.
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
-const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20; // m
+const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
 const CLICK = 6, GRASP = 0.04, PERIOD = 33, SLOW_PERIOD = 250; // pixels, rad, ms
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
 
@@ -192,8 +192,7 @@ export class RobotScene {
   }
 
   addGaze(robot, camera) {
-    const [across, aspect, sight] = robot.view ?? this.view ?? [1, 4 / 3, 3];
-    this.view = [across, aspect, sight];
+    this.view = robot.view ?? this.view ?? 1; // a recorded robot has none
     const view = camera.add(new THREE.Group()).children.at(-1), { axis } = robot;
     if (axis[2] < 0.999) { // a body frame: make z forward, y down
       const forward = new THREE.Vector3(...axis), up = new THREE.Vector3(0, 0, 1);
@@ -203,18 +202,18 @@ export class RobotScene {
       view.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(right, forward.clone().cross(right), forward));
     }
     const line = lineOf(COLOURS["line of sight"], 2);
-    draw(line, [[0, 0, 0], [0, 0, sight]]);
+    draw(line, [[0, 0, 0], [0, 0, SIGHT]]);
     const field = lineOf(COLOURS["reachable field"], robot.field.length / 3, THREE.LineSegments);
     draw(field, Array.from({ length: robot.field.length / 3 }, (_, number) => robot.field.slice(3 * number, 3 * number + 3)));
     const cone = new THREE.Group();
     view.add(line, cone);
     this.root.add(field);
     Object.assign(this.parts, { "line of sight": line, "view cone": cone, "reachable field": field });
-    this.addFrustum(cone, AHEAD * Math.tan(across / 2), aspect);
+    this.addFrustum(cone, AHEAD * Math.tan(this.view / 2));
   }
 
-  addFrustum(view, right, aspect) {
-    const down = right / aspect;
+  addFrustum(view, right) {
+    const down = right / ASPECT;
     const corners = [[-right, -down], [right, -down], [right, down], [-right, down]].map(([x, y]) => [x, y, AHEAD]);
     const edges = corners.flatMap((corner, number) => [0, 0, 0, ...corner, ...corner, ...corners[(number + 1) % 4]]);
     const lines = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(edges, 3));
@@ -226,9 +225,10 @@ export class RobotScene {
   }
 
   showPicture(image) {
-    if (!this.screen || performance.now() < (this.pictureDue ?? 0)) return;
+    if (!this.screen || !image.naturalWidth || performance.now() < (this.pictureDue ?? 0)) return;
     this.pictureDue = performance.now() + 200;
     this.canvas ??= Object.assign(document.createElement("canvas"), { width: 160, height: 120 });
+    this.parts["view cone"].scale.y = (ASPECT * image.naturalHeight) / image.naturalWidth;
     this.canvas.getContext("2d").drawImage(image, 0, 0, 160, 120);
     const { material } = this.screen;
     if (!material.map) {
@@ -259,7 +259,7 @@ export class RobotScene {
     if (target) {
       this.target.position.set(...target);
       this.points.push({ stamp, at: target });
-      while (this.points[0].stamp < stamp - (this.robot.trail ?? 5) || this.points.length > MOST_TRAIL) this.points.shift();
+      while (this.points[0].stamp < stamp - TRAIL || this.points.length > MOST_TRAIL) this.points.shift();
     }
     draw(this.trail, this.points.map(({ at }) => at));
     draw(this.prediction, target ? predicted.slice(0, 64) : []);
