@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 import threading
 import time
 from collections.abc import Callable, Collection
@@ -35,7 +34,6 @@ _SLOW_PERIOD = 0.25  # s between samples of what changes slowly
 _PREDICTION_PERIOD, _AHEAD = 0.1, 0.5  # s: how often, and how far ahead
 _RECORDED = 60.0  # s
 _ORDER = {Level.ERROR: 0, Level.STALE: 1, Level.WARN: 2, Level.OK: 3}
-_HEADER = struct.Struct("<qd")
 
 
 class EncodedPicture(NamedTuple):
@@ -43,7 +41,7 @@ class EncodedPicture(NamedTuple):
 
     Attributes:
         number: differs for each picture.
-        data: stamp [ns] and seconds of monotonic time, then a JPEG.
+        data: stamp [ns, 8 bytes, little-endian], then a JPEG.
     """
 
     number: int
@@ -298,8 +296,8 @@ class Live:
         data = picture.jpeg(_WIDEST)
         if data is None:
             return None
-        header = _HEADER.pack(picture.stamp, time.monotonic())
-        encoded = self._encoded[topic] = EncodedPicture(picture.number, header + data)
+        stamp = picture.stamp.to_bytes(8, "little", signed=True)
+        encoded = self._encoded[topic] = EncodedPicture(picture.number, stamp + data)
         if not topic:
             self.last_minute.add_picture(data)
         return encoded

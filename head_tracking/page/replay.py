@@ -27,7 +27,7 @@ class OpenRecording(NamedTuple):
 
 
 class Replays:
-    """The open recordings; for any thread.
+    """The open recordings; for any thread. A key that is not open raises KeyError.
 
     Args:
         robot: the present robot.
@@ -66,11 +66,7 @@ class Replays:
             raise RecordingError(f"The file can't be read: {error}") from error
 
     def at(self, key: str, time: float) -> dict[str, Any]:
-        """Return what was seen at a time [s] from the start, as a state for the browser.
-
-        Raises:
-            KeyError: the recording is not open.
-        """
+        """Return what was seen at a time [s] from the start, as a state for the browser."""
         one = self._open[key]
         seen = one.recording.at(time)
         return {
@@ -82,20 +78,12 @@ class Replays:
         }
 
     def picture(self, key: str, time: float) -> bytes | None:
-        """Return the latest JPEG or PNG before a time [s]; None without one.
-
-        Raises:
-            KeyError: the recording is not open.
-        """
+        """Return the latest JPEG or PNG before a time [s]; None without one."""
         found = self._open[key].recording.picture_at(time)
         return None if found is None else found.data
 
     def meshes(self, key: str) -> tuple[bytes, ...]:
-        """Return the meshes of the recorded robot.
-
-        Raises:
-            KeyError: the recording is not open.
-        """
+        """Return the meshes of the recorded robot."""
         return self._open[key].robot.meshes
 
     def _present(self) -> Recording:

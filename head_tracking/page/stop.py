@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from typing import Any
 
 from rclpy.node import Node
@@ -65,7 +64,7 @@ class Stop:
     @property
     def _trying(self) -> bool:
         attempt = self._attempt
-        return attempt is not None and not attempt.over
+        return attempt is not None and not attempt.ended.is_set()
 
     @property
     def outcome(self) -> Outcome | None:
@@ -81,10 +80,10 @@ class Stop:
         with self._lock:
             self.count += 1
             attempt = self._attempt
-            if attempt is None or attempt.over:
+            if attempt is None or attempt.ended.is_set():
                 attempt = self._attempt = _Attempt(self._where)
                 threading.Thread(target=self._try, args=[attempt], name="stop", daemon=True).start()
-        attempt.confirmed.wait(_ANSWER)
+        attempt.ended.wait(_ANSWER)
         return attempt.outcome
 
     def resume(self) -> Outcome:
@@ -102,7 +101,7 @@ class Stop:
         with self._lock:
             attempt, self._attempt = self._attempt, None
         if attempt is not None:
-            attempt.cancelled.set()
+            attempt.ended.set()
 
     def close(self) -> None:
         """End the thread."""
@@ -129,7 +128,7 @@ class Stop:
             return True
 
         was_called = False
-        while not attempt.over:
+        while not attempt.ended.is_set():
             attempt.answered.clear()
             try:
                 is_answered = call(self._stop) and attempt.answered.wait(_HANGS)
@@ -138,41 +137,26 @@ class Stop:
                 if not self._own.node.context.ok():
                     return
                 was_called = False
-            if was_called:
-                attempt.wait(_RETRY)
-            else:
-                time.sleep(_POLL)  # no service has been discovered yet
+            attempt.ended.wait(_RETRY if was_called else _POLL)  # until a service is discovered
         for client, future in pending:
             client.remove_pending_request(future)
 
 
 class _Attempt:
-    """One STOP, and its result."""
+    """One STOP and its result; it ends when that is confirmed, or with `resume`."""
 
     def __init__(self, where: str) -> None:
-        self.confirmed, self.cancelled = threading.Event(), threading.Event()
-        self.answered = threading.Event()
+        self.ended, self.answered = threading.Event(), threading.Event()
         self.outcome = Outcome(
             False, f"NOT confirmed: no servo_bus {where} has answered; the page keeps trying"
         )
 
-    @property
-    def over(self) -> bool:
-        """Whether the STOP is confirmed or cancelled."""
-        return self.confirmed.is_set() or self.cancelled.is_set()
-
-    def wait(self, seconds: float) -> None:
-        """Wait for a time [s], or until the STOP is over."""
-        deadline = time.monotonic() + seconds
-        while not self.over and time.monotonic() < deadline:
-            self.confirmed.wait(_POLL)
-
     def on_answer(self, future: Any) -> None:
         """Note the answer of a service."""
-        if future.cancelled() or future.exception() is not None or self.confirmed.is_set():
+        if future.cancelled() or future.exception() is not None or self.ended.is_set():
             return
         answer = future.result()
         self.outcome = Outcome(bool(answer.success), str(answer.message))
         if answer.success:
-            self.confirmed.set()
+            self.ended.set()
         self.answered.set()

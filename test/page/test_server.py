@@ -43,9 +43,6 @@ class _Robot:
     def model(self) -> Any:
         raise RuntimeError("the robot fails")
 
-    def head_of(self, model: Any) -> None:
-        return None
-
     def stop_everything(self) -> Outcome:
         self.stops += 1
         return Outcome(True, "relaxed")
