@@ -144,9 +144,11 @@ def test_no_topic_moves_a_stopped_head(bench, person):
 def test_requests_to_relax_are_executed_while_stopped(bench, person):
     assert person.call("stop").success
     assert person.call("relax").success
-    assert person.call("torque_enable", False).success
+    assert person.call("head_pan_controller/torque_enable", False).success
     assert person.call("resume").success
-    wait_for(lambda: bench.servos.torque == [1, 1])
+    wait_for(lambda: bench.servos.torque == [0, 1])
+    assert person.call("torque_enable", True).success
+    assert bench.servos.torque == [1, 1]
 
 
 def test_a_claim_takes_over_the_head_until_it_is_enabled_again(person):

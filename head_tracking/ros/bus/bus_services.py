@@ -62,7 +62,7 @@ class BusServices:
         prefixes = ("~/", "") if short_names else ("~/",)
         for prefix in prefixes:
             self._offer_torque(f"{prefix}torque_enable", everything)
-            self._offer(f"{prefix}relax", lambda _: self._switch(everything, False))
+            self._offer(f"{prefix}relax", lambda _: self._relax(everything))
             self._offer(f"{prefix}recover", lambda _: self._recover(everything))
         self._offer("~/write_eeprom", lambda _: self._write_eeprom(everything))
         offer_stop(self._services, loop.stop, servos.resume, prefixes)
@@ -93,13 +93,16 @@ class BusServices:
 
         self._services.offer(kind, name, callback)
 
+    def _relax(self, joints: Joints) -> str:
+        if not self._loop.owners.stopped:
+            return self._switch(joints, False)
+        problems = {j: problem for j, problem in self._loop.stop().items() if problem}
+        if problems:
+            raise TorqueError(False, problems)
+        return f"{', '.join(joints)}: relaxed"
+
     def _switch(self, joints: Joints, on: bool) -> str:
-        if not on and self._loop.owners.stopped:  # repeat STOP: a cable may have been unplugged
-            problems = {j: problem for j, problem in self._loop.stop().items() if problem}
-            if problems:
-                raise TorqueError(False, problems)
-        else:
-            self._run(joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on)
+        self._run(joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on)
         return f"{', '.join(joints)}: {'torque on' if on else 'relaxed'}"
 
     def _take_out(self, joints: Joints) -> str:
