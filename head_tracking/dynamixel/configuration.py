@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntFlag
 
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.protocol import MAX_ID
-from head_tracking.parameters import parameter
+from head_tracking.parameters import checked, parameter, parameter_info
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,11 +249,12 @@ class BusSettings:
         allowed = (
             ("command_timeout", 0.0 <= self.command_timeout < 1e9, "0 to 1e9 seconds"),
             ("watchdog", 0.0 <= self.watchdog <= 2.5, "0 to 2.5 seconds"),
+            ("warm", True, "finite temperatures"),
             ("hot", self.warm <= self.hot, f"at least warm, {self.warm} degrees"),
             ("rest", self.hot <= self.rest, f"at least hot, {self.hot} degrees"),
         )
         for name, possible, what in allowed:
-            if not possible:
+            if not (possible and _is_number(getattr(self, name))):
                 raise ConfigurationError(
                     f"{name} {getattr(self, name)} is not possible; allowed are {what}"
                 )
@@ -261,7 +262,11 @@ class BusSettings:
 
 @dataclass(frozen=True, slots=True)
 class EepromSettings:
-    """Settings that the service write_eeprom writes into the memory of the servos."""
+    """Settings that the service write_eeprom writes into the memory of the servos.
+
+    Raises:
+        ParameterError: A value is out of range.
+    """
 
     return_delay: float = parameter(
         0.0, "Time before a servo answers.", unit="microseconds", minimum=0.0, maximum=508.0
@@ -275,6 +280,10 @@ class EepromSettings:
     status_return_level: int = parameter(
         2, "Instructions that a servo answers: 1 ping and read, 2 all.", minimum=1, maximum=2
     )
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            checked(each.name, parameter_info(each), each.default, getattr(self, each.name))
 
     def registers(self, model: ServoModel, tick_range: tuple[int, int]) -> dict[str, int]:
         """Return the register values for a model and the tick range of a joint, by name.

@@ -185,7 +185,10 @@ def test_angle_limits_without_overlap_are_refused() -> None:
         {"command_timeout": float("inf")},
         {"watchdog": 3.0},
         {"warm": 66.0},
+        {"warm": float("-inf")},
         {"rest": 64.0},
+        {"rest": float("inf")},
+        {"rest": float("nan")},
     ],
 )
 def test_senseless_numbers_are_refused(option: dict[str, float]) -> None:
