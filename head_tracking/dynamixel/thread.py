@@ -166,10 +166,10 @@ class BusThread:
             timeout: How long to wait for the port, s.
 
         Raises:
-            BusStoppedError: The bus has stopped, or the port hangs.
+            BusStoppedError: The bus has stopped, or the port is not free in time.
         """
         if not self._owner.acquire(timeout=timeout):
-            raise BusStoppedError(f"the port {self.bus.port_name} hangs")
+            raise BusStoppedError(f"the port {self.bus.port_name} was not free for {timeout} s")
         try:
             if self._ended:
                 raise BusStoppedError("the servo bus has stopped")

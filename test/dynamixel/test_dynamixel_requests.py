@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from concurrent.futures import Future
 from random import Random
 
@@ -253,6 +254,26 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
     assert {bus.joint(bus.joints[0].joint_name).torque for bus in single} == {
         Torque.OFF_UNTIL_COMMANDED
     }
+
+
+def test_a_stop_waits_for_another_stop_that_has_the_port() -> None:
+    epoch, port = Epoch(), FakePort(1)
+    bus = ServoBus(port, [PAN], epoch=epoch)  # type: ignore[arg-type]
+    bus.connect()
+    run(bus.switching_torque(None, True))
+    backend = DynamixelBackend([bus], ControlLoop(None, JointOwners(epoch=epoch)), 50.0)
+    begun = threading.Event()
+
+    def other_stop(_: ServoBus) -> None:
+        begun.set()
+        time.sleep(0.5)
+
+    other = threading.Thread(target=backend.threads[0].at_once, args=(other_stop, 1.0))
+    other.start()
+    assert begun.wait(5.0)
+    assert backend.relax_now(0.5) == {JOINT: ""}
+    join(other)
+    assert port.servos[1]["Torque Enable"] == 0
 
 
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:
