@@ -162,7 +162,7 @@ class ServoBus:
                 admitted[name] = Goal(position, goal.speed)
                 if abs(position - goal.position) > joint.configuration.resolution:
                     clamped[name] = position - goal.position
-            if left_out and not positions:
+            if left_out and not (clamp and positions):
                 reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
                 raise GoalError(f"command refused: {reasons}")
         except GoalError:

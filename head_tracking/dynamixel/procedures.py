@@ -126,18 +126,14 @@ class Procedures:
         Returns:
             By joint, why it has not confirmed; empty where it has.
         """
-        # What was relaxed when it was stopped may be unplugged now.
-        sure = [joint for joint in joints if joint.stopped and joint.confirmed]
+        sure = [s for each in joints if each.stopped and each.confirmed for s in each.servos]
         for joint in joints:
             self._requests.drop_goals(joint.name)
             joint.relax()
             if stop:
                 joint.set_stopped(True)
         servos = [servo for joint in joints for servo in joint.servos]
-        found = yield from relaxing(self._bus.port, servos, disarm=disarm)
-        for joint in sure:
-            for servo in joint.servos:
-                found[servo.id], servo.confirmed = "", True
+        found = yield from relaxing(self._bus.port, servos, disarm=disarm, sure=sure)
         return {
             joint.name: "; ".join(filter(None, [found[servo.id] for servo in joint.servos]))
             for joint in joints

@@ -6,7 +6,7 @@ Used by requests, STOP, faults, the end of a run, and programs without a running
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from typing import Final, TypeVar
 
@@ -113,7 +113,11 @@ def require_straight_path(servo: Servo, ticks: int) -> None:
 
 
 def relaxing(
-    port: DynamixelPort, servos: Sequence[Servo], *, disarm: bool = False
+    port: DynamixelPort,
+    servos: Sequence[Servo],
+    *,
+    disarm: bool = False,
+    sure: Collection[Servo] = (),
 ) -> Steps[dict[int, str]]:
     """Switch torque off: the first step sends it to all, the others read each servo back.
 
@@ -121,12 +125,13 @@ def relaxing(
         port: The port of the servos.
         servos: Which.
         disarm: Whether to switch off their Bus Watchdog, too.
+        sure: Servos that have confirmed before, and may be unplugged now.
 
     Returns:
         By id, why a servo did not confirm; empty where it did.
     """
     for servo in servos:
-        servo.confirmed, servo.held_by = False, None
+        servo.confirmed, servo.held_by = servo in sure, None
     with suppress(PortLostError, NotConnectedError):  # reported by what follows
         release(port, servos)
     yield 0.0
@@ -137,7 +142,8 @@ def relaxing(
                 raise ServoError("the servo does not answer")
             yield from while_held_by(None, [servo], _confirming(servo, disarm))
         except DynamixelError as cause:
-            problems[servo.id] = str(cause)
+            servo.confirmed = servo in sure and not isinstance(cause, ServoError)
+            problems[servo.id] = "" if servo.confirmed else str(cause)
         else:
             problems[servo.id], servo.confirmed = "", True
             yield 0.0

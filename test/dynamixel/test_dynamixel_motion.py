@@ -306,7 +306,12 @@ def test_lost_joint_does_not_stop_the_others(port, bus) -> None:
     port.servos[1].answers = False
     for _ in range(5):
         bus.step()
-    result = bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.2)})
+    goals = {"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.2)}
+    with pytest.raises(GoalError, match="head_pan_joint"):  # all or none
+        bus.command(goals)
+    bus.step()
+    assert not port.servos[2]["Torque Enable"]
+    result = bus.command(goals, clamp=True)
     assert (set(result.left_out), set(result.positions)) == (
         {"head_pan_joint"},
         {"head_tilt_joint"},
@@ -315,7 +320,7 @@ def test_lost_joint_does_not_stop_the_others(port, bus) -> None:
     bus.step()
     assert port.servos[2]["Goal Position"] == TILT.ticks(0.2)
     with pytest.raises(GoalError, match="head_pan_joint"):
-        bus.command({"head_pan_joint": Goal(0.1)})
+        bus.command({"head_pan_joint": Goal(0.1)}, clamp=True)
 
 
 def test_command_while_a_servo_goes_missing_is_dropped(port, bus) -> None:

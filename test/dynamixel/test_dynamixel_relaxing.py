@@ -53,6 +53,18 @@ def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end
     assert bus.close() == ()
 
 
+def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_relaxed() -> None:
+    port = FakePort()
+    bus = connected(port)
+    run(bus.stopping([PAN.joint_name]))
+    port.servos[1]["Torque Enable"] = 1
+    port.servos[1].ignored = {24}
+    with pytest.raises(TorqueError):
+        run(bus.switching_torque(None, False))
+    assert bus.relax_at_once(1.0)[PAN.joint_name]
+    assert bus.close() == (PAN.joint_name,)
+
+
 def test_a_stop_that_failed_and_succeeds_later_is_confirmed() -> None:
     port = FakePort()
     bus = connected(port)
