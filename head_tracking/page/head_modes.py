@@ -7,21 +7,22 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
-from typing import Any, NamedTuple, ParamSpec
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.compatibility import StrEnum
-from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.path import Path
-from head_tracking.page.stop import Stop
-from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices, Outcome
+from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.target_point import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tracking import Target, TargetState
-from head_tracking.transforms import TransformBuffer, TransformException, Vector3
+from head_tracking.transforms import TransformException, Vector3
+
+if TYPE_CHECKING:
+    from head_tracking.page.robot import Robot
 
 TRACKER, POINTER = "head_tracker", "point_head"
 FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
@@ -125,28 +126,6 @@ class _Sending(NamedTuple):
     stops: int
 
 
-class OtherNodes(NamedTuple):
-    """How the page reaches the other nodes of a robot.
-
-    Attributes:
-        services: of the nodes.
-        topics: the latest messages.
-        graph: which nodes exist.
-        parameters: of the nodes.
-        buffer: the robot's frames.
-        stop: until it is resumed, nothing is commanded.
-        poll: receives what has come on frequent topics.
-    """
-
-    services: OtherServices
-    topics: OtherTopics
-    graph: Graph
-    parameters: OtherParameters
-    buffer: TransformBuffer
-    stop: Stop
-    poll: Callable[[], None]
-
-
 class HeadModes:
     """Enables and disables the nodes of a head, and sends targets; for any thread.
 
@@ -154,13 +133,13 @@ class HeadModes:
 
     Args:
         node: sends targets.
-        others: the nodes. A STOP ends what the page sends and enables.
+        robot: its other nodes. A STOP ends what the page sends and enables.
     """
 
-    def __init__(self, node: Node, others: OtherNodes) -> None:
-        self._node = node
-        self._services, self._topics, self._graph, self._parameters = others[:4]
-        self._buffer, self._stop, self._poll = others[4:]
+    def __init__(self, node: Node, robot: Robot) -> None:
+        self._node, self._poll = node, robot.poll
+        self._services, self._topics, self._graph = robot.services, robot.topics, robot.graph
+        self._parameters, self._buffer, self._stop = robot.parameters, robot.buffer, robot.stop
         self._changing = threading.Lock()
         self._wanted: tuple[Mode, str] = Mode.OFF, ""
         nodes = (*CONTROLLERS, *SENDERS)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
-from head_tracking.page.head_modes import HeadModes, Mode, OtherNodes
+from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.transforms import JointState, JointStates
+
+if TYPE_CHECKING:
+    from head_tracking.page.robot import Robot
 
 _PERIOD = 0.05  # s
 _TORQUES = {torque.value for torque in Torque}
@@ -41,14 +45,13 @@ class JointControl:
 
     Args:
         node: publishes. `discover` must be called in its thread, or in that of a node beside it.
-        others: the nodes that drive and own the joints.
-        modes: the controllers of the head; they release the joints first.
+        robot: its other nodes drive the joints; the controllers of its head release them first.
     """
 
-    def __init__(self, node: Node, others: OtherNodes, modes: HeadModes) -> None:
-        self._node, self._others, self._modes = node, others, modes
-        others.services.know(SetBool, "torque_enable")
-        others.services.know(Trigger, "recover")
+    def __init__(self, node: Node, robot: Robot) -> None:
+        self._node, self._robot = node, robot
+        robot.services.know(SetBool, "torque_enable")
+        robot.services.know(Trigger, "recover")
         self._controllers: tuple[str, ...] = ()
         self._positions: dict[str, float] = {}
         self._is_published_by_others = True
@@ -66,19 +69,19 @@ class JointControl:
     @property
     def can_recover(self) -> bool:
         """Whether a bus offers to clear faults."""
-        return self._others.services.offered("recover")
+        return self._robot.services.offered("recover")
 
     def discover(self) -> None:
         """Find the servos, and whether others publish joint states."""
-        base = self._others.graph.namespace.rstrip("/")
+        base = self._robot.graph.namespace.rstrip("/")
         self._controllers = tuple(
             sorted(
                 name.removeprefix(f"{base}/").removesuffix(_TORQUE)
-                for name, kind in self._others.graph.services.items()
+                for name, kind in self._robot.graph.services.items()
                 if kind == "std_srvs/srv/SetBool" and name.endswith(f"_controller{_TORQUE}")
             )
         )
-        self._others.services.know(SetBool, *(f"{one}{_TORQUE}" for one in self._controllers))
+        self._robot.services.know(SetBool, *(f"{one}{_TORQUE}" for one in self._controllers))
         self._had_servos |= bool(self._controllers)
         own = self._node.get_fully_qualified_name()
         self._is_published_by_others = any(
@@ -90,11 +93,11 @@ class JointControl:
         """Return the servos whose torque can be switched."""
         joints = {
             name.removesuffix(".joint_name"): str(joint)
-            for name, joint in self._others.parameters.fixed("_controller.joint_name").items()
+            for name, joint in self._robot.parameters.fixed("_controller.joint_name").items()
         }
         torques = {
             one.values.get("joint"): Torque(one.values["torque"])
-            for one in self._others.topics.health()
+            for one in self._robot.topics.health()
             if one.values.get("torque") in _TORQUES
         }
         found = []
@@ -110,7 +113,7 @@ class JointControl:
 
         One message has all joints: a driver acts on the latest message only.
         """
-        model = self._others.buffer.model
+        model = self._robot.buffer.model
         missing = [] if model is None else sorted(positions.keys() - model.joints.keys())
         if missing:
             return Outcome(False, f"The robot has no joint {missing[0]!r}.")
@@ -119,15 +122,15 @@ class JointControl:
             if self._timer.is_canceled():  # another reset would delay the next message
                 self._timer.reset()
             return Outcome(True, "")
-        if self._others.stop.refusal:
-            return Outcome(False, self._others.stop.refusal)
+        if self._robot.stop.refusal:
+            return Outcome(False, self._robot.stop.refusal)
         text = ""
-        if self._modes.mode() is not Mode.OFF:
-            outcome = self._modes.release()
+        if self._robot.modes.mode() is not Mode.OFF:
+            outcome = self._robot.modes.release()
             if not outcome.done:
                 return outcome
             text = "The controller of the head has been disabled to move joints by hand."
-        owners = self._others.topics.owners()
+        owners = self._robot.topics.owners()
         for joint in positions:
             if owners.get(joint, "") not in ("", self._node.get_name()):
                 return Outcome(False, f"{joint} is owned by {owners[joint]}, which keeps it.")
@@ -139,14 +142,14 @@ class JointControl:
     def set_torque(self, controller: str, on: bool) -> Outcome:
         """Switch the torque of a servo; of all servos for an empty name."""
         name = f"{controller}{_TORQUE}" if controller else _TORQUE[1:]
-        return self._others.services.switch(name, on)
+        return self._robot.services.switch(name, on)
 
     def recover(self) -> Outcome:
         """Clear the faults of the servos."""
-        return self._others.services.trigger("recover")
+        return self._robot.services.trigger("recover")
 
     def _publish_positions(self) -> None:
-        model = self._others.buffer.model
+        model = self._robot.buffer.model
         if model is None or not self.free:
             self._timer.cancel()
             return

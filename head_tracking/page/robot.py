@@ -19,7 +19,6 @@ from head_tracking.page.head_modes import (
     TRACKER,
     HeadModes,
     Mode,
-    OtherNodes,
 )
 from head_tracking.page.joint_control import JointControl
 from head_tracking.page.other_topics import OtherTopics
@@ -56,6 +55,8 @@ class Robot:
     Attributes:
         buffer: the robot's frames.
         stop: STOP and resume; independent of the rest.
+        graph: which other nodes exist.
+        services: of other nodes.
         topics: the latest messages of other nodes.
         parameters: of other nodes.
         modes: what the head looks at.
@@ -87,26 +88,17 @@ class Robot:
         # its many clients would slow down every wake-up of the other node
         self._requests = NodeThread.beside(node, f"{node.get_name()}_requests")
         requests = self._requests.node
-        self._graph = Graph(node)
+        self.graph, self.services = Graph(node), OtherServices(requests)
         self._targets = LatestTarget(self._polled, self.buffer)
-        self.topics = OtherTopics(node, self._polled, self._graph)
+        self.topics = OtherTopics(node, self._polled, self.graph)
         self.parameters = OtherParameters(
-            requests, self._graph, (node.get_name(), "run_monitor", "node_starter")
+            requests, self.graph, (node.get_name(), "run_monitor", "node_starter")
         )
         self.recorder = Recorder(
-            node, self._graph.is_below, recorder_parameters, self.parameters.values
+            node, self.graph.is_below, recorder_parameters, self.parameters.values
         )
-        others = OtherNodes(
-            OtherServices(requests),
-            self.topics,
-            self._graph,
-            self.parameters,
-            self.buffer,
-            self.stop,
-            self.poll,
-        )
-        self.modes = HeadModes(node, others)
-        self.joints = JointControl(node, others, self.modes)
+        self.modes = HeadModes(node, self)
+        self.joints = JointControl(node, self)
         self._joint_watch, self._frame_watch = SilenceWatch(_PATIENCE), SilenceWatch(_GONE)
         requests.create_timer(_DISCOVERY_PERIOD, self._discover)
         node.create_timer(_DISCOVERY_PERIOD, self.topics.end_unused)
@@ -214,7 +206,7 @@ class Robot:
         )
 
     def _discover(self) -> None:
-        self._graph.look()
+        self.graph.look()
         self.parameters.look()
         self.joints.discover()
 

@@ -435,7 +435,6 @@ def write_recording(recording: Recording) -> bytes:
         root = model.root
         bag.write(description, recording.seen[0].stamp, {"data": recording.urdf})
     before: str | None = None
-    statuses: dict[str, tuple[str, ...]] = {}
     pictures = deque(recording.pictures)
     for seen in recording.seen:
         stamp = seen.stamp
@@ -462,14 +461,11 @@ def write_recording(recording: Recording) -> bytes:
                 continue
             if seen.error is not None:
                 bag.write(error_channel, stamp, {"data": seen.error})
-            status = seen.state, seen.detail, seen.refusal
-            if statuses.get(node) != status:
-                statuses[node] = status
-                fields = zip(("state", "detail", "refusal"), status, strict=True)
-                values = [{"key": key, "value": value} for key, value in fields]
-                bag.write(
-                    status_channel, stamp, {"name": node, "message": seen.text, "values": values}
-                )
+            values = [
+                {"key": key, "value": getattr(seen, key)} for key in ("state", "detail", "refusal")
+            ]
+            message = {"name": node, "message": seen.text, "values": values}
+            bag.write(status_channel, stamp, message)
         before = seen.controller
     bag.writer.finish()  # type: ignore[no-untyped-call]
     return stream.getvalue()

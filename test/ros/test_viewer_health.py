@@ -40,13 +40,6 @@ def test_there_is_a_value_for_every_gauge_of_the_page():
         assert float(text) == pytest.approx(value)
 
 
-def test_what_can_be_cleared_comes_with_its_button():
-    faulted = servo(health=Health.FAULTED, errors=HardwareErrors.OVERLOAD)
-    assert [one.command for one in faults([faulted])] == ["recover"]
-    lost = servo(health=Health.LOST)
-    assert [one.command for one in faults([lost])] == [""]
-
-
 @pytest.mark.parametrize(
     "changes",
     [
