@@ -59,6 +59,7 @@ FIRST_LOOK_IS_LATE = """() => {
 RIGHT = """Math.max(...[...document.querySelectorAll(".card")].map(
   card => card.getBoundingClientRect().right
 ))"""
+AXE = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]}
 USABILITY = Path(browser_support.__file__).with_name("usability.js").read_text()
 
 
@@ -372,6 +373,18 @@ def test_every_place_is_usable_in_windows_of_all_sizes(viewer, browser, width, h
         found = page.evaluate(USABILITY)
         assert found == {"cutOff": [], "small": [], "nameless": [], "pale": []}, place
         assert page.evaluate(RIGHT) > 0.95 * width, place
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_against_wcag_aa(viewer, browser, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    page = open_page(browser, viewer.page.port, 1280, 800, color_scheme=scheme)
+    for place in PLACES:
+        open_tab(page, place)
+        found = axe.run(page, options=AXE).response
+        assert not [(one["id"], one["nodes"][0]["html"]) for one in found["violations"]], place
+        assert "color-contrast" in {one["id"] for one in found["passes"]}
     page.close()
 
 
