@@ -115,12 +115,7 @@ class Tuning:
     def _set_all(self, wanted: Sequence[tuple[Setting, Any]]) -> Outcome:
         outcomes = [self._parameters.set(one.node, one.name, value) for one, value in wanted]
         refused = [one.text for one in outcomes if not one.done]
-        done = (
-            f"{len(wanted)} parameters set."
-            if wanted
-            else "All parameters have these values already."
-        )
-        return Outcome(not refused, "; ".join(refused) or done)
+        return Outcome(not refused, "; ".join(refused) or f"{len(wanted)} parameters set.")
 
 
 def described(setting: Setting) -> dict[str, Any]:

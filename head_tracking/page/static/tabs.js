@@ -104,8 +104,8 @@ export class Tuning {
       known.show(one.value);
     }
     for (const [key, { row }] of this.inputs) if (!keys.has(key)) { row.remove(); this.inputs.delete(key); }
-    for (const group of by("parameters").querySelectorAll("fieldset")) group.hidden = !group.querySelector(".parameter");
-    if (by("experts")) by("experts").hidden = !by("experts").querySelector(".parameter");
+    for (const group of by("tune").querySelectorAll("fieldset")) group.hidden = !group.querySelector(".parameter");
+    by("experts").hidden = !by("experts").querySelector(".parameter");
   }
 
   makePresets(presets) {
@@ -119,19 +119,12 @@ export class Tuning {
   }
 
   group(one) {
-    const parent = one.expert ? (by("experts") ?? this.makeExperts()) : by("parameters");
+    const parent = by(one.expert ? "experts" : "parameters");
     const found = [...parent.querySelectorAll(":scope > fieldset")].find((group) => group.dataset.node === one.node);
     if (found) return found;
     const group = element(parent, "fieldset", { "data-node": one.node });
     element(group, "legend", {}, one.node.split("/").at(-1));
-    if (!one.expert && by("experts")) by("parameters").append(by("experts"));
     return group;
-  }
-
-  makeExperts() {
-    const experts = element(by("parameters"), "details", { id: "experts" });
-    element(experts, "summary", {}, "For experts");
-    return experts;
   }
 
   add(key, one) {
