@@ -14,8 +14,6 @@ import signal
 import statistics
 import subprocess
 import sys
-import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -29,14 +27,12 @@ from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     BusReading,
-    BusThread,
     DynamixelError,
     DynamixelPort,
     Goal,
     GoalError,
     JointConfiguration,
     ServoBus,
-    ServoModel,
     Torque,
     servo_model,
 )
@@ -47,7 +43,6 @@ from head_tracking.simulation import (
     Faults,
     Overlap,
     SimulatedBus,
-    SimulatedPort,
     SimulatedServo,
     WriteLog,
 )
@@ -58,9 +53,6 @@ WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes 
 ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
 FAULTY_CYCLES, BURST, FAULT_RATE = 100_000, 1000, 0.05
 PERIOD = 20_000_000  # ns
-REPLUGS = 100
-MODELS = {"XM430-W350": 4_000_000, "AX-12": 1_000_000}  # baud rate
-UPDATE_RATES = (50, 100, 200, 500)  # Hz
 JOINTS = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
 
 
@@ -247,7 +239,7 @@ def _rows() -> Iterator[str]:
         },
         "1.1x unloaded",
     )
-    for part in PARTS.values():
+    for part in (in_a_run, silent_servo, faulty_cycles):
         text = part()
         report(text)
         yield text
@@ -416,34 +408,6 @@ class FaultyRun:
                 self.stale += abs(true - state.position) > 2 * joint.resolution + 7.0 * age
 
 
-def returning_servo() -> str:
-    """The longest cycle while one of two servos returns and its torque comes on, simulated time."""
-    found = []
-    for baud_rate in (1_000_000, 57_600):
-        driver, bench = driven(servo_model("AX-12"), baud_rate, return_delay=500)
-
-        def cycle(driver: ServoBus = driver, clock: Any = bench.clock) -> float:
-            due = clock.now + PERIOD
-            while driver.cycle.fill(due):
-                pass
-            clock.now = start = max(due, clock.now)
-            for name in ("joint_1", "joint_2"):
-                with suppress(GoalError):
-                    driver.command({name: Goal(0.2)})
-            driver.step()
-            return (clock.now - start) * 1e-6
-
-        usual = max([cycle() for _ in range(100)][50:])
-        bench.bus[1].power_off()
-        for _ in range(20):
-            cycle()
-        bench.bus[1].power_on()
-        longest = max(cycle() for _ in range(100))
-        assert driver.joint("joint_1").torque is Torque.ON
-        found.append(f"{longest:.1f} ms at {baud_rate} baud, where a usual one takes {usual:.1f}")
-    return f"| longest cycle while one of two AX-12 returns | **{'; '.join(found)}** | | twice |"
-
-
 def processor_row(costs: dict[str, Cost]) -> str:
     """Processor time of a cycle, over that of rustypot's transport."""
     least = costs["rustypot"].processor if "rustypot" in costs else math.nan
@@ -452,111 +416,6 @@ def processor_row(costs: dict[str, Cost]) -> str:
         for name, cost in costs.items()
     }
     return _row("processor time of that cycle", figures, "port 1.2x, whole bus 2.0x")
-
-
-def driven(
-    model: ServoModel, baud_rate: int, latency: float = 0.0, return_delay: int = 0
-) -> tuple[ServoBus, Bench]:
-    """Two servos of a model on a paced line in simulated time, and the bus that drives them."""
-    servos = [SimulatedServo(i, model, boot_time=0.0) for i in (1, 2)]
-    for servo in servos:
-        servo.set_register("Return Delay Time", return_delay // 2)
-    bench = Bench(servos, baud_rate, latency)
-    joints = [
-        JointConfiguration(
-            f"joint_{i}", i, model.center, 0, model.ticks - 1, model, controller=f"controller_{i}"
-        )
-        for i in (1, 2)
-    ]
-    driver = bench.servo_bus(joints)
-    driver.connect()
-    return driver, bench
-
-
-def searched_replies() -> str:
-    """Count cycles with a reply that is not the next bytes received."""
-    shares = []
-    for name in MODELS:
-        driver, bench = driven(servo_model(name), MODELS[name], 0.001, 500)
-        before, cycles = bench.port.searches, 500
-        for k in range(cycles):
-            bench.clock.now += PERIOD + 13_700 * (k % 73)  # at all phases of the latency timer
-            driver.step()
-        shares.append(f"{name} {100 * (bench.port.searches - before) / cycles:.1f} %")
-    return (
-        "| cycles in which a reply must be searched for; return delay 500 us, latency timer 1 ms "
-        f"| **{', '.join(shares)}** | | 0 % |"
-    )
-
-
-def free_running() -> str:
-    """Measure cycles per second without a pause, in simulated time."""
-    found = []
-    for name, baud_rate in MODELS.items():
-        rates = []
-        for latency, return_delay in ((0.0, 0), (0.001, 0), (0.001, 500)):
-            driver, bench = driven(servo_model(name), baud_rate, latency, return_delay)
-            cycles, begin = 500, bench.clock.now
-            for k in range(cycles):
-                goal = Goal(0.001 * (k & 255), 1.0)
-                driver.command({"joint_1": goal, "joint_2": goal})
-                driver.step()
-            seconds = (bench.clock.now - begin) * 1e-9
-            rates.append(f"{cycles / seconds:.0f}")
-        found.append(f"two {name} at {baud_rate / 1e6:.0f} Mbaud {' / '.join(rates)}")
-    return (
-        "| cycles a second that the wire allows, free running: adapter without latency / latency "
-        f"1 ms / and return delay 500 us | **{'; '.join(found)}** | | reported |"
-    )
-
-
-def update_rates() -> str:
-    """Measure lag and remaining error of a joint on a path, by cycles per second.
-
-    A tracker compensates the lag (`laws.py`).
-    """
-    found = []
-    for name, baud_rate in MODELS.items():
-        followed = [_follow(servo_model(name), baud_rate, rate) for rate in UPDATE_RATES]
-        listed = ", ".join(f"{rest:.2f} deg ({1e3 * lag:.0f} ms)" for lag, rest in followed)
-        found.append(f"{name} {listed}")
-    rates = ", ".join(map(str, UPDATE_RATES))
-    return (
-        "| rms error, besides a constant lag, of a joint that follows a swing of 0.5 rad at 0.5 Hz "
-        f"with `update_rate` {rates} Hz (lag) | **{'; '.join(found)}** | | reported |"
-    )
-
-
-def _follow(model: ServoModel, baud_rate: int, rate: int) -> tuple[float, float]:
-    """Return the lag of a joint, s, and its rms error besides, degrees."""
-    driver, bench = driven(model, baud_rate, latency=0.001)
-    simulated, clock = bench.bus, bench.clock
-    period, start = 1_000_000_000 // rate, clock.now
-    samples: list[tuple[int, float, float]] = []
-    for k in range(rate * 5):
-        clock.now = max(clock.now, start + k * period)
-        driver.cycle.read()
-        now = (clock.now - start) * 1e-9
-        driver.command({f"joint_{i}": Goal(_on_path(i, now), 6.0) for i in (1, 2)})
-        driver.cycle.write()
-        if k > rate:
-            for part in range(1, 5):
-                time_now = clock.now + part * period // 5
-                simulated.advance(time_now)
-                for servo in simulated:
-                    aside = servo.true_ticks - servo.model.center
-                    true = aside * servo.model.radians_per_tick
-                    samples.append((servo.id, (time_now - start) * 1e-9, true))
-    errors = {
-        lag: statistics.fmean((true - _on_path(i, t - 1e-3 * lag)) ** 2 for i, t, true in samples)
-        for lag in range(0, 151, 3)
-    }
-    lag = min(errors, key=lambda each: errors[each])
-    return 1e-3 * lag, math.degrees(math.sqrt(errors[lag]))
-
-
-def _on_path(servo_id: int, seconds: float) -> float:
-    return 0.5 * math.sin(math.pi * seconds + servo_id)
 
 
 def in_a_run() -> str:
@@ -581,60 +440,3 @@ def in_a_run() -> str:
         for each in (statistics.quantiles(took, n=20),)
     )
     return f"| a cycle of the bus in `head_tracking --sim` | **{figures}** | | p95 3 ms |"
-
-
-def replugging() -> str:
-    """Unplug the adapter and plug it in again, many times."""
-    times: list[float] = []
-    with tempfile.TemporaryDirectory() as folder:
-        link = Path(folder) / "servos"
-        with SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=link) as simulated:
-            driver = ServoBus(DynamixelPort(str(link)), JOINTS)
-            driver.connect()
-            newest: list[BusReading] = []
-            thread = BusThread(driver, 50.0, newest.append)
-            thread.start()
-            _wait(lambda: newest and len(newest[-1].states) == 2)
-            before = _resources()
-            for _ in range(REPLUGS):
-                simulated.close()
-                _wait(lambda: len(newest[-1].lost) == 2)
-                simulated.open()
-                start = time.perf_counter()
-                _wait(lambda: len(newest[-1].states) == 2)
-                times.append(time.perf_counter() - start)
-            after = _resources()
-            thread.stop()
-    return (
-        f"| unplugged and plugged in again {REPLUGS} times | **{len(times)} reconnections, the "
-        f"slowest in {max(times):.2f} s**, median {statistics.median(times):.2f} s; threads "
-        f"{after[0] - before[0]:+d}, file descriptors {after[1] - before[1]:+d} | | "
-        f"{REPLUGS}, each within 1 s, nothing left behind |"
-    )
-
-
-def _resources() -> tuple[int, int]:
-    return threading.active_count(), len(os.listdir("/proc/self/fd"))
-
-
-def _wait(condition: Callable[[], object]) -> None:
-    deadline = time.perf_counter() + 30.0
-    while not condition():
-        if time.perf_counter() > deadline:
-            raise TimeoutError("waited 30 s in vain")
-        time.sleep(0.002)
-
-
-PARTS: dict[str, Callable[[], str]] = {
-    "searched": searched_replies,
-    "free": free_running,
-    "rates": update_rates,
-    "run": in_a_run,
-    "silent": silent_servo,
-    "returning": returning_servo,
-    "replug": replugging,
-    "faulty": faulty_cycles,
-}
-
-if __name__ == "__main__":
-    print("\n".join(PARTS[name]() for name in sys.argv[1:]))

@@ -15,11 +15,10 @@ BENCHMARKS = {
         name: f"{name}:{name}"
         for name in (
             "bus", "calibration", "chaos", "faces", "identity", "pointing",
-            "robots", "run", "target_path", "tracking", "transforms", "vision",
+            "run", "target_path", "tracking", "transforms", "vision",
         )
     },
     "crash": "crash:killed",
-    "page": "page:fluidity",
     "page-open": "page:left_open",
     "page-stop": "page:stopped",
 }  # fmt: skip

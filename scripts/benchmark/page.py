@@ -1,4 +1,4 @@
-"""The page in Chromium: states and frames per second, processor time, memory over time."""
+"""The page in Chromium: time from STOP to its answer; processor time and memory over time."""
 
 from __future__ import annotations
 
@@ -6,16 +6,13 @@ import os
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from functools import partial
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from browser import open_browser, open_page, open_tab
-from frame import in_turns, medians, row, table
+from frame import row, table
 from simulated_run import (
     SimulatedRun,
     command,
@@ -26,56 +23,10 @@ from simulated_run import (
     processor_time,
     threads,
 )
-from sixty_links import ARM, sixty_links
-from viewer_client import ReadingClient
-
-from head_tracking.share import robot_file
-from head_tracking.transforms import load_robot_model
 
 SAMPLES = 8
 FIRST = 2.0  # minutes until the buffer of the last minute is full
-ROUNDS = 3
-SETTLING, SECONDS = 4.0, 10.0
-
-# publishes the joints of the arms, as their driver would
-MOVER = """
-import math, time, rclpy
-from sensor_msgs.msg import JointState
-rclpy.init()
-node = rclpy.create_node("arms")
-sender = node.create_publisher(JointState, "arm_states", 10)
-names = ["{joint}%d" % i for i in range(45)]
-start = time.monotonic()
-def send():
-    now = time.monotonic() - start
-    message = JointState(name=names, position=[0.5 * math.sin(now + i) for i in range(45)])
-    message.header.stamp = node.get_clock().now().to_msg()
-    sender.publish(message)
-node.create_timer(0.02, send)
-try:
-    rclpy.spin(node)
-except rclpy.executors.ExternalShutdownException:
-    pass
-"""
-SOURCES = """\
-/**/joint_state_publisher:
-  ros__parameters: {source_list: [servo_states, arm_states]}
-"""
-
-COUNT_FRAMES = """() => {
-  const info = window.headPage.scene.renderer.info.render;
-  window.frameCount = {offered: 0, drawn: 0};
-  let last = info.frame;
-  const tick = () => {
-    window.frameCount.offered += 1;
-    if (info.frame !== last) window.frameCount.drawn += 1;
-    last = info.frame;
-    requestAnimationFrame(tick);
-  };
-  requestAnimationFrame(tick);
-}"""
-COUNTED = "({...window.frameCount})"
-
+SETTLING = 4.0  # s
 
 # floods the page with one kind of request, from 20 connections
 FLOOD = """
@@ -109,93 +60,6 @@ PRESS_STOP = """async () => {
   await new Promise((end) => setTimeout(end, 100));
   return took;
 }"""
-
-
-class Fluidity(NamedTuple):
-    """The rates of one round.
-
-    Attributes:
-        read: states per second received by a client that draws nothing.
-        drawn: frames per second drawn by a browser.
-        offered: frames per second that the browser offered (requestAnimationFrame).
-        viewer: processor time of the page while the client read [fraction of a core].
-    """
-
-    read: float
-    drawn: float
-    offered: float
-    viewer: float
-
-
-def fluidity() -> str:
-    """Return a table for 15 and 60 links, which take turns; medians of the rounds."""
-    with tempfile.TemporaryDirectory() as folder:
-        small = load_robot_model(robot_file("kinectbot"))
-        sources, urdf = Path(folder, "sources.yaml"), Path(folder, "sixty_links.urdf")
-        sources.write_text(SOURCES)
-        urdf.write_text(sixty_links(small, visible=True).urdf)
-        variants = {
-            "15 links, 2 joints move": "kinectbot",
-            "60 links, 47 joints move": str(urdf),
-        }
-        found = in_turns(
-            {name: partial(_fluidity, robot, sources) for name, robot in variants.items()}, ROUNDS
-        )
-    rows = []
-    for name, runs in found.items():
-        *rates, viewer = medians(runs)
-        rows.append(
-            row(name, *(f"{rate:.1f}" for rate in rates), f"{100 * viewer:.0f} % of a core")
-        )
-    return table(
-        "robot | states a second, read only | frames drawn a second | frames offered a second | "
-        "the viewer's process", rows
-    )  # fmt: skip
-
-
-def _fluidity(robot: str, sources: Path) -> Fluidity:
-    own_domain()
-    with ExitStack() as resources:
-        if robot != "kinectbot":
-            resources.enter_context(_arms())
-        run = resources.enter_context(
-            SimulatedRun("--viewer", "--robot", robot, "--params", str(sources))
-        )
-        read, viewer = _read_only(run)
-        browser = resources.enter_context(open_browser())
-        page = open_page(browser, run.port)
-        page.evaluate(COUNT_FRAMES)
-        page.wait_for_timeout(1e3 * SETTLING)
-        before, start = page.evaluate(COUNTED), time.monotonic()
-        page.wait_for_timeout(1e3 * SECONDS)
-        after, seconds = page.evaluate(COUNTED), time.monotonic() - start
-        rate = {name: (after[name] - before[name]) / seconds for name in after}
-        return Fluidity(read, rate["drawn"], rate["offered"], viewer)
-
-
-def _read_only(run: SimulatedRun) -> tuple[float, float]:
-    """Return states per second for a client that draws nothing, and the page's processor time."""
-    client = ReadingClient(run.port, keep=True)
-    try:
-        time.sleep(SETTLING)
-        client.messages.clear()
-        used, start = processor_time(run.viewer_pid), time.monotonic()
-        time.sleep(SECONDS)
-        seconds = time.monotonic() - start
-        updates = client.named("state")
-        return len(updates) / seconds, (processor_time(run.viewer_pid) - used) / seconds
-    finally:
-        client.close()
-
-
-@contextmanager
-def _arms() -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, "-c", MOVER.format(joint=ARM)])
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait()
 
 
 def stopped() -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from statistics import mean
 
 from simulated_device import Bench
@@ -33,8 +32,6 @@ class Pursuit:
 
     Attributes:
         errors: angle between camera and target in each cycle [rad].
-        cycles: time on the wire and of the servos in each cycle [s].
-        step_times: processor time of each step of the tracker [s].
     """
 
     def __init__(self, name: str, frequency: float, amplitude: float = 0.4) -> None:
@@ -43,7 +40,6 @@ class Pursuit:
         names = [servo.joint_name for servo in self.servos]
         model = load_robot_model(robot_file(name))
         self.head = PanTiltHead(model, names[0], names[1], configured.pointing_frame)
-        self._model, self._frame = model, configured.pointing_frame
         self._frequency, self._amplitude = frequency, amplitude
         straight = model.transform(
             self.head.base_frame, configured.pointing_frame, dict.fromkeys(names, 0.0)
@@ -55,8 +51,6 @@ class Pursuit:
         self._tracker = Tracker(self.head, LAWS["predictive"](self.head, PERIOD))
         self._begin = 0.0
         self.errors: list[float] = []
-        self.cycles: list[float] = []
-        self.step_times: list[float] = []
 
     def target(self, now: float) -> Vector3:
         """Return where the target is [m], in the base frame of the head, at a time [s]."""
@@ -73,12 +67,6 @@ class Pursuit:
             self._origin[2] + _DISTANCE * math.sin(elevation),
         )
 
-    def point_seen(self, distance: float, pan: float, tilt: float) -> Vector3:
-        """Return the point [m], in the base frame of the head, at which the camera looks."""
-        pose = {servo.joint_name: q for servo, q in zip(self.servos, (pan, tilt), strict=True)}
-        seen = self._model.transform(self.head.base_frame, self._frame, pose)
-        return seen @ (distance, 0.0, 0.0)
-
     def run(self, seconds: float) -> Pursuit:
         """Track for some time."""
         self._bus.connect()
@@ -87,9 +75,7 @@ class Pursuit:
         self._begin = begin = self._bench.clock()
         for cycle in range(round(seconds / PERIOD)):
             self._bench.pass_time(max(0.0, begin + cycle * PERIOD - self._bench.clock()))
-            started = self._bench.clock()
             states = self._bus.step().states
-            self.cycles.append(self._bench.clock() - started)
             now = self._bench.clock()
             if len(states) == 2:
                 pan, tilt = (states[servo.joint_name] for servo in self.servos)
@@ -97,9 +83,7 @@ class Pursuit:
                 self._tracker.joints_read(stamp, (pan.position, tilt.position))
             if cycle * PERIOD >= _LATE:
                 self._tracker.target_seen(now - _LATE, self.target(now - _LATE), now)
-            before = time.perf_counter()
             command = self._tracker.step(now).command
-            self.step_times.append(time.perf_counter() - before)
             if command is not None:
                 goals = (
                     Goal(command.pan, command.pan_speed),
