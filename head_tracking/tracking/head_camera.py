@@ -250,9 +250,14 @@ class HeadCamera:
                 self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
         return judged
 
+    @property
+    def _starts(self) -> npt.NDArray[np.intp]:
+        """Index of the first hypothesis of each remaining mounting."""
+        return np.flatnonzero(np.diff(self._mountings, prepend=-1))
+
     def _tells_mountings(self, turned: npt.NDArray[np.bool_]) -> bool:
         """Return whether this motion distinguishes the remaining mountings from the right one."""
-        differences = _TURNS[np.unique(self._mountings)] - _TURNS[0]
+        differences = _TURNS[self._mountings[self._starts]] - _TURNS[0]
         return bool(differences[..., turned].any())
 
     def _score(self, stamp: float, ray: Vector3) -> None:
@@ -261,7 +266,7 @@ class HeadCamera:
         angles = np.array(self._readings.at_all(np.append(times, (stamp - _SLOPE, stamp + _SLOPE))))
         speeds = np.abs(angles[:, -1] - angles[:, -2]) / (2.0 * _SLOPE)
         angles = angles[:, :-2]
-        if self._mountings.any():
+        if self._mountings[-1]:
             angles = np.einsum("nsa,sn->an", _TURNS[self._mountings], angles)
         x, y, z = self._head.placed(ray, angles[0], angles[1])
         if self._base is not None:
@@ -299,9 +304,10 @@ class HeadCamera:
 
     def _decide_mounting(self) -> None:
         """Report a wrong mounting, and exclude those that the points contradict."""
-        found = np.unique(self._mountings)
-        scores = self._bank.scores
-        best = np.array([scores[self._mountings == mounting].max() for mounting in found])
+        if not self._mountings[-1]:
+            return  # all are excluded
+        found = self._mountings[self._starts]
+        best = np.maximum.reduceat(self._bank.scores, self._starts)
         behind = best[0] - best
         if behind.min() < -_WRONG:
             self.fault = self._named(int(found[behind.argmin()]))
