@@ -7,17 +7,11 @@ from head_tracking.tf.broadcaster import (
 )
 from head_tracking.tf.buffer import Buffer, BufferCore, BufferInterface
 from head_tracking.tf.do_transform import (
-    do_transform_cloud,
     do_transform_point,
-    do_transform_polygon_stamped,
     do_transform_pose,
     do_transform_pose_stamped,
     do_transform_pose_with_covariance_stamped,
     do_transform_vector3,
-    from_msg_msg,
-    to_msg_msg,
-    transform_covariance,
-    transform_points,
 )
 from head_tracking.tf.listener import (
     DEFAULT_STATIC_TF_TOPIC,
@@ -27,11 +21,8 @@ from head_tracking.tf.listener import (
     listening_buffer,
 )
 from head_tracking.tf.registration import (
-    ConvertRegistration,
-    Stamped,
     TransformRegistration,
     TypeException,
-    convert,
 )
 from head_tracking.transforms.exceptions import (
     ConnectivityException,
@@ -49,11 +40,9 @@ __all__ = [
     "BufferCore",
     "BufferInterface",
     "ConnectivityException",
-    "ConvertRegistration",
     "ExtrapolationException",
     "InvalidArgumentException",
     "LookupException",
-    "Stamped",
     "StaticTransformBroadcaster",
     "StaticTransformListener",
     "TimeoutException",
@@ -63,17 +52,10 @@ __all__ = [
     "TransformRegistration",
     "TypeException",
     "broadcasting_possible",
-    "convert",
-    "do_transform_cloud",
     "do_transform_point",
-    "do_transform_polygon_stamped",
     "do_transform_pose",
     "do_transform_pose_stamped",
     "do_transform_pose_with_covariance_stamped",
     "do_transform_vector3",
-    "from_msg_msg",
     "listening_buffer",
-    "to_msg_msg",
-    "transform_covariance",
-    "transform_points",
 ]

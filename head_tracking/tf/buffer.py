@@ -10,8 +10,7 @@ from functools import partialmethod
 from typing import Any, TypeAlias
 
 from builtin_interfaces.msg import Time as TimeMsg
-from geometry_msgs.msg import TransformStamped, Twist, VelocityStamped
-from geometry_msgs.msg import Vector3 as Vector3Msg
+from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.logging import get_logger
@@ -21,14 +20,12 @@ from rclpy.time import Time
 
 from head_tracking.tf.conversions import seconds, stamp_to_ns
 from head_tracking.tf.do_transform import MAKERS
-from head_tracking.tf.messages import FrameGraph, header, read, transform_stamped
-from head_tracking.tf.registration import TransformRegistration, convert
-from head_tracking.transforms import TransformBuffer, TransformException, Vector3
+from head_tracking.tf.messages import FrameGraph, read, transform_stamped
+from head_tracking.tf.registration import TransformRegistration
+from head_tracking.transforms import TransformBuffer, TransformException
 from head_tracking.transforms.history import DEFAULT_CACHE_TIME
 
 AnyTime: TypeAlias = Time | TimeMsg
-VelocityCore: TypeAlias = tuple[Vector3, Vector3]
-"""Linear [m/s] and angular velocity [rad/s]."""
 
 
 class Buffer:
@@ -109,46 +106,6 @@ class Buffer:
         """Return the latest time at which both frames are known; 0 if they never move."""
         return Time(nanoseconds=self.core.get_latest_common_time(target_frame, source_frame))
 
-    def lookupVelocityCore(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        time: AnyTime,
-        averaging_interval: Duration,
-    ) -> VelocityCore:
-        """Return linear and angular velocity of `tracking_frame` in `observation_frame`."""
-        return self.lookupVelocityFullCore(
-            tracking_frame,
-            observation_frame,
-            observation_frame,
-            (0.0, 0.0, 0.0),
-            tracking_frame,
-            time,
-            averaging_interval,
-        )
-
-    def lookupVelocityFullCore(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        reference_frame: str,
-        reference_point: Vector3,
-        reference_point_frame: str,
-        time: AnyTime,
-        averaging_interval: Duration,
-    ) -> VelocityCore:
-        """Return linear and angular velocity; see `TransformBuffer.lookup_velocity`."""
-        found = self.core.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_to_ns(time),
-            averaging_interval.nanoseconds,
-            reference_frame,
-            reference_point,
-            reference_point_frame,
-        )
-        return found.linear, found.angular
-
     def all_frames_as_string(self) -> str:
         """Return a sentence for each frame."""
         return self.core.all_frames_as_string()
@@ -156,12 +113,6 @@ class Buffer:
     def all_frames_as_yaml(self, time: AnyTime | None = None) -> str:
         """Return parent, rate and stamps of each frame; with delays if the time is given."""
         return self.core.all_frames_as_yaml(0 if time is None else stamp_to_ns(time))
-
-    def _frameExists(self, frame_id: str) -> bool:
-        return frame_id in self.core.frames()
-
-    def _getFrameStrings(self) -> list[str]:
-        return list(self.core.frames())
 
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: AnyTime, timeout: Duration | None = None
@@ -214,34 +165,11 @@ class Buffer:
     can_transform_core = partialmethod(can_transform, return_debug_tuple=True)
     can_transform_full_core = partialmethod(can_transform_full, return_debug_tuple=True)
 
-    def lookup_velocity(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        time: AnyTime,
-        averaging_interval: Duration,
-    ) -> VelocityStamped:
-        """Return the velocity of `tracking_frame` in `observation_frame`."""
-        found = self.core.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_to_ns(time),
-            averaging_interval.nanoseconds,
-        )
-        linear, angular = (Vector3Msg(x=x, y=y, z=z) for x, y, z in (found.linear, found.angular))
-        return VelocityStamped(
-            header=header(found.stamp, found.reference_frame),
-            body_frame_id=found.body_frame,
-            reference_frame_id=found.reference_frame,
-            velocity=Twist(linear=linear, angular=angular),
-        )
-
     def transform(
         self,
         object_stamped: Any,
         target_frame: str,
         timeout: Duration | None = None,
-        new_type: type | None = None,
     ) -> Any:
         """Transform a stamped message to `target_frame`, at its own stamp.
 
@@ -249,10 +177,9 @@ class Buffer:
             object_stamped: the message.
             target_frame: the frame of the result.
             timeout: how long to wait for the transform.
-            new_type: convert the result to this type.
 
         Raises:
-            TypeException: the message cannot be transformed or converted.
+            TypeException: the message cannot be transformed.
             TransformException: see `lookup_transform`.
         """
         do_transform, at = self.registration.get(type(object_stamped)), object_stamped.header
@@ -260,12 +187,9 @@ class Buffer:
         found = self.core.lookup_transform(
             target_frame, at.frame_id, stamp_to_ns(at.stamp), seconds(timeout)
         )
-        moved = (
-            do_transform(object_stamped, transform_stamped(found))
-            if make is None
-            else make(object_stamped, found)
-        )
-        return moved if new_type is None else convert(moved, new_type)
+        if make is None:
+            return do_transform(object_stamped, transform_stamped(found))
+        return make(object_stamped, found)
 
     def transform_full(
         self,
@@ -274,17 +198,15 @@ class Buffer:
         target_time: AnyTime,
         fixed_frame: str,
         timeout: Duration | None = None,
-        new_type: type | None = None,
     ) -> Any:
         """Transform a stamped message to `target_frame` at another time; see `transform`."""
         at = object_stamped.header
-        moved = self.registration.get(type(object_stamped))(
+        return self.registration.get(type(object_stamped))(
             object_stamped,
             self.lookup_transform_full(
                 target_frame, target_time, at.frame_id, at.stamp, fixed_frame, timeout or Duration()
             ),
         )
-        return moved if new_type is None else convert(moved, new_type)
 
     def wait_for_transform_async(
         self, target_frame: str, source_frame: str, time: AnyTime

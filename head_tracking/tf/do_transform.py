@@ -1,4 +1,4 @@
-"""Transforming messages: the functions of tf2_geometry_msgs and tf2_sensor_msgs."""
+"""Transforming messages: the functions of tf2_geometry_msgs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import (
     Point,
-    Point32,
     PointStamped,
-    Polygon,
-    PolygonStamped,
     Pose,
     PoseStamped,
     PoseWithCovariance,
@@ -22,20 +19,10 @@ from geometry_msgs.msg import (
     Vector3,
     Vector3Stamped,
 )
-from geometry_msgs.msg import (
-    Transform as TransformMsg,
-)
-from sensor_msgs.msg import PointCloud2, PointField
 
-from head_tracking.tf import conversions
 from head_tracking.tf.conversions import rotation, stamp_to_ns, transform, vector
-from head_tracking.tf.messages import header, pose, quaternion, stamped, transform_stamped, xyz
-from head_tracking.tf.registration import (
-    ConvertRegistration,
-    DoTransform,
-    TransformRegistration,
-    TypeException,
-)
+from head_tracking.tf.messages import pose, quaternion, stamped, transform_stamped, xyz
+from head_tracking.tf.registration import DoTransform, TransformRegistration
 from head_tracking.transforms import Rotation, StampedTransform, Transform
 
 Maker: TypeAlias = Callable[[Any, StampedTransform], Any]
@@ -43,27 +30,6 @@ Maker: TypeAlias = Callable[[Any, StampedTransform], Any]
 
 MAKERS: dict[DoTransform, Maker] = {}
 """The same functions for lookups of this process, without a TransformStamped in between."""
-
-
-def to_msg_msg(msg: Any) -> Any:
-    """Return the message itself."""
-    return msg
-
-
-from_msg_msg = to_msg_msg
-
-
-def transform_covariance(cov_in: npt.ArrayLike, transform: TransformStamped) -> npt.NDArray[Any]:
-    """Rotate a covariance of position and orientation, 36 numbers."""
-    return _rotated_covariance(cov_in, rotation(transform.transform.rotation))
-
-
-def transform_points(
-    point_cloud: npt.ArrayLike, transform: TransformMsg | TransformStamped
-) -> npt.NDArray[np.float64]:
-    """Transform points, shape (N, 3) [m]."""
-    message = transform.transform if isinstance(transform, TransformStamped) else transform
-    return conversions.transform(message).apply_many(point_cloud)
 
 
 def do_transform_pose(pose: Pose, transform_stamped: TransformStamped) -> Pose:
@@ -100,63 +66,11 @@ def _pose_with_covariance(
     return stamped(PoseWithCovarianceStamped, found, "_pose", value)
 
 
-def _polygon(message: PolygonStamped, found: StampedTransform) -> PolygonStamped:
-    moved = [found.transform.apply(vector(corner)) for corner in message.polygon.points]
-    value = Polygon(points=[Point32(x=x, y=y, z=z) for x, y, z in moved])
-    return stamped(PolygonStamped, found, "_polygon", value)
-
-
 def _transform(message: TransformStamped, found: StampedTransform) -> TransformStamped:
     moved = found.transform @ transform(message.transform)
     return transform_stamped(
         StampedTransform(found.stamp, found.target_frame, message.child_frame_id, moved)
     )
-
-
-def _cloud(message: PointCloud2, found: StampedTransform) -> PointCloud2:
-    """Transform x, y and z of each point and keep its other fields."""
-    data = bytearray(message.data)
-    columns = _coordinates(message, data)
-    points = np.stack([columns[name].ravel().astype(float) for name in "xyz"], axis=1)
-    moved = found.transform.apply_many(points)
-    for name, column in zip("xyz", moved.T, strict=True):
-        columns[name] = column.reshape(columns.shape)
-    return PointCloud2(
-        header=header(found.stamp, found.target_frame),
-        height=message.height,
-        width=message.width,
-        fields=message.fields,
-        is_bigendian=message.is_bigendian,
-        point_step=message.point_step,
-        row_step=message.row_step,
-        data=bytes(data),
-        is_dense=message.is_dense,
-    )
-
-
-def _coordinates(cloud: PointCloud2, data: bytearray) -> npt.NDArray[Any]:
-    """Return a view of x, y, z in the data of a cloud, shape (height, width)."""
-    floats = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
-    order = ">" if cloud.is_bigendian else "<"
-    fields = {field.name: field for field in cloud.fields if field.name in ("x", "y", "z")}
-    if len(fields) < 3 or any(field.datatype not in floats for field in fields.values()):
-        raise TypeException("a PointCloud2 needs the fields x, y and z as FLOAT32 or FLOAT64")
-    try:
-        layout = np.dtype(
-            {
-                "names": ["x", "y", "z"],
-                "formats": [order + floats[fields[name].datatype] for name in "xyz"],
-                "offsets": [fields[name].offset for name in "xyz"],
-                "itemsize": cloud.point_step,
-            }
-        )
-        strides = (cloud.row_step or cloud.width * cloud.point_step, cloud.point_step)
-        return np.ndarray((cloud.height, cloud.width), layout, data, 0, strides)
-    except (TypeError, ValueError) as error:
-        raise TypeException(
-            f"a PointCloud2 of {cloud.height} x {cloud.width} points of {cloud.point_step} bytes "
-            f"does not fit its {len(data)} bytes of data: {error}"
-        ) from error
 
 
 def _moved(message: Pose, by: Transform) -> Pose:
@@ -182,8 +96,6 @@ def _registered(kind: type, make: Maker) -> DoTransform:
     do_transform.__doc__ = f"Transform a {kind.__name__} to the target frame of a transform."
     MAKERS[do_transform] = make
     TransformRegistration().add(kind, do_transform)
-    ConvertRegistration().add_to_msg(kind, to_msg_msg)
-    ConvertRegistration().add_from_msg(kind, from_msg_msg)
     return do_transform
 
 
@@ -193,7 +105,5 @@ do_transform_pose_stamped = _registered(PoseStamped, _pose)
 do_transform_pose_with_covariance_stamped = _registered(
     PoseWithCovarianceStamped, _pose_with_covariance
 )
-do_transform_polygon_stamped = _registered(PolygonStamped, _polygon)
-do_transform_cloud = _registered(PointCloud2, _cloud)
 do_transform_quaternion_stamped = _registered(QuaternionStamped, _quaternion)
 do_transform_transform_stamped = _registered(TransformStamped, _transform)

@@ -24,7 +24,6 @@ from head_tracking.transforms.robot_model import (
 from head_tracking.transforms.transform import (
     Rotation,
     StampedTransform,
-    StampedVelocity,
     Transform,
     Vector3,
 )
@@ -51,7 +50,6 @@ __all__ = [
     "RobotModelError",
     "Rotation",
     "StampedTransform",
-    "StampedVelocity",
     "TimeoutException",
     "Transform",
     "TransformBuffer",

@@ -24,19 +24,15 @@ from head_tracking.transforms.history import (
     LATEST,
     JointHistory,
     TransformHistory,
-    seconds,
 )
 from head_tracking.transforms.robot_model import Joint, JointType, RobotModel
 from head_tracking.transforms.transform import (
     UNIT_TOLERANCE,
     Rotation,
     StampedTransform,
-    StampedVelocity,
     Transform,
     Vector3,
-    moved_to,
     signed_as_tf2,
-    velocity_between,
 )
 from head_tracking.transforms.tree import (
     Edge,
@@ -377,69 +373,6 @@ class TransformBuffer:
         found = self.lookup_transform(target_frame, source_frame, stamp)
         return found.transform.apply_many(points)
 
-    def lookup_velocity(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp: int,
-        averaging_interval: int,
-        reference_frame: str = "",
-        reference_point: Vector3 = (0.0, 0.0, 0.0),
-        reference_point_frame: str = "",
-    ) -> StampedVelocity:
-        """How `tracking_frame` moves as seen from `observation_frame`.
-
-        The mean over an interval around `stamp`, which ends at the latest common time at the
-        latest. tf2 turns and moves the vectors once too often if the frames are turned against
-        each other; here they are what physics says.
-
-        Args:
-            tracking_frame: the frame that moves.
-            observation_frame: the frame that is taken to stand still.
-            stamp: the middle of the interval [ns]; 0: it ends at the latest common time.
-            averaging_interval: its length [ns].
-            reference_frame: the frame of the answer's vectors; default: the observation frame.
-            reference_point: the point of the body whose velocity is asked for [m].
-            reference_point_frame: the frame of that point; default: the tracking frame.
-
-        Raises:
-            InvalidArgumentException: the interval is not above 0.
-            TransformException: as for `lookup_transform`.
-        """
-        if averaging_interval <= 0:
-            raise InvalidArgumentException(
-                f"the averaging interval is {averaging_interval} ns; it must be positive"
-            )
-        reference_frame = reference_frame or observation_frame
-        latest = self.get_latest_common_time(observation_frame, tracking_frame)
-        if latest == LATEST:
-            still = (0.0, 0.0, 0.0)
-            return StampedVelocity(stamp, reference_frame, tracking_frame, still, still)
-        end = min(stamp + averaging_interval // 2, latest) if stamp else latest
-        # as in tf2 the interval begins after time 0
-        start = max(end - averaging_interval, _EARLIEST)
-        if start >= end:
-            raise ExtrapolationException(
-                f"no velocity is known at {seconds(stamp)}: the interval is empty"
-            )
-        linear, angular = velocity_between(
-            self.lookup_transform(observation_frame, tracking_frame, start).transform,
-            self.lookup_transform(observation_frame, tracking_frame, end).transform,
-            (end - start) * 1e-9,
-        )
-        middle = start + (end - start) // 2
-        turned = self.lookup_transform(
-            reference_frame, observation_frame, middle
-        ).transform.rotation
-        linear, angular = turned @ linear, turned @ angular
-        origin = self.transform_point((0.0, 0.0, 0.0), reference_frame, tracking_frame, middle)
-        point = self.transform_point(
-            reference_point, reference_frame, reference_point_frame or tracking_frame, middle
-        )
-        away = (point[0] - origin[0], point[1] - origin[1], point[2] - origin[2])
-        linear = moved_to(away, linear, angular)
-        return StampedVelocity(middle, reference_frame, tracking_frame, linear, angular)
-
     def can_transform(
         self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
     ) -> bool:
@@ -731,7 +664,5 @@ def _checked(parent: str, child: str, transform: Transform) -> Transform:
 
 
 _ROUNDING = 4e-16
-_EARLIEST = 10_000
-"""The earliest time for velocities in tf2 [ns]; the stamp 0 is the latest time."""
 _NO_PATH = Route(Path(LATEST, [], []))
 """From a frame to itself."""

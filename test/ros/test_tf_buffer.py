@@ -167,14 +167,6 @@ def test_the_latest_common_time(buffer):
         buffer.get_latest_common_time("map", "nose")
 
 
-def test_a_velocity(buffer):
-    found = buffer.lookup_velocity("ball", "map", Time(seconds=2), Duration(seconds=0.5))
-    assert found.header.stamp.sec == 2
-    assert (found.body_frame_id, found.reference_frame_id) == ("ball", "map")
-    assert found.velocity.linear.x == pytest.approx(1.0)
-    assert found.velocity.angular.z == pytest.approx(0.0)
-
-
 def test_the_frames_are_told(buffer):
     assert "Frame ball exists with parent map." in buffer.all_frames_as_string()
     assert "ball:" in buffer.all_frames_as_yaml()
@@ -245,8 +237,6 @@ def test_a_message_at_another_time(buffer):
 def test_what_cannot_be_transformed(buffer):
     with pytest.raises(TypeException):
         buffer.transform(stamped(WrenchStamped), "map")
-    with pytest.raises(TypeException):
-        buffer.transform(stamped(PointStamped), "map", new_type=PoseStamped)
 
 
 # Waiting

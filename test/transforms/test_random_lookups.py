@@ -97,7 +97,6 @@ def random_operation(rnd: random.Random, buffer: TransformBuffer) -> None:
         buffer.transform_point((1.0, 2.0, 3.0), target, source, stamp)
         buffer.get_latest_common_time(target, source)
     elif kind == 10:
-        buffer.lookup_velocity(target, source, stamp, SECOND)
         buffer.lookup_transform(target, source, stamp, joint_positions={"joint_1": 0.5})
     elif rnd.random() < 0.2:
         buffer.clear()
