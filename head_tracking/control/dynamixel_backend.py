@@ -41,6 +41,8 @@ class DynamixelBackend(JointBackend):
         loop: runs in each cycle between reading and writing, after `start`.
         rate: of the cycle [Hz].
         report: called with a joint or an owner, and why its goal was not set as requested.
+        on_reading: called with a bus and each of its readings, after the write, in its thread.
+        on_failure: called with the error that has ended a thread, in that thread.
 
     Raises:
         ConfigurationError: two buses have a joint or a controller of the same name, one has another
@@ -59,13 +61,15 @@ class DynamixelBackend(JointBackend):
         loop: ControlLoop,
         rate: float,
         report: Callable[[str, str], object] = lambda subject, text: None,
+        on_reading: Observer = lambda bus, reading: None,
+        on_failure: Callable[[BaseException], object] = lambda error: None,
     ) -> None:
         self.threads = tuple(
             BusThread(
                 bus,
                 rate,
                 partial(self._after_write, bus),
-                self._fail,
+                on_failure,
                 partial(self._update, bus),
             )
             for bus in buses
@@ -74,8 +78,7 @@ class DynamixelBackend(JointBackend):
         self.joints = tuple(joint for bus in buses for joint in bus.joints)
         self.measured = threading.Event()
         self._loop, self._report = loop, report
-        self._on_reading: Observer = lambda bus, reading: None
-        self._on_failure: Callable[[BaseException], object] = lambda error: None
+        self._on_reading = on_reading
         self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
         self._names = {bus: tuple(joint.joint_name for joint in bus.joints) for bus in buses}
         self._by_joint = {
@@ -97,18 +100,8 @@ class DynamixelBackend(JointBackend):
                 connected.callback(thread.bus.close)
             connected.pop_all()
 
-    def start(
-        self,
-        on_reading: Observer = lambda bus, reading: None,
-        on_failure: Callable[[BaseException], object] = lambda error: None,
-    ) -> None:
-        """Start the cycles.
-
-        Args:
-            on_reading: called with a bus and each of its readings, after the write, in its thread.
-            on_failure: called with the error that has ended a thread, in that thread.
-        """
-        self._on_reading, self._on_failure = on_reading, on_failure
+    def start(self) -> None:
+        """Start the cycles."""
         for thread in self.threads:
             thread.start()
 
@@ -319,9 +312,6 @@ class DynamixelBackend(JointBackend):
         self._loop.publish(self._names[bus], *self._read[bus])
         if reading.states:
             self.measured.set()
-
-    def _fail(self, error: BaseException) -> None:
-        self._on_failure(error)
 
     def _by_bus(self, joints: Iterable[str]) -> dict[BusThread, tuple[str, ...]]:
         """Return the joints of each bus; raise GoalError if one is unknown."""

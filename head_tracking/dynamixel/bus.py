@@ -287,7 +287,7 @@ class ServoBus:
         servos = [servo for _, servo in self._each_servo()]
         self._port.open()
         try:
-            found = answering(iter(servos))
+            found = answering(servos)
             if len(found) < len(servos):
                 self._pause(_PATIENCE)
                 found += answering(servo for servo in servos if servo.id not in found)

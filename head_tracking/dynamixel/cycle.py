@@ -26,7 +26,6 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.procedures import POLL_INTERVAL, Procedures
-from head_tracking.dynamixel.protection import Protection
 from head_tracking.dynamixel.protocol import Status
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.dynamixel.servo import LinkState, Servo
@@ -67,7 +66,6 @@ class Cycle:
         self._requests, self._procedures, self._settings = bus.requests, procedures, bus.settings
         self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
         self._all = tuple(bus.joints.values())
-        self._protection = Protection(bus, procedures)
         self.diagnosis = Diagnosis(bus, procedures)
         self._rest, self._command_timeout = bus.settings.rest, bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
@@ -211,7 +209,7 @@ class Cycle:
                     if servo.model.protocol == 1:
                         servo.errors = servo.read_errors()
                 state = states[joint.name] = joint.state()
-                self._protection.judge(joint, state, now)
+                self.diagnosis.protect(joint, state, now)
             else:
                 states.pop(joint.name, None)
                 if there:

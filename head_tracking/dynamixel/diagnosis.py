@@ -1,7 +1,8 @@
-"""Find faults of a servo by comparing its measurements with its goals.
+"""Find faults of servos, and protect them: relax or hold a joint that must not go on.
 
-Before a servo that does not follow its goal is reported, a few of its registers are read, to find
-the cause. The thresholds were chosen with the simulator:
+A fault is found by comparing measurements with goals, and by the error bits of the servo. Before
+a servo that does not follow its goal is reported, a few of its registers are read, to find the
+cause. The thresholds were chosen with the simulator:
 test/dynamixel/test_dynamixel_named_faults.py.
 """
 
@@ -10,15 +11,18 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from enum import IntFlag
 from typing import Final
 
 from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.procedures import Procedures
+from head_tracking.dynamixel.protocol import NO_ERROR, REFUSALS, ErrorBits, describe_errors
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity, wrong_mode
-from head_tracking.dynamixel.state import EventKind, Symptom
+from head_tracking.dynamixel.state import EventKind, ServoState, Symptom
 
 _GONE: Final = 1.0  # s without a symptom until it is cleared
 _AGAIN: Final = 1.0  # s between two examinations of a servo
@@ -99,6 +103,8 @@ class _Watch:
         self.seen: dict[Symptom, int] = {}
         self.since: dict[str, tuple[int, int]] = {}  # ns, and the last cycle in which it held
         self.examined = -math.inf
+        self.errors_read = 0  # ns
+        self.reported: IntFlag = NO_ERROR  # error bits
         self.failed = 0  # transactions so far
         self.failures: list[int] = []
         self.goals: deque[int] = deque(maxlen=5)
@@ -309,7 +315,7 @@ class Diagnosis:
     """
 
     def __init__(self, bus: BusContext, procedures: Procedures) -> None:
-        self._bus, self._procedures = bus, procedures
+        self._bus, self._procedures, self._settings = bus, procedures, bus.settings
         self._joints = [
             (joint, [_Watch(joint, servo, i) for i, servo in enumerate(joint.servos)])
             for joint in bus.joints.values()
@@ -364,7 +370,7 @@ class Diagnosis:
             watch.identity, watch.usual_voltage, watch.step = servo.identity, servo.voltage, 0.0
         self._find(watch, READ)
         slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
-        for symptom, text in conditions(servo, self._bus.settings.warm, slack=slack).items():
+        for symptom, text in conditions(servo, self._settings.warm, slack=slack).items():
             if symptom is Symptom.WARM or watch.lasting("low supply", 0.06):
                 self._report(watch, symptom, text)
         if not joint.on or joint.busy or not joint.goal_ticks:
@@ -449,6 +455,100 @@ class Diagnosis:
         watch.target = ()
         if watch.outcome in (_UNDER_WAY, ""):
             watch.outcome = why
+
+    # Shutdown, heat, lost torque, missing commands: only for joints with something unusual
+
+    def protect(self, joint: Joint, state: ServoState, now: int) -> None:
+        """Relax or hold a joint, if its measurements call for it; `now` is monotonic, ns.
+
+        Raises:
+            PortLostError: The port was lost.
+        """
+        for servo in joint.servos:
+            if not servo.answers:
+                continue
+            watch = self._watches[servo.id]
+            if servo.error or servo.errors or watch.reported:
+                self._judge_errors(watch, now)
+            if servo.link is LinkState.INTERRUPTED and not joint.busy:
+                self._check_torque(joint, servo)
+        self._judge_heat(joint, state.temperature)
+        if self._settings.command_timeout and joint.on:
+            self._judge_command(joint, state, now)
+
+    def _judge_errors(self, watch: _Watch, now: int) -> None:
+        joint, servo = watch.joint, watch.servo
+        if servo.model.protocol == 2:
+            new = bool(servo.error) != bool(servo.errors)
+            if new or now - watch.errors_read >= _AGAIN * 1e9:
+                watch.errors_read = now
+                with suppress(CommunicationError):
+                    servo.errors = servo.read_errors()
+        errors = servo.errors
+        if isinstance(errors, ErrorBits):
+            errors &= ~REFUSALS
+        if servo.identity is not None and errors & servo.identity.shutdown:
+            if not servo.faulted:
+                servo.faulted = True
+                self._procedures.cut(joint)
+                self._bus.note(
+                    EventKind.FAULTED,
+                    joint,
+                    f"servo {servo.id} has shut itself down: {describe_errors(errors)}; it takes "
+                    "no commands until recover is called",
+                )
+        elif errors and watch.reported != errors:
+            text = f"servo {servo.id} reports: {describe_errors(errors)}"
+            self._bus.note(EventKind.ALARM, joint, text, about=errors)
+        watch.reported = errors
+
+    def _check_torque(self, joint: Joint, servo: Servo) -> None:
+        """Find a servo that was without power for a moment; it must not move to the old goal."""
+        if joint.on:
+            try:
+                powered = servo.get("Torque Enable", 1) == 1
+            except CommunicationError:
+                return  # the next cycle asks again
+            if not powered:
+                self._procedures.cut(joint)
+                self._bus.note(
+                    EventKind.TORQUE_LOST,
+                    joint,
+                    f"servo {servo.id} has lost its torque, probably with its power; the joint is "
+                    "relaxed until the next command",
+                )
+        servo.note_torque()
+
+    def _judge_heat(self, joint: Joint, temperature: float) -> None:
+        settings = self._settings
+        if temperature >= settings.rest:
+            if joint.on:
+                joint.resting = True
+                self._procedures.cut(joint)
+                self._bus.note(
+                    EventKind.RESTING,
+                    joint,
+                    f"{temperature:.0f} °C is too hot; it is relaxed until {settings.warm:.0f} °C",
+                )
+        elif joint.resting and temperature < settings.warm:
+            joint.resting = False
+            text = f"{temperature:.0f} °C; it takes commands again"
+            self._bus.note(EventKind.COOLED, joint, text)
+
+    def _judge_command(self, joint: Joint, state: ServoState, now: int) -> None:
+        """Hold a moving joint when no command has come for some time."""
+        since = joint.commanded_at
+        if since is None or now - since < self._settings.command_timeout * 1e9:
+            return
+        if abs(state.position_error or 0.0) <= _ARRIVED * joint.configuration.resolution:
+            joint.commanded_at = None
+            return
+        joint.hold()
+        self._bus.note(
+            EventKind.HELD,
+            joint,
+            f"no command for {self._settings.command_timeout:.2f} s; it holds its position",
+        )
 
 
 def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom, str] | None:

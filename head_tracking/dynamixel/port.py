@@ -54,7 +54,6 @@ from head_tracking.dynamixel.reading import (
 )
 from head_tracking.dynamixel.serial_port import (
     SerialDevice,
-    SerialLine,
     check_baud_rate,
     serial_ports,
 )
@@ -124,8 +123,7 @@ class DynamixelPort:
         self._reply_timeout = reply_timeout
         self._open_device = open_device
         self._was_open = False
-        self._device: SerialDevice | None = None
-        self._line: SerialLine | None = None
+        self._line: SerialDevice | None = None
         self._timeout = ReplyTimeout(reply_timeout)
         self._late = LateReplies(clock)
         self._seconds_per_byte = 10.0 / baud_rate
@@ -142,7 +140,7 @@ class DynamixelPort:
     @property
     def is_open(self) -> bool:
         """Whether the device is open."""
-        return self._device is not None
+        return self._line is not None
 
     @property
     def may_return(self) -> bool:
@@ -165,29 +163,28 @@ class DynamixelPort:
             PortPermissionError: The user may not open it.
             PortError: It is no serial port, or does not support the baud rate.
         """
-        if self._device is not None:
+        if self._line is not None:
             return
         try:
-            device = self._open_device(self.stable_name or self.name, self.baud_rate)
+            line = self._open_device(self.stable_name or self.name, self.baud_rate)
         except PortMissingError:
             if self._was_open:  # called between cycles, and listing the ports takes long
                 raise
             raise PortMissingError(self.name, serial_ports()) from None
         self._was_open = True
         self.stable_name = self.stable_name or stable_name(self.name)
-        self.adapter = device.adapter
-        self._timeout = ReplyTimeout(self._reply_timeout, device.adapter.latency)
+        self.adapter = line.adapter
+        self._timeout = ReplyTimeout(self._reply_timeout, line.adapter.latency)
         self._late = LateReplies(self.clock)
         self._sent.clear()
         self._buffer = b""
-        self._device, self._line = device, device.line
+        self._line = line
 
     def close(self) -> None:
         """Close the device, if it is open."""
-        device, self._device = self._device, None
-        self._line = None
-        if device is not None:
-            device.close()
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
 
     # Reading
 
@@ -355,8 +352,7 @@ class DynamixelPort:
 
     def _send(self, packet: bytes) -> float:
         """Write a packet; return when its last byte will have been sent, s."""
-        line = self._line
-        assert line is not None
+        line = self._line or self._open_line()
         self._sent.append(packet)
         line.write(packet, _WRITE_TIMEOUT)
         free, now = self._wire_free, self.clock()
@@ -366,8 +362,7 @@ class DynamixelPort:
 
     def _receive(self, instruction: InstructionPacket, received_at: float) -> Status:
         """Wait for the reply of a servo; `received_at`: when it had the instruction, s."""
-        line = self._line
-        assert line is not None
+        line = self._line or self._open_line()
         _, protocol, _, _, size, prefix, _ = instruction
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
@@ -400,8 +395,7 @@ class DynamixelPort:
 
     def _search(self, instruction: InstructionPacket, due: float, deadline: float) -> Status:
         """Wait for the reply of a servo among echoes, noise and unexpected packets."""
-        line = self._line
-        assert line is not None
+        line = self._line or self._open_line()
         protocol, length = instruction.protocol, instruction.length
         end = max(deadline, due + LONGEST)
         received = len(self._buffer)
@@ -502,8 +496,7 @@ class DynamixelPort:
         Raises:
             LineBusyError: Another program sends without a pause.
         """
-        line = self._line
-        assert line is not None
+        line = self._line or self._open_line()
         if self._late.due:
             received = self._buffer + line.read(_CHUNK, self.clock())
             for protocol in (1, 2):
@@ -525,8 +518,7 @@ class DynamixelPort:
         Raises:
             LineBusyError: There was no gap within `patience` seconds.
         """
-        line = self._line
-        assert line is not None
+        line = self._line or self._open_line()
         deadline = self.clock() + patience
         line.discard_input()  # it is not known when old bytes ended
         self._buffer = b""
@@ -553,7 +545,7 @@ class DynamixelPort:
                     return True
         return False
 
-    def _open_line(self) -> SerialLine:
+    def _open_line(self) -> SerialDevice:
         if self._line is None:
             raise NotConnectedError(f"{self.name} is not open; call open() first")
         return self._line

@@ -38,21 +38,38 @@ BAUD_RATES: Final = (
 """Bits per second that servos or serial adapters support."""
 
 
-class SerialLine:
+class SerialDevice:
     """An open, non-blocking serial device. Times are those of `time.monotonic`, in s.
 
     All methods raise OSError or termios.error when the device has been unplugged.
 
     Args:
-        descriptor: File descriptor of the device; the caller closes it.
+        port_name: Device, such as /dev/ttyUSB0.
+        baud_rate: Bits per second.
+
+    Attributes:
+        adapter: Facts about it.
+
+    Raises:
+        PortError: The device cannot be opened; see `port_error`.
     """
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        self._writable = select.poll()
-        self._writable.register(descriptor, select.POLLOUT)
-        self._readable = select.poll()
-        self._readable.register(descriptor, select.POLLIN)
+    def __init__(self, port_name: str, baud_rate: int) -> None:
+        self._serial = serial.Serial(baudrate=baud_rate, timeout=0, exclusive=True)
+        self._serial.port = port_name
+        self._writable, self._readable = select.poll(), select.poll()
+        try:
+            self._serial.open()
+            self.adapter: Adapter = prepare_adapter(
+                port_name, lambda: self._serial.set_low_latency_mode(True)
+            )
+            self._descriptor: int = self._serial.fileno()
+            self._writable.register(self._descriptor, select.POLLOUT)
+            self._readable.register(self._descriptor, select.POLLIN)
+            self.discard_input()
+        except (OSError, ValueError, termios.error) as cause:
+            self.close()
+            raise port_error(port_name, cause) from cause
 
     def discard_input(self) -> None:
         """Discard the bytes received so far."""
@@ -101,36 +118,6 @@ class SerialLine:
         if self._descriptor >= _SELECTABLE:
             return bool(self._readable.poll(math.ceil(rest * 1e3)))
         return bool(select.select((self._descriptor,), (), (), rest)[0])
-
-
-class SerialDevice:
-    """An open serial device.
-
-    Args:
-        port_name: Device, such as /dev/ttyUSB0.
-        baud_rate: Bits per second.
-
-    Attributes:
-        line: Its bytes in and out.
-        adapter: Facts about it.
-
-    Raises:
-        PortError: The device cannot be opened; see `port_error`.
-    """
-
-    def __init__(self, port_name: str, baud_rate: int) -> None:
-        self._serial = serial.Serial(baudrate=baud_rate, timeout=0, exclusive=True)
-        self._serial.port = port_name
-        try:
-            self._serial.open()
-            self.adapter: Adapter = prepare_adapter(
-                port_name, lambda: self._serial.set_low_latency_mode(True)
-            )
-            self.line = SerialLine(self._serial.fileno())
-            self.line.discard_input()
-        except (OSError, ValueError, termios.error) as cause:
-            self.close()
-            raise port_error(port_name, cause) from cause
 
     def close(self) -> None:
         """Close the device, also one that has been unplugged."""

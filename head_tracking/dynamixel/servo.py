@@ -8,7 +8,7 @@ cycles; `run` takes them at once.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 from functools import cache
@@ -234,10 +234,6 @@ class Servo:
     def set(self, name: str, value: int) -> None:
         """Write one register and read it back; raises as `verify` does."""
         run(self.verify(self.model.control_table.block(name), value))
-
-    def set_torque(self, on: bool) -> None:
-        """Switch torque and read it back; raises as `verify` does."""
-        self.set("Torque Enable", int(on))
 
     def _try(self, tries: int, transaction: Callable[[], _T]) -> _T:
         counters = self.counters
@@ -598,7 +594,7 @@ class Servo:
         self._version.number += 1
 
 
-def answering(servos: Iterator[Servo], tries: int = 3) -> tuple[int, ...]:
+def answering(servos: Iterable[Servo], tries: int = 3) -> tuple[int, ...]:
     """Ping servos one by one and return the ids that answer, also with a damaged reply."""
     found: list[int] = []
     for servo in servos:

@@ -162,6 +162,8 @@ class Head:
             self._loop,
             _RATE,
             lambda subject, text: self._control.warn(subject, f"{subject}: {text}"),
+            self._check_control,
+            self._fail,
         )
         self._servos.connect()
         self._loop.attach(self._servos)
@@ -189,7 +191,7 @@ class Head:
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
         atexit.register(self._close)
-        self._servos.start(self._check_control, self._fail)
+        self._servos.start()
         if not self._servos.measured.wait(_TIMEOUT):
             self.close()
             raise BusStoppedError(f"the servos on {port} answer, but cannot be read")

@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from simulated_device import Bench, SimulatedDevice
+from simulated_device import Bench, as_device
 
 from head_tracking.cli.doctor import network
 from head_tracking.cli.doctor.__main__ import main
@@ -57,10 +57,10 @@ class Head:
         self.arguments += ["--params", str(file)]
 
     def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
-        def open_device(*_: object) -> SimulatedDevice:
+        def open_device(*_: object) -> SimulatedLine:
             self.opening()
             line = SimulatedLine(self.bench.bus, self.bench.clock, baud_rate, latency=self.latency)
-            device = SimulatedDevice(line)
+            device = as_device(line)
             device.adapter = self.adapter
             write = line.write
 

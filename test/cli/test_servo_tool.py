@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
-from simulated_device import SimulatedDevice
+from simulated_device import as_device
 
 from head_tracking.cli.servo import main as tool
 from head_tracking.cli.servo.calibrate import Motion, calibration_of
@@ -70,7 +70,7 @@ class Bench:
         self.clock.pass_until(self.clock() + seconds)
 
     def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
-        def open_device(name: str, baud_rate: int) -> SimulatedDevice:
+        def open_device(name: str, baud_rate: int) -> SimulatedLine:
             if name == "/dev/none":
                 raise PortMissingError(name, ())
             if baud_rate == self.impossible:
@@ -78,7 +78,7 @@ class Bench:
             line = SimulatedLine(
                 self.bus, self.clock, baud_rate, match_baud_rate=not self.accepts_any_rate
             )
-            return SimulatedDevice(line)
+            return as_device(line)
 
         return DynamixelPort(
             name, baud_rate, reply_timeout=0.03, open_device=open_device, clock=self.clock

@@ -128,7 +128,6 @@ class Udev:
 
 
 class Device:
-    line = None
     adapter = Adapter()
 
     def close(self) -> None:

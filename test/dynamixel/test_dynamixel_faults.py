@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from answer_hook import OnAnswers
 from ordeal import PERIOD, Ordeal, ordeal_joint
-from simulated_device import Bench, SimulatedDevice
+from simulated_device import Bench, as_device
 
 from head_tracking.dynamixel import (
     CommunicationError,
@@ -109,7 +109,7 @@ def test_late_answers_to_writes_are_not_taken_for_the_next_ones(
         bench = Bench(servos)
         bench.port = DynamixelPort(
             "simulated", reply_timeout=0.002, clock=bench.clock,
-            open_device=lambda *_, line=bench.line: SimulatedDevice(line),
+            open_device=lambda *_, line=bench.line: as_device(line),
         )  # fmt: skip
         bench.port.open()
         for _ in range(8):
@@ -132,7 +132,7 @@ def test_a_late_answer_of_another_protocol_is_not_taken_for_a_damaged_one() -> N
         bench = Bench(SimulatedBus(servos, faults=OnAnswers(line)))
         bench.port = DynamixelPort(
             "simulated", reply_timeout=0.002, clock=bench.clock,
-            open_device=lambda *_, line=bench.line: SimulatedDevice(line),
+            open_device=lambda *_, line=bench.line: as_device(line),
         )  # fmt: skip
         bench.port.open()
         bench.port.write(1, 5, b"\xfe")  # Return Delay Time: 508 us

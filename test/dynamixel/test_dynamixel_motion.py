@@ -88,18 +88,6 @@ def test_torque_on_holds_the_present_position() -> None:
     assert [event.kind for event in reading.events] == [EventKind.TORQUE_ON]
 
 
-def test_old_goal_is_never_executed_after_moving_by_hand(port, bus) -> None:
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    run(bus.switching_torque(["head_pan_joint"], False))
-    port.servos[1]["Present Position"] = 300  # moved by hand
-    port.take_log()
-    run(bus.switching_torque(["head_pan_joint"], True))
-    assert port.log == pin(1, 300)
-    bus.step()
-    assert port.servos[1]["Goal Position"] == 300
-
-
 def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     run(bus.switching_torque(["head_pan_joint"], False))
@@ -158,16 +146,6 @@ def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported(
     ]
     assert bus.step().events == ()
     assert port.servos[1]["Torque Enable"] == 0
-
-
-def test_relaxing_a_silent_servo_is_not_called_a_success(port, bus) -> None:
-    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
-    bus.step()
-    port.servos[1].answers = False
-    with pytest.raises(TorqueError, match="head_pan_joint") as info:
-        run(bus.switching_torque(None, False))
-    assert list(info.value.problems) == ["head_pan_joint"]
-    assert port.servos[2]["Torque Enable"] == 0
 
 
 def test_torque_of_a_lost_servo(port, bus) -> None:
@@ -362,17 +340,6 @@ def test_close_repeats_a_lost_torque_off(port, bus) -> None:
     port.failures[1].extend([None, ReplyTimeoutError("late"), ReplyTimeoutError("late")])
     assert bus.close() == ()
     assert port.servos[1]["Torque Enable"] == 0
-
-
-def test_close_names_joints_that_did_not_confirm_and_relaxes_the_rest(
-    port: FakePort, bus: ServoBus
-) -> None:
-    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
-    bus.step()
-    port.servos[1].answers = False
-    assert bus.close() == ("head_pan_joint",)
-    assert port.servos[2]["Torque Enable"] == 0
-    assert not port.opened
 
 
 def test_bus_can_be_connected_again_after_closing(port, bus) -> None:

@@ -138,20 +138,6 @@ def test_error_bits_that_judge_a_packet_are_no_alarm() -> None:
     assert rig.events(3) == []
 
 
-def test_recover_gives_an_ax_its_torque_limit_back() -> None:
-    rig = Rig().switched_on()
-    rig.pan.error = ErrorBits.OVERLOAD
-    rig.pan["Torque Limit"] = 0
-    rig.steps()
-    rig.pan.error = 0
-    assert run(rig.bus.recovering()) == ("head_pan_joint",)
-    assert rig.pan["Torque Limit"] == 1023
-    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
-    rig.bus.command({"head_pan_joint": Goal(0.1)})
-    rig.steps(2)
-    assert rig.pan["Goal Position"] == PAN.ticks(0.1)
-
-
 def test_fault_that_is_still_there_after_recover_is_told_again() -> None:
     rig = Rig().switched_on()
     rig.pan.error = ErrorBits.OVERHEATING
@@ -182,23 +168,6 @@ def test_recover_does_not_let_a_servo_drive_on_to_its_old_goal() -> None:
         run(rig.bus.recovering())
     assert rig.pan["Torque Limit"] == 0
     assert rig.torque is Torque.OFF_BY_FAULT
-
-
-def test_x_servo_tells_its_fault_in_a_register_and_recovers_by_a_reboot() -> None:
-    rig = xm_rig().switched_on()
-    rig.pan.error = 0x80
-    rig.pan["Hardware Error Status"] = int(HardwareErrors.OVERLOAD)
-    rig.pan["Torque Enable"] = 0
-    readings = rig.steps(2)
-    assert [event.kind for reading in readings for event in reading.events] == [EventKind.FAULTED]
-    assert "overload" in readings[0].events[0].text
-    assert readings[1].states["head_pan_joint"].error == HardwareErrors.OVERLOAD
-    run(rig.bus.recovering())
-    assert rig.torque is Torque.OFF_BY_FAULT  # until it is there again
-    rig.steps(2)
-    assert rig.pan.reboots == 1
-    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
-    assert rig.steps()[0].states["head_pan_joint"].error == 0
 
 
 def test_error_register_is_read_once_a_second_only() -> None:

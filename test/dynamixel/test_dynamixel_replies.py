@@ -42,7 +42,6 @@ class ScriptedDevice:
     adapter = Adapter()
 
     def __init__(self, answer: str) -> None:
-        self.line = self
         self.sent = ""
         self._answer = bytes.fromhex(answer)
         self._rest = b""

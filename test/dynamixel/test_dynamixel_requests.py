@@ -26,7 +26,7 @@ from head_tracking.dynamixel import (
     Torque,
     TorqueError,
 )
-from head_tracking.dynamixel.requests import RequestQueue, Steps
+from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -208,20 +208,6 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
     assert run.stops > INTERLEAVINGS // 8
 
 
-def test_a_request_of_the_present_epoch_is_carried_out_after_resume() -> None:
-    run = Interleavings(0)
-    run.stop()
-    on = run.thread.call(lambda bus: bus.switching_torque(None, True))
-    run.may_move = True
-    run.settle()
-    assert on.result(0.0) is None
-    run.goals.add(PAN.ticks(0.3))
-    run.bus.command({JOINT: Goal(0.3)}, epoch=run.epoch.value)
-    run.cycle()
-    assert run.port.servos[1]["Torque Enable"] == 1
-    assert run.port.servos[1]["Goal Position"] == PAN.ticks(0.3)
-
-
 def test_steps_under_way_that_switch_torque_on_are_ended_by_a_stop() -> None:
     run = Interleavings(0)
     for steps in range(12):
@@ -288,27 +274,6 @@ def test_an_epoch_counts_every_stop_of_many_threads() -> None:
         thread.start()
     join(*threads)
     assert sorted(numbers) == list(range(1, 2001)) and epoch.value == 2000
-
-
-def test_ending_a_request_that_fails_to_end_does_not_keep_the_others_from_ending() -> None:
-    ended: list[int] = []
-
-    def steps(number: int) -> Steps[None]:
-        try:
-            yield 0.0
-            yield 0.0
-        finally:
-            ended.append(number)
-            raise RuntimeError("cannot end")
-
-    queue = RequestQueue(Epoch(), lambda: 0)
-    futures = [queue.add(lambda number=number: steps(number)) for number in range(3)]  # type: ignore[misc]
-    for _ in futures:
-        queue.begin_next()
-    queue.epoch.advance()
-    queue.discard_older()
-    assert ended == [0, 1, 2]
-    assert all(isinstance(future.exception(0.0), StoppedError) for future in futures)
 
 
 def test_the_wait_for_a_joint_with_another_request_is_bounded() -> None:

@@ -10,12 +10,12 @@ from random import Random
 import pytest
 from answer_hook import OnAnswers
 from dynamixel_fakes import PAN, TILT, FakePort, submit
-from ordeal import Ordeal
-from simulated_device import Bench, SimulatedDevice
+from ordeal import Ordeal, ordeal_joint
+from simulated_device import Bench, as_device
 from waiting import eventually
 
 from head_tracking.control import ControlLoop
-from head_tracking.control.dynamixel_backend import DynamixelBackend
+from head_tracking.control.dynamixel_backend import DynamixelBackend, Observer
 from head_tracking.dynamixel import (
     BusReading,
     BusThread,
@@ -28,15 +28,13 @@ from head_tracking.dynamixel import (
     EventKind,
     Goal,
     GoalError,
-    JointConfiguration,
     ReplyTimeoutError,
     ServoBus,
     ServoError,
-    ServoModel,
     Torque,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import ServoNotFoundError, ServoSetupError
+from head_tracking.dynamixel.exceptions import ServoNotFoundError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Answer,
@@ -48,13 +46,6 @@ from head_tracking.simulation import (
 )
 
 PERIOD = 0.02
-
-
-def joint(servo_id: int, model: ServoModel) -> JointConfiguration:
-    low, high = model.ticks // 4, 3 * model.ticks // 4
-    return JointConfiguration(
-        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
-    )
 
 
 class Rig:
@@ -74,7 +65,7 @@ class Rig:
         bench.port = DynamixelPort(
             "simulated",
             baud_rate,
-            open_device=lambda *_: SimulatedDevice(bench.line),  # type: ignore[arg-type,return-value]
+            open_device=lambda *_: as_device(bench.line),  # type: ignore[arg-type,return-value]
             clock=bench.clock,
         )
         ids = dict.fromkeys(servo.id for servo in servos)
@@ -260,13 +251,13 @@ def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cy
 # Stopping
 
 
-def two_buses() -> tuple[DynamixelBackend, list[FakePort]]:
+def two_buses(on_reading: Observer) -> tuple[DynamixelBackend, list[FakePort]]:
     ports, loop = [FakePort(1), FakePort(2)], ControlLoop(None)
     buses = [
         ServoBus(port, [each], epoch=loop.owners.epoch)  # type: ignore[arg-type]
         for port, each in zip(ports, (PAN, TILT), strict=True)
     ]
-    backend = DynamixelBackend(buses, loop, 100.0)
+    backend = DynamixelBackend(buses, loop, 100.0, on_reading=on_reading)
     backend.connect()
     return backend, ports
 
@@ -281,11 +272,11 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
             hanging.set()
             release.wait(20.0)
 
-    buses, ports = two_buses()
+    buses, ports = two_buses(on_reading)
     stop = BusThread.stop
     monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
     try:
-        buses.start(on_reading)
+        buses.start()
 
         def hangs() -> bool:
             buses.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
@@ -321,14 +312,6 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
     assert abs(servo.true_position - before) < 0.35  # 20 degrees; 141 without braking
 
 
-def test_the_watchdog_is_disarmed_when_the_bus_is_closed() -> None:
-    rig = Rig(SimulatedServo(1, servo_model("XM430-W350")))
-    rig.go(0.2)
-    assert rig.servos[0].register("Bus Watchdog") == 50
-    assert rig.bus.close() == ()
-    assert rig.servos[0].register("Bus Watchdog") == 0
-
-
 def test_a_servo_whose_firmware_has_no_watchdog_works_without_and_that_is_told() -> None:
     rig = Rig(SimulatedServo(1, servo_model("XM430-W350"), firmware=37))
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.02)
@@ -351,14 +334,29 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
 # Half-duplex
 
 
+OWN = tuple(set(Fault) - {Fault.STALL, Fault.DELAY, Fault.ECHO})
+"""Without those in which a servo is late of itself."""
+HALF = (Fault.MISHEARING, Fault.CORRUPT, Fault.TRUNCATE)
+"""The first one's reply is damaged, and the second one's is still to come."""
+
+
 @pytest.mark.parametrize(
-    "names", [["AX-12", "AX-12"], ["XM430-W350", "XM430-W350"], ["AX-12", "XL-320", "MX-28"]]
+    ("names", "kinds", "seed", "rate"),
+    [
+        (["AX-12"] * 2, OWN, 3, 0.1),
+        (["XM430-W350"] * 2, OWN, 3, 0.1),
+        (["AX-12", "XL-320", "MX-28"], OWN, 3, 0.1),
+        (["MX-28"] * 2, HALF, 5, 0.3),
+        (["AX-12"] * 2, HALF, 1, 0.3),
+        (["AX-12"] * 2, HALF, 3, 0.3),
+        (["XM430-W350"] * 3, HALF, 5, 0.3),
+    ],
 )
-def test_the_driver_never_speaks_while_a_servo_does(names: list[str]) -> None:
-    """A servo that is late of itself is the only one that can be talked over."""
-    kinds = tuple(set(Fault) - {Fault.STALL, Fault.DELAY, Fault.ECHO})
-    ordeal = Ordeal(names, kinds, seed=3)
-    ordeal.run(600, 0.1)
+def test_the_driver_never_speaks_while_a_servo_does(
+    names: list[str], kinds: tuple[Fault, ...], seed: int, rate: float
+) -> None:
+    ordeal = Ordeal(names, kinds, seed)
+    ordeal.run(600, rate)
     overlaps = ordeal.bench.line.overlaps
     assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, overlaps
 
@@ -450,13 +448,6 @@ def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name: st
 # Who is there
 
 
-def test_an_unknown_model_is_named_with_its_number_and_what_to_do() -> None:
-    rig = Rig(SimulatedServo(1), connect=False)
-    rig.bench.bus[1].set_register("Model Number", 4711)
-    with pytest.raises(ServoSetupError, match=r"4711.*correct the configuration"):
-        rig.bus.connect()
-
-
 def test_two_servos_with_one_id_are_suspected_at_the_start() -> None:
     rig = Rig(SimulatedServo(1, position=300), SimulatedServo(1, position=700), connect=False)
     with pytest.raises(CorruptReplyError):
@@ -516,7 +507,7 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
             return [answer, replace(answer, delay=answer.delay + late)]
 
         bench = Bench(SimulatedBus([servo], faults=OnAnswers(twice)))
-        bus = bench.servo_bus([joint(1, servo_model(servo.model.name))])
+        bus = bench.servo_bus([ordeal_joint(1, servo_model(servo.model.name))])
         for _ in range(10):
             with suppress(CommunicationError, ServoNotFoundError):  # but no wheel mode
                 bus.connect()
@@ -531,16 +522,6 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
                 age = (bench.now() - state.stamp) * 1e-9
                 assert abs(state.position - true) < 0.02 + 3.0 * age
     assert repeated > 100
-
-
-def test_nobody_is_asked_again_while_another_replies() -> None:
-    """The first one's reply is damaged, and the second one's is still to come."""
-    pairs = ("MX-28", "MX-28"), ("AX-12", "AX-12")
-    for names, seed in ((pairs[0], 5), (pairs[1], 1), (pairs[1], 3), (("XM430-W350",) * 3, 5)):
-        ordeal = Ordeal(list(names), (Fault.MISHEARING, Fault.CORRUPT, Fault.TRUNCATE), seed=seed)
-        ordeal.run(600, 0.3)
-        overlaps = ordeal.bench.line.overlaps
-        assert not {Overlap.REQUEST, Overlap.STATUS} & set(overlaps), overlaps
 
 
 # A stop that comes in the midst of something

@@ -78,12 +78,6 @@ def test_joints_that_did_not_relax_are_named() -> None:
     assert thread.unconfirmed == ("head_tilt_joint",)
 
 
-def test_thread_that_never_started_closes_the_bus_too() -> None:
-    port = FakePort()
-    BusThread(connected(port), 100.0, ignore).stop()
-    assert not port.opened
-
-
 def test_requests_run_in_the_owners_thread_and_return_results() -> None:
     bus = connected(FakePort())
     thread = BusThread(bus, 100.0, ignore)
@@ -108,19 +102,19 @@ def test_cancelled_request_is_not_run() -> None:
     assert ran == []
 
 
-def test_requests_after_the_end_fail() -> None:
-    thread = BusThread(connected(FakePort()), 100.0, ignore)
-    thread.start()
+@pytest.mark.parametrize("started", [False, True])
+def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
+    port = FakePort()
+    thread = BusThread(connected(port), 100.0, ignore)
+    waiting = thread.call(lambda bus: None)
+    if started:
+        thread.start()
+        waiting.result(PATIENCE)
     thread.stop()
-    with pytest.raises(BusStoppedError):
-        thread.call(lambda bus: None).result(PATIENCE)
-
-
-def test_waiting_requests_fail_when_the_thread_ends() -> None:
-    thread = BusThread(connected(FakePort()), 100.0, ignore)
-    future = thread.call(lambda bus: None)
-    thread.stop()  # never started
-    assert isinstance(future.exception(PATIENCE), BusStoppedError)
+    assert not port.opened
+    late = thread.call(lambda bus: None)
+    for future in {late} if started else {late, waiting}:
+        assert isinstance(future.exception(PATIENCE), BusStoppedError)
 
 
 @pytest.mark.parametrize("failure", [RuntimeError("callback"), SystemExit(1)])

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from head_tracking.dynamixel import Adapter, DynamixelPort, Epoch, JointConfiguration, ServoBus
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 
-class SimulatedDevice:
-    """Takes the place of an open serial device."""
-
-    adapter = Adapter()
-
-    def __init__(self, line: SimulatedLine) -> None:
-        self.line = line
-
-    def close(self) -> None:
-        pass
+def as_device(line: SimulatedLine) -> Any:
+    """Return a line that takes the place of an open serial device."""
+    line.adapter, line.close = Adapter(), lambda: None  # type: ignore[attr-defined]
+    return line
 
 
 class Bench:
@@ -41,7 +36,7 @@ class Bench:
         self.port = DynamixelPort(
             "simulated",
             baud_rate,
-            open_device=lambda *_: SimulatedDevice(self.line),
+            open_device=lambda *_: as_device(self.line),
             clock=self.clock,
         )
 

@@ -74,7 +74,7 @@ def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:
         ids = ", ".join(str(servo.id) for servo in held)
         terminal.confirm(f"Switch the torque of servo {ids} off? Hold the head: it may drop.")
         for servo in held:
-            servo.set_torque(False)
+            servo.set("Torque Enable", 0)
 
 
 class Motion(NamedTuple):

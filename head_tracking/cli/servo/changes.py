@@ -209,7 +209,7 @@ def relax(session: Session, ids: Sequence[int], model: ServoModel | None) -> int
             _relax_all(port, model)
             session.terminal.show("torque off was sent to all servos")
         for servo_id in ids:
-            find_servo(port, servo_id, model).set_torque(False)
+            find_servo(port, servo_id, model).set("Torque Enable", 0)
             session.terminal.show(f"servo {servo_id} is relaxed")
     return 0
 
@@ -248,4 +248,4 @@ def _relax_all(port: DynamixelPort, model: ServoModel | None) -> None:
         with suppress(ConfigurationError, CommunicationError, ServoError):
             model = servo_model_by_number(number)
             if model.control_table["Torque Enable"].address != x_address:
-                Servo(port, servo_id, model).set_torque(False)
+                Servo(port, servo_id, model).set("Torque Enable", 0)

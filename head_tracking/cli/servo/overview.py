@@ -16,6 +16,7 @@ from head_tracking.cli.servo.register_values import as_text
 from head_tracking.cli.servo.session import (
     Session,
     ToolError,
+    answers,
     find_servo,
     model_number,
     protocol_of,
@@ -131,13 +132,7 @@ def find_servos(
 
 def _found(port: DynamixelPort, servo_id: int, protocol: int, tries: int) -> FoundServo | None:
     """Read identity and state of a servo; return None if it does not answer pings."""
-    if protocol == 2 and servo_id > 252:
-        return None
-    for _ in range(tries):
-        with suppress(CommunicationError):
-            port.ping(servo_id, protocol)
-            break
-    else:
+    if not answers(port, servo_id, protocol, tries):
         return None
     rate, model, is_corrupt = port.baud_rate, "answers no reads", False
     try:

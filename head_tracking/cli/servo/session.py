@@ -11,12 +11,11 @@ from head_tracking.cli.terminal import Terminal
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
-    CorruptReplyError,
-    ReplyTimeoutError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
-from head_tracking.dynamixel.servo import Servo
+from head_tracking.dynamixel.protocol import MAX_ID
+from head_tracking.dynamixel.servo import Servo, answering
 from head_tracking.exceptions import HeadTrackingError
 
 USUAL_BAUD_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
@@ -74,19 +73,17 @@ class Session:
             port.close()
 
 
+def answers(port: DynamixelPort, servo_id: int, protocol: int, attempts: int = _ATTEMPTS) -> bool:
+    """Return whether a servo answers pings, also with a corrupt answer."""
+    model = servo_model("AX-12" if protocol == 1 else "XM430-W350")
+    return servo_id <= MAX_ID[protocol] and bool(
+        answering([Servo(port, servo_id, model)], attempts)
+    )
+
+
 def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -> int | None:
-    """Return the protocol in which a servo answers pings, also with a corrupt answer; or None."""
-    for attempt in range(attempts):
-        for protocol in (1, 2) if servo_id <= 252 else (1,):
-            try:
-                port.ping(servo_id, protocol)
-            except ReplyTimeoutError:
-                continue
-            except CorruptReplyError:
-                if attempt < attempts - 1:
-                    continue
-            return protocol
-    return None
+    """Return the protocol in which a servo answers pings; None if it does not."""
+    return next((p for p in MAX_ID if answers(port, servo_id, p, attempts)), None)
 
 
 def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> Servo:

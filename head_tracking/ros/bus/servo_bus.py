@@ -122,7 +122,9 @@ class ServoBusNode(ClosingNode):
             )
             for (name, baud_rate), joints in ports.items()
         ]
-        self.backend = DynamixelBackend(buses, loop, p.update_rate, self._report)
+        self.backend = DynamixelBackend(
+            buses, loop, p.update_rate, self._report, self._on_reading, self._on_error
+        )
         self._baud_rates = [baud_rate for _, baud_rate in ports]
         self._connect(p.allow_missing)
         loop.attach(self.backend)
@@ -140,7 +142,7 @@ class ServoBusNode(ClosingNode):
         self._owners_output = OwnersOutput(
             self, loop.owners, [joint.joint_name for joint in self.backend.joints]
         )
-        self.backend.start(self._on_reading, self._on_error)
+        self.backend.start()
 
     def servos_by_port(self) -> list[tuple[str, int, dict[int, str]]]:
         """Return port, baud rate, and the models of the servos on it by id, of each bus."""
