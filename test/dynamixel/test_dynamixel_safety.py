@@ -11,7 +11,7 @@ import pytest
 from answer_hook import OnAnswers
 from dynamixel_fakes import PAN, TILT, FakePort, submit
 from ordeal import Ordeal, ordeal_joint
-from simulated_device import Bench, as_device
+from simulated_device import Bench
 from waiting import eventually
 
 from head_tracking.control import ControlLoop
@@ -23,7 +23,6 @@ from head_tracking.dynamixel import (
     ConfigurationError,
     CorruptReplyError,
     DynamixelError,
-    DynamixelPort,
     EepromSettings,
     EventKind,
     Goal,
@@ -41,7 +40,6 @@ from head_tracking.simulation import (
     Fault,
     Overlap,
     SimulatedBus,
-    SimulatedLine,
     SimulatedServo,
 )
 
@@ -59,20 +57,9 @@ class Rig:
         connect: bool = True,
     ) -> None:
         self.servos = servos
-        self.bench = Bench(SimulatedBus(servos))
-        bench = self.bench
-        bench.line = SimulatedLine(bench.bus, bench.clock, baud_rate, latency=latency)
-        bench.port = DynamixelPort(
-            "simulated",
-            baud_rate,
-            open_device=lambda *_: as_device(bench.line),  # type: ignore[arg-type,return-value]
-            clock=bench.clock,
-        )
-        ids = dict.fromkeys(servo.id for servo in servos)
-        joints = [
-            joint(i, servo_model(next(s.model.name for s in servos if s.id == i))) for i in ids
-        ]
-        self.bus = bench.servo_bus(joints)
+        self.bench = Bench(servos, baud_rate, latency)
+        models = {servo.id: servo_model(servo.model.name) for servo in servos}
+        self.bus = self.bench.servo_bus([ordeal_joint(*each) for each in models.items()])
         self.events: list[str] = []
         self.kinds: list[EventKind] = []
         if connect:
