@@ -93,12 +93,6 @@ def test_an_empty_port_is_not_the_default(words: list[str], port: dict[str, str]
     assert parse_arguments(words).nodes[0].parameters == port
 
 
-@pytest.mark.parametrize("target", ["@", "balls", "1,2@base_link"])
-def test_an_unknown_target_ends_with_2(target: str) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        parse_arguments(["--sim", "--target", target])
-
-
 @pytest.mark.parametrize(
     ("tool", "words"),
     [
@@ -111,10 +105,24 @@ def test_an_unknown_target_ends_with_2(target: str) -> None:
         ("doctor.__main__", "--sim --listen nan"),
         ("doctor.__main__", "--sim --listen inf"),
         ("doctor.__main__", "--sim --baud -5"),
+        ("servo.main", ""),
         ("servo.main", "--baud 0 scan"),
         ("servo.main", "scan --bauds -1"),
+        ("servo.main", "scan --ids 9-3"),
+        ("servo.main", "info 300"),
+        ("servo.main", "calibrate head_pan"),
+        ("servo.main", "monitor --rate 0"),
+        ("servo.main", "--model AX-99 info 1"),
         ("new_robot", "my_head --baud 0"),
+        ("new_robot", "my-head"),
+        ("new_robot", "my_head --pan 300"),
+        ("new_robot", "my_head --pan-xyz 0 x 0"),
         ("simulated_bus", "--baud 0"),
+        ("simulated_bus", "--model AX-99"),
+        ("simulated_bus", "--servo AX-12"),
+        ("simulated_bus", "--faults 101"),
+        ("simulated_bus", "--kinds rain"),
+        ("simulated_bus", "--latency soon"),
         ("transforms", "echo a b --count 0"),
     ],
 )

@@ -11,36 +11,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from program_names import NODES, PROGRAMS
 
 SOURCE = Path(__file__).resolve().parents[1]
 VERSION = ElementTree.parse(SOURCE / "package.xml").getroot().findtext("version")
-EXECUTABLES = {
-    "calibrate",
-    "check_model",
-    "doctor",
-    "fictitious_target",
-    "frame_target",
-    "head_tracker",
-    "head_setup",
-    "new_robot",
-    "head_tracking",
-    "joint_state_publisher",
-    "look",
-    "point_head",
-    "recorder",
-    "relax",
-    "robot_state_publisher",
-    "servo",
-    "servo_bus",
-    "simulated_bus",
-    "simulated_camera",
-    "target_mux",
-    "track_report",
-    "transforms",
-    "viewer",
-    "visual_target",
-    "detection_target",
-}
+EXECUTABLES = NODES | PROGRAMS
 # Print which copy is loaded and where the ament index finds it; load all executables.
 REPORT = """
 from importlib.metadata import distribution

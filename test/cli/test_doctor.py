@@ -289,12 +289,6 @@ def test_it_runs_without_libraries_and_without_ros(options: tuple[str, ...]) -> 
     assert len(missing) == (1 if "-S" in options else 0)
 
 
-def test_a_wrong_command_line_has_its_own_exit_code() -> None:
-    with pytest.raises(SystemExit) as ending:
-        main(["--nonsense"])
-    assert ending.value.code == 3
-
-
 @pytest.mark.parametrize("rate", [57_600, 115_200])
 def test_servos_at_another_baud_rate_are_found_and_named(head: Head, rate: int) -> None:
     head.baud_rate = rate

@@ -270,18 +270,6 @@ def test_a_missing_folder_is_an_error(user: User) -> None:
     assert user.run(*GIVEN, "--folder", str(user.folder / "none"), "--yes") == FAILED
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("my head",), ("my_head", "--pan", "300"), ("my_head", "--pan-xyz", "0", "x", "0")],
-)
-def test_a_wrong_command_line_ends_with_2(
-    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        new_robot.main(arguments)
-    assert end.value.code == 2
-
-
 def test_an_invalid_answer_is_asked_again(user: User) -> None:
     user.answers = "high\n0 0\n0 0 0.4\n\n\n"
     assert user.run(*GIVEN) == DONE

@@ -598,24 +598,6 @@ def test_every_register_of_every_model_is_read_and_written_as_text(model) -> Non
                 parse_value(register, str(2 * abs(register.maximum) + 10_000_000))
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        [],
-        ["info"],
-        ["info", "300"],
-        ["scan", "--ids", "9-3"],
-        ["calibrate", "head_pan"],
-        ["monitor", "--rate", "0"],
-        ["--model", "AX-99", "info", "1"],
-    ],
-)
-def test_wrong_command_lines_end_with_code_2(arguments: list[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        tool.main(arguments)
-    assert end.value.code == 2
-
-
 # Feetech servos
 
 

@@ -6,17 +6,8 @@ import subprocess
 from importlib.util import find_spec
 
 import pytest
+from program_names import NODES, PROGRAMS
 from rig import PYTHONPATH, assert_described, command, executables
-
-NODES = {
-    "servo_bus", "joint_state_publisher", "robot_state_publisher", "head_tracker", "point_head",
-    "fictitious_target", "frame_target", "target_mux", "visual_target", "detection_target",
-    "simulated_camera", "viewer", "recorder",
-}  # fmt: skip
-PROGRAMS = {
-    "head_tracking", "look", "relax", "transforms", "track_report", "check_model", "simulated_bus",
-    "calibrate", "head_setup", "new_robot", "servo", "doctor",
-}  # fmt: skip
 
 
 def test_executables_keep_their_names():

@@ -86,14 +86,6 @@ def on_terminal(bench, *words):
     return terminal
 
 
-def test_the_servo_tool_asks_on_a_terminal(bench):
-    with closing(on_terminal(bench, "set", "1", "Temperature Limit", "60")) as terminal:
-        terminal.waits_for(r"\[y/N\]")
-        assert bench.servos.register(1, "Temperature Limit") == 70
-        terminal.type("y\n")
-        wait_for(lambda: bench.servos.register(1, "Temperature Limit") == 60)
-
-
 @pytest.mark.parametrize("ended", ["by ctrl-c", "because the port has vanished"])
 def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
     with closing(on_terminal(bench, "monitor", "1", "2")) as terminal:

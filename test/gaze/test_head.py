@@ -1,6 +1,5 @@
 import math
 import random
-import sys
 
 import numpy as np
 import pytest
@@ -47,15 +46,7 @@ SQUARE = {
     "camera rolled": {"camera_rpy": "0.9 0 0"},
     "leaning torso": {"pan_rpy": "0.2 0.3 -0.4"},
 }
-OBLIQUE = {
-    "camera squints": {"camera_rpy": "0 0 0.2"},
-    "tilt axis not square": {"tilt_axis": "0.1 0.99 0.1"},
-    "everything crooked": {
-        "pan_rpy": "0.3 -0.1 0.2",
-        "tilt_rpy": "0.1 0.2 -0.15",
-        "camera_rpy": "0.3 0.1 -0.2",
-    },
-}
+CROOKED = {"pan_rpy": "0.3 -0.1 0.2", "tilt_rpy": "0.1 0.2 -0.15", "camera_rpy": "0.3 0.1 -0.2"}
 
 
 def make_head(options: dict[str, str]) -> tuple[RobotModel, PanTiltHead]:
@@ -101,15 +92,6 @@ def test_the_closed_form_is_exact(name):
         assert gaze.status is GazeStatus.REACHED, gaze
         assert miss_by_kinematics(model, head, target, gaze.pan, gaze.tilt) < 1e-7
         assert gaze.miss < 1e-12
-
-
-@pytest.mark.parametrize("name", OBLIQUE)
-def test_oblique_heads_are_pointed_exactly(name):
-    model, head = make_head(OBLIQUE[name])
-    for target in reachable_targets(model, head, 200, seed=2, angles=0.9):
-        gaze = head.gaze(target, 0.3, -0.2)
-        assert gaze.status is GazeStatus.REACHED, gaze
-        assert miss_by_kinematics(model, head, target, gaze.pan, gaze.tilt) < 1e-7
 
 
 def nearly_square(rnd):
@@ -159,32 +141,6 @@ def test_a_head_of_any_build_is_pointed_exactly(seed):
         gaze = head.gaze(target, rnd.uniform(-1, 1), rnd.uniform(-1, 1))
         assert gaze.reached, gaze
         assert miss_by_matrices(model, target, gaze.pan, gaze.tilt) < 1e-9
-
-
-def calls(function):
-    """How many functions, Python's own among them, are called on the way."""
-    count = 0
-
-    def on_event(frame, event, argument):
-        nonlocal count
-        count += event in ("call", "c_call")
-
-    sys.setprofile(on_event)
-    try:
-        function()
-    finally:
-        sys.setprofile(None)
-    return count
-
-
-def test_a_nearly_square_head_takes_little_more_work_than_a_square_one():
-    """In calls, which do not depend on the machine; the benchmark `pointing` has the times."""
-    _, square = make_head({})
-    for seed in range(20):
-        _, head = make_head(nearly_square(random.Random(seed)))
-        for target in ((1.0, 0.3, 0.2), (0.5, -0.6, 0.9), (3.0, 1.0, -0.5)):
-            most = 2 * calls(lambda at=target: square.gaze(at, 0.0, 0.0))
-            assert calls(lambda at=target, head=head: head.gaze(at, 0.0, 0.0)) <= most + 4
 
 
 @settings(max_examples=300)
@@ -292,7 +248,7 @@ def test_a_target_that_is_not_finite_is_answered_and_the_head_stays(kinectbot, b
 @settings(max_examples=300)
 @given(st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3), st.floats(-9, 9))
 def test_gaze_never_raises_and_never_leaves_the_limits(target, present):
-    for options in ({}, OBLIQUE["everything crooked"]):
+    for options in ({}, CROOKED):
         _, head = make_head(options)
         gaze = head.gaze(target, present, present)
         assert head.pan_limits.contains(gaze.pan)

@@ -1,20 +1,15 @@
 """detection_target over real topics with the real messages of other packages."""
 
 import math
-import sys
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
-import rclpy
 from lockstep import World
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
 from head_tracking.ros.kit.images import camera_info, image_message
-from head_tracking.ros.kit.message_types import MessagesMissingError
 from head_tracking.ros.targets.detection_target import DetectionTargetNode
-from head_tracking.tf import Buffer
 from head_tracking.tf.messages import header
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.vision import camera_with_view
@@ -198,22 +193,6 @@ def test_a_face_with_a_frame_is_taken_from_there(scene):
 
     found = world.show(face)
     assert point(found[-1]) == pytest.approx((0.1, 0.2, 1.25))
-
-
-@pytest.mark.parametrize(
-    ("source", "package"),
-    [("detections_2d", "vision_msgs"), ("detections_3d", "vision_msgs"), ("faces", "hri_msgs")],
-)
-def test_missing_message_packages_are_reported(monkeypatch, source, package):
-    monkeypatch.setitem(sys.modules, f"{package}.msg", None)
-    rclpy.init()
-    try:
-        with pytest.raises(MessagesMissingError, match=package) as raised:
-            DetectionTargetNode(Buffer(), parameter_overrides=[Parameter("source", value=source)])
-        assert "\n" not in str(raised.value)
-        assert "ros-jazzy-" in str(raised.value)
-    finally:
-        rclpy.try_shutdown()
 
 
 def test_a_warning_for_an_uncalibrated_camera(scene):

@@ -1,7 +1,6 @@
 """One head for each domain and namespace: on a machine by a lock, between machines by claims."""
 
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -39,23 +38,6 @@ def lock(tmp_path):
 def sleep(seconds):
     time.sleep(seconds)
     return False
-
-
-@pytest.mark.parametrize("simulated", [False, True])
-def test_a_second_head_is_refused_with_the_name_of_the_first(lock, simulated):
-    lock(simulated=simulated).acquire(sleep)
-    with pytest.raises(RefusedError, match=f"process {os.getpid()} of"):
-        lock(simulated=simulated).acquire(sleep)
-    lock(*NAMED, simulated=simulated).acquire(sleep)
-
-
-def test_a_simulated_head_is_refused_beside_a_real_one_and_not_after_it(lock):
-    real = lock()
-    real.acquire(sleep)
-    with pytest.raises(RefusedError):
-        lock(simulated=True).acquire(sleep)
-    real.release()
-    lock(simulated=True).acquire(sleep)
 
 
 def test_a_simulated_head_ends_for_a_real_one(lock):

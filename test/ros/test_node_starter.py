@@ -27,13 +27,6 @@ def ask(threads) -> Callable[[str], Any]:
     return ask
 
 
-def test_a_node_that_is_asked_for_is_started(threads, ask):
-    started = []
-    threads.start(NodeStarterNode(started.append, ("point_head", "camera")))
-    assert ask("camera").success
-    assert started == ["camera"]
-
-
 def test_what_keeps_a_node_from_starting_is_the_answer_and_others_start(threads, ask):
     def start(name: str) -> None:
         if name == "broken":

@@ -12,7 +12,6 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
-from std_srvs.srv import SetBool
 from waiting import eventually, join, wait_for
 
 from head_tracking.control import JointOwners
@@ -91,30 +90,6 @@ def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
     threads.start(bus.node)
     wait_for(lambda: tracker.control.is_cautious)
     assert not tracker.control.off
-
-
-def test_a_node_of_another_process_is_stopped_until_the_bus_resumes(threads):
-    tracker = HeadTrackerNode()
-    bus = ElsewhereBus()
-    threads.start(tracker)
-    threads.start(bus.node)
-    enabled = []
-    bus.node.create_subscription(
-        Bool, "head_tracker/enabled", lambda message: enabled.append(message.data), LATCHED
-    )
-    wait_for(lambda: enabled == [True])
-    bus.say(True, 7)
-    wait_for(lambda: enabled == [True, False])
-    enable = bus.node.create_client(SetBool, "head_tracker/enable")
-    wait_for(enable.service_is_ready)
-    for _ in range(10):
-        future = enable.call_async(SetBool.Request(data=True))
-        wait_for(future.done)
-        assert not future.result().success
-    bus.say(False, 7)
-    wait_for(lambda: enabled == [True, False, True])
-    assert tracker.control.is_cautious
-    assert not bus.claims
 
 
 def test_commands_of_an_earlier_epoch_are_discarded(robot):

@@ -72,12 +72,6 @@ def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
     assert "AX-12 1, XL430-W250 3, MX-28 4" in messages
 
 
-def test_servos_keep_to_their_baud_rate(start) -> None:
-    program = start("--ids", "1", "--baud", "57600", "--return-delay", "0", "--paced")
-    assert ask(program.port, PING, 6, 57_600) == PONG
-    assert ask(program.port, PING, 0, 1_000_000) == b""
-
-
 def test_echo_option(start) -> None:
     program = start("--echo")
     assert ask(program.port, PING, 12) == PING + PONG
@@ -121,27 +115,6 @@ def test_unplug_option(start, tmp_path: Path) -> None:
     for _ in range(2):
         assert program.process.stdout.readline().strip() == link
     assert program.stop()[0] == 0
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["--ids", "300"],
-        ["--model", "AX-99"],
-        ["--servo", "AX-12"],
-        ["--faults", "101"],
-        ["--kinds", "rain"],
-        ["--baud", "1"],
-        ["--latency", "soon"],
-    ],
-)
-def test_invalid_options_are_refused(
-    options: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        simulated_bus.main(options)
-    assert end.value.code == 2
-    assert options[0] in capsys.readouterr().err
 
 
 def test_an_unsupported_baud_rate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

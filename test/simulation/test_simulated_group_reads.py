@@ -98,14 +98,6 @@ def test_old_firmware_does_not_support_fast_sync_read() -> None:
     assert len(bus(firmware=45).receive(packet, 0)) == 1
 
 
-@pytest.mark.parametrize("length", [1024, 32_768, 65_535])
-def test_fast_reads_that_are_longer_than_a_packet_are_not_answered(length: int) -> None:
-    b = bus()
-    assert b.receive(Packet.sync_read(0, length, (1, 2), fast=True).encode(), 0) == []
-    answers = b.receive(Packet.sync_read(0, length, (1, 2)).encode(), 0)
-    assert [status.error for status in statuses(answers) if status] == [7, 7]
-
-
 def test_broadcast_ping_is_answered_in_the_order_of_ids() -> None:
     b = bus(7, 3)
     found = statuses(b.receive(Packet.ping().encode(), 0))
@@ -113,12 +105,6 @@ def test_broadcast_ping_is_answered_in_the_order_of_ids() -> None:
         (3, (1020).to_bytes(2, "little")),
         (7, (1020).to_bytes(2, "little")),
     ]
-
-
-def test_sync_write_has_no_answer() -> None:
-    b = bus()
-    assert b.receive(bytes.fromhex(INSTRUCTIONS_2["sync write goals"][0]), 0) == []
-    assert [b[i].register("Goal Position") for i in (1, 2)] == [150, 170]
 
 
 def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from random import Random
-
 import pytest
-from answer_hook import OnAnswers
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
-    Answer,
-    Fault,
-    Faults,
     Overlap,
     SerialLine,
     SimulatedBus,
@@ -50,16 +43,6 @@ def test_duration_of_a_read(delay: int, wire: float) -> None:
     assert time == pytest.approx(wire)
 
 
-def test_a_cycle_of_two_ax_servos_takes_620_us() -> None:
-    clock = SimulatedClock()
-    line = SimulatedLine(SimulatedBus(servos()), clock)
-    data = {1: b"\0\2\x64\0", 2: b"\0\2\x64\0"}
-    goals = InstructionPacket.sync_write(30, data).encode()
-    transaction(line, clock, goals + READ_1)
-    transaction(line, clock, READ_2)
-    assert clock.now == 620 * US
-
-
 def test_answers_of_a_sync_read_follow_each_other() -> None:
     made = [SimulatedServo(i, servo_model("XL430-W250")) for i in (1, 2)]
     wire = SerialLine(SimulatedBus(made), paced=True)
@@ -76,25 +59,6 @@ def test_latency_of_the_adapter() -> None:
     for number in (1, 2, 3):
         transaction(line, clock, READ_1)
         assert clock.now == number * 16_000 * US
-
-
-def test_late_answers_delay_no_other_packet() -> None:
-    slow = [True]
-
-    def line_fault(answer: Answer) -> tuple[Answer, ...]:
-        if slow.pop() if slow else False:
-            return (replace(answer, late=30_000 * US),)
-        return (answer,)
-
-    clock = SimulatedClock()
-    line = SimulatedLine(SimulatedBus(servos(), faults=OnAnswers(line_fault)), clock)
-    line.write(READ_1)
-    assert line.read(100, 0.005) == b""
-    answer, _ = transaction(line, clock, READ_2)
-    assert answer[2] == 2
-    late = line.read(100, 1.0)
-    assert late[2] == 1
-    assert clock.now == 220 * US + 30_000 * US
 
 
 def test_read_limit_and_discarded_input() -> None:
@@ -169,34 +133,6 @@ def test_equal_answers_of_servos_with_one_id_are_received(paced: bool) -> None:
     garbled = everything(line, clock)
     assert len(garbled) == 14 and StatusPacket.decode(garbled) is None
     assert line.overlaps == {Overlap.TWINS: 1}
-
-
-@pytest.mark.parametrize("paced", [True, False])
-@pytest.mark.parametrize("delay", [10, 5, 33])
-def test_shifted_answers_of_servos_with_one_id_collide(paced: bool, delay: int) -> None:
-    made = [SimulatedServo(1), SimulatedServo(1)]
-    for servo, counts in zip(made, (0, delay), strict=True):
-        servo.set_register("Return Delay Time", counts)
-    line, clock = line_of(*made, paced=paced)
-    line.write(InstructionPacket.ping(1).encode())
-    heard = everything(line, clock)
-    if 2 * delay < 60:
-        assert line.overlaps == {Overlap.TWINS: 1}
-        assert StatusPacket.decode(heard) is None
-    else:
-        assert heard == 2 * StatusPacket(1).encode()
-
-
-def test_a_stalled_servo_collides_with_other_packets() -> None:
-    faults = Faults(Random(1), 1.0, [Fault.STALL], late=(0.01, 0.01))
-    clock = SimulatedClock(1)
-    line = SimulatedLine(SimulatedBus(servos(), faults=faults), clock)
-    line.write(READ_1)
-    assert line.read(100, clock() + 0.005) == b""
-    faults.rate = 0.0
-    at(clock, line, 10_000, READ_2)  # heard while servo 1 answers at last, at 10080 us
-    everything(line, clock)
-    assert set(line.overlaps) == {Overlap.FAULT}
 
 
 @pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (101_000, False)])

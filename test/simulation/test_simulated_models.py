@@ -99,19 +99,6 @@ def test_read_only_registers_are_refused(model: ServoModel) -> None:
 
 
 @MODEL
-def test_the_cycle_of_the_driver_is_answered(model: ServoModel) -> None:
-    servo = SimulatedServo(1, model)
-    block = model.feedback
-    status = servo.execute(packets(model).read(1, block.address, block.length), 0)
-    assert status is not None and status.error == 0
-    values = dict(zip((r.name for r in block.registers), block.decode(status.data), strict=True))
-    assert values["Present Position"] == model.center
-    data = model.encode_goal(model.center + 50, 30)
-    status = servo.execute(packets(model).write(1, model.goal.address, data), 0)
-    assert status is not None and status.error == 0
-
-
-@MODEL
 def test_every_model_goes_to_its_goal(model: ServoModel) -> None:
     servo = SimulatedServo(1, model)
     servo.advance(0)

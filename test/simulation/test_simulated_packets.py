@@ -48,14 +48,6 @@ def test_status_has_the_vendors_bytes(text: str, packet: StatusPacket) -> None:
     assert type(packet).decode(bytes.fromhex(text)) == packet
 
 
-@golden
-def test_parser_finds_the_packet_at_every_split(text: str, packet: InstructionPacket) -> None:
-    data = bytes.fromhex(text)
-    for split in range(len(data) + 1):
-        found = parser(type(packet))
-        assert found.feed(data[:split], 0) + found.feed(data[split:], 1) == [packet]
-
-
 @both
 @pytest.mark.parametrize(
     "garbage",

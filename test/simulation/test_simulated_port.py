@@ -124,32 +124,6 @@ def test_an_impossible_link_is_refused(tmp_path: Path, kind: str) -> None:
     assert kind != "file" or link.read_text() == "data"
 
 
-def test_link_of_a_running_simulator_is_not_replaced(tmp_path: Path) -> None:
-    link = tmp_path / "ttyHead"
-    with SimulatedPort([SimulatedServo(1)], link=link):
-        for _ in range(2):
-            with pytest.raises(PortLinkError):
-                SimulatedPort([SimulatedServo(2)], link=link).open()
-            client = Client(str(link))
-            assert client.ask(PING, 6) == PONG
-            client.close()
-    with SimulatedPort([SimulatedServo(1)], link=link) as port:
-        assert port.port_name == str(link)
-
-
-def test_link_to_a_terminal_that_no_simulator_serves_is_replaced(tmp_path: Path) -> None:
-    """Its number may have been given to anybody since a simulator was killed."""
-    link = tmp_path / "ttyHead"
-    descriptors = os.openpty()
-    link.symlink_to(os.ttyname(descriptors[1]))
-    with SimulatedPort([SimulatedServo(1)], link=link):
-        client = Client(str(link))
-        assert client.ask(PING, 6) == PONG
-        client.close()
-    for descriptor in descriptors:
-        os.close(descriptor)
-
-
 def test_unplugged_adapter_returns_with_the_same_link(tmp_path: Path) -> None:
     link = tmp_path / "ttyHead"
     with SimulatedPort([SimulatedServo(1)], link=link) as port:

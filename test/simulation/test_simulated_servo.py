@@ -34,24 +34,6 @@ def read(servo: SimulatedServo, name: str) -> int:
     return int.from_bytes(status.data, "little")
 
 
-@pytest.mark.parametrize(
-    "packet",
-    [
-        Packet.ping(254),
-        Packet.read(254, 36, 2),
-        Packet.write(254, 24, b"\x00"),
-        Packet.reg_write(254, 30, b"\x00\x02"),
-        Packet.action(),
-        Packet.sync_write(30, {1: b"\x00\x02"}),
-        Packet(254, 0x92, bytes.fromhex("00 02 01 1E 02 02 24")),
-        Packet(254, 0x55),
-    ],
-    ids=lambda packet: f"0x{packet.code:02X}",
-)
-def test_broadcasts_are_not_answered(packet: InstructionPacket) -> None:
-    assert SimulatedServo(1).execute(packet, 0) is None
-
-
 @pytest.mark.parametrize(("address", "length"), [(49, 2), (50, 1), (0, 51), (255, 1), (0, 0)])
 def test_read_behind_the_table_is_a_range_error(address: int, length: int) -> None:
     assert SimulatedServo(1).execute(Packet.read(1, address, length), 0) == RANGE
@@ -61,14 +43,6 @@ def test_write_with_one_bad_value_changes_nothing() -> None:
     servo = SimulatedServo(1)
     assert servo.execute(Packet.write(1, 30, b"\xf4\x01\xff\xff"), 0) == RANGE
     assert (read(servo, "Goal Position"), read(servo, "Moving Speed")) == (512, 0)
-
-
-def test_half_a_register_can_be_written_and_is_checked_as_a_whole() -> None:
-    servo = SimulatedServo(1)
-    assert servo.execute(Packet.write(1, 30, b"\x05"), 0) == OK
-    assert read(servo, "Goal Position") == 512 + 5
-    assert servo.execute(Packet.write(1, 31, b"\x04"), 0) == RANGE  # would be 1024
-    assert read(servo, "Goal Position") == 512 + 5
 
 
 def test_goal_outside_the_angle_limits_is_refused() -> None:
@@ -162,18 +136,6 @@ def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model: str)
     assert write(servo, "Torque Limit", 1023, now + SECOND).error == 0
     servo.advance(now + 3 * SECOND)
     assert servo.true_ticks == pytest.approx(goal, abs=6)
-
-
-def test_power_cycle_clears_the_lock_and_the_torque() -> None:
-    servo = SimulatedServo(1, boot_time=0.0)
-    write(servo, "Lock", 1)
-    write(servo, "Torque Enable", 1)
-    write(servo, "Goal Position", 300)
-    servo.power_off()
-    servo.power_on()
-    assert servo.register("Lock") == servo.register("Torque Enable") == 0
-    assert servo.register("Goal Position") == 512
-    assert servo.register("Torque Limit") == 1023
 
 
 def test_write_log_contains_accepted_writes_only() -> None:

@@ -11,7 +11,6 @@ from head_tracking.transforms import (
     Rotation,
     Transform,
     TransformBuffer,
-    parse_robot_model,
 )
 
 SECOND = 1_000_000_000
@@ -40,15 +39,6 @@ def test_the_answer_carries_frames_and_the_latest_common_time(buffer):
     assert buffer.lookup_transform("base_link", "torso_link").stamp == 0
 
 
-def test_a_past_lookup_is_exact_on_the_arc(buffer, kinectbot):
-    later = {"head_pan_joint": 1.5, "head_tilt_joint": 0.4}
-    buffer.set_joint_positions(2 * SECOND, later)
-    found = buffer.lookup_transform("base_link", "camera_link", SECOND + SECOND // 4)
-    between = {name: HEAD[name] + 0.25 * (later[name] - HEAD[name]) for name in HEAD}
-    expected = kinectbot.transform("base_link", "camera_link", between)
-    assert np.allclose(found.transform.as_matrix(), expected.as_matrix(), atol=1e-12)
-
-
 def test_a_continuous_joint_turns_the_short_way(turtlebot):
     buffer = TransformBuffer()
     buffer.set_model(turtlebot)
@@ -65,22 +55,6 @@ def test_joints_can_be_taken_to_stand_elsewhere(buffer, kinectbot):
     expected = kinectbot.transform("base_link", "camera_link", elsewhere)
     assert found.transform == pytest.approx(expected, abs=1e-15)
     assert buffer.lookup_transform("base_link", "camera_link").transform != expected
-
-
-def test_mimic_joints_follow_in_lookups():
-    buffer = TransformBuffer()
-    buffer.set_model(
-        parse_robot_model(
-            '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
-            '<joint name="j" type="prismatic"><parent link="a"/><child link="b"/>'
-            '<limit lower="-9" upper="9"/></joint>'
-            '<joint name="k" type="prismatic"><parent link="b"/><child link="c"/>'
-            '<limit lower="-9" upper="9"/><mimic joint="j" multiplier="2" offset="1"/></joint>'
-            "</robot>"
-        )
-    )
-    buffer.set_joint_positions(SECOND, {"j": 1.0})
-    assert buffer.lookup_transform("a", "c").transform.translation == pytest.approx((4, 0, 0))
 
 
 def test_many_points_are_transformed_as_one_is(buffer):
@@ -221,23 +195,3 @@ def test_what_is_older_than_the_cache_takes_no_memory():
         history.insert(index * SECOND // 100, float(index))
     assert len(history) == 1002  # 10 s, and one sample more
     assert len(history.stamps) == len(history.values) <= 2 * len(history)
-
-
-STILL = Transform.identity()
-CONSTANTS = (STILL, moved(1.0), Transform.from_xyz_rpy((1, -2, 3), (0.3, -0.4, 2.0)))
-
-
-@pytest.mark.parametrize("before", CONSTANTS)
-@pytest.mark.parametrize("after", CONSTANTS)
-def test_a_measured_frame_stands_between_static_ones(before, after):
-    measured = Transform.from_xyz_rpy((-0.5, 1.5, 0.7), (-1.0, 0.2, 0.9))
-    buffer = TransformBuffer()
-    buffer.set_transform(0, "a", "b", before, static=True)
-    buffer.set_transform(SECOND, "b", "c", measured)
-    buffer.set_transform(0, "c", "d", after, static=True)
-    expected = (before @ measured @ after).as_matrix()
-    for stamp in (0, SECOND):
-        there = buffer.lookup_transform("a", "d", stamp).transform.as_matrix()
-        back = buffer.lookup_transform("d", "a", stamp).transform.as_matrix()
-        assert np.allclose(there, expected, atol=1e-14)
-        assert np.allclose(back @ expected, np.eye(4), atol=1e-14)

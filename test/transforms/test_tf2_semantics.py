@@ -29,14 +29,6 @@ def x_of(found) -> float:
     return found.transform.translation[0]
 
 
-def test_another_cache_length(buffer):
-    short = TransformBuffer(cache_time=2 * SECOND)
-    for index in range(10):
-        short.set_transform(index * SECOND, "map", "base", moved(index))
-    assert short.can_transform("map", "base", 6 * SECOND)
-    assert not short.can_transform("map", "base", 6 * SECOND - 1)
-
-
 def test_a_leading_slash_is_stripped_when_set_and_refused_when_asked_for(buffer):
     buffer.set_transform(SECOND, "/map", "/base", moved(1))
     assert buffer.can_transform("map", "base")

@@ -27,12 +27,6 @@ def later(work, *arguments) -> threading.Timer:
     return timer
 
 
-def test_a_lookup_waits_for_its_frame(buffer):
-    timer = later(buffer.set_transform, SECOND, "map", "base", STILL)
-    assert buffer.lookup_transform("map", "base", SECOND, timeout=30.0).stamp == SECOND
-    join(timer)
-
-
 def test_a_lookup_waits_for_the_joints_of_the_robot(buffer, kinectbot):
     buffer.set_model(kinectbot)
     timer = later(
@@ -66,25 +60,6 @@ def test_a_callback_is_called_once_when_it_can_be_had_and_not_before(buffer):
     buffer.set_transform(3 * SECOND, "map", "base", STILL)
     buffer.set_transform(4 * SECOND, "map", "base", STILL)
     assert called == [1]
-
-
-def test_a_callback_may_use_the_buffer(buffer):
-    seen: list[int] = []
-    buffer.when(
-        lambda: buffer.can_transform("map", "base"),
-        lambda: seen.append(buffer.lookup_transform("map", "base").stamp),
-    )
-    buffer.set_transform(SECOND, "map", "base", STILL)
-    assert seen == [SECOND]
-
-
-def test_a_withdrawn_callback_is_not_called(buffer):
-    called: list[int] = []
-    request = buffer.when(lambda: buffer.can_transform("map", "base"), lambda: called.append(1))
-    buffer.withdraw(request)
-    buffer.withdraw(request)
-    buffer.set_transform(SECOND, "map", "base", STILL)
-    assert called == []
 
 
 def test_many_threads_wait_for_different_times(buffer):
