@@ -16,19 +16,18 @@ from frame import row, table
 from processes import child
 from rig import Bench
 
-KILLS = 50  # of each process
 _SLICE = 0.001  # s
 
 
-def killed(count: float = KILLS) -> str:
+def killed(count: int) -> str:
     """Return the table of SIGKILL of each process at random moments while the head moves."""
     rows = []
     for name in ("control", "supervisor"):
-        times = [_torque_off_after(name, seed) for seed in range(round(count))]
+        times = [_torque_off_after(name, seed) for seed in range(count)]
         off = f"{1e3 * statistics.median(times):.0f} ms, {1e3 * max(times):.0f} ms"
         rows.append(row(name, len(times), off, "300 ms"))
     for name in ("vision", "page"):
-        times = [_again_after(name, seed) for seed in range(round(count / 2))]
+        times = [_again_after(name, seed) for seed in range(count // 2)]
         again = f"{statistics.median(times):.1f} s, {max(times):.1f} s"
         rows.append(row(f"{name}, restarted while the head continues", len(times), again, ""))
     return table("killed | times | torque off or restarted: median, largest | limit", rows)

@@ -14,7 +14,7 @@ BENCHMARKS = {
     **{
         name: f"{name}:{name}"
         for name in (
-            "bus", "calibration", "chaos", "faces", "identity", "pointing",
+            "bus", "calibration", "faces", "identity", "pointing",
             "run", "target_path", "tracking", "transforms", "vision",
         )
     },
@@ -36,12 +36,7 @@ def main() -> None:
     """Run one benchmark and write its table."""
     parser = argparse.ArgumentParser(prog="scripts/benchmark/measure", description=__doc__)
     parser.add_argument("name", choices=sorted(BENCHMARKS))
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        help="of chaos and page-open (default: 10)",
-    )
-    parser.add_argument("--seed", type=int, default=1, help="of chaos (default: 1)")
+    parser.add_argument("--minutes", type=float, help="of page-open (default: 10)")
     parser.add_argument("--times", type=int, help="of crash (default: 50)")
     options, others = parser.parse_known_args()
     if options.name == "tracking" and others:
@@ -49,16 +44,11 @@ def main() -> None:
         return
     if others:
         parser.error(f"unknown arguments: {' '.join(others)}")
-    name, minutes = options.name, options.minutes
-    arguments: dict[str, tuple[float, ...]] = {
-        "chaos": (minutes or 10.0, options.seed),
-        "page-open": (minutes or 10.0,),
-    }
-    if options.times:
-        arguments["crash"] = (options.times,)
-    table = resolve_name(BENCHMARKS[name])(*arguments.get(name, ()))
+    arguments = {"page-open": options.minutes or 10.0, "crash": options.times or 50}
+    given = [arguments[options.name]] if options.name in arguments else []
+    table = resolve_name(BENCHMARKS[options.name])(*given)
     print(table)
-    write(name, table)
+    write(options.name, table)
 
 
 if __name__ == "__main__":

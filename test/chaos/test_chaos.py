@@ -1,7 +1,4 @@
-"""Random faults in a running head: see test/support/chaos.py.
-
-`scripts/benchmark/measure chaos --minutes M --seed N` runs longer.
-"""
+"""Random faults in a running head: test/support/chaos.py, which runs longer by `--seconds`."""
 
 import json
 import subprocess

@@ -114,34 +114,3 @@ class TestMakersSdk:
         assert handler.WritePos(1, 700, 0, 500) == (0, 0)
         assert eventually(lambda: abs(scs.true_ticks(1) - 700) < 8)
         port.closePort()
-
-
-class TestLerobot:
-    """The bus of lerobot, which needs PyTorch; the robot arms SO-100 and SO-101 use it."""
-
-    @pytest.fixture(autouse=True)
-    def lerobot(self):
-        reason = "lerobot is not installed"
-        self.motors = pytest.importorskip("lerobot.motors", reason=reason)
-        self.feetech = pytest.importorskip("lerobot.motors.feetech", reason=reason)
-
-    def test_sts_servos_are_calibrated_and_moved(self, sts: SimulatedPort) -> None:
-        degrees = self.motors.MotorNormMode.DEGREES
-        names = {name: self.motors.Motor(i, "sts3215", degrees) for i, name in ((1, "a"), (2, "b"))}
-        bus = self.feetech.FeetechMotorsBus(port=sts.port_name, motors=names)
-        bus.connect()
-        assert bus.sync_read("Present_Position", normalize=False) == {"a": 2001, "b": 2002}
-        bus.configure_motors()  # the return delay becomes 0
-        bus.disable_torque()
-        bus.set_half_turn_homings()
-        assert bus.sync_read("Present_Position", normalize=False) == {"a": 2047, "b": 2047}
-        assert bus.read("Homing_Offset", "a", normalize=False) == 2001 - 2047
-        bus.enable_torque()
-        bus.sync_write("Goal_Position", {"a": 1500, "b": 2500}, normalize=False)
-
-        def positions() -> dict[str, int]:
-            return bus.sync_read("Present_Position", normalize=False)
-
-        wanted = pytest.approx({"a": 1500, "b": 2500}, abs=20)
-        assert eventually(lambda: positions() == wanted)
-        bus.disconnect()

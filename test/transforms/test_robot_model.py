@@ -55,12 +55,6 @@ def test_both_robots_have_a_camera_and_a_limited_head(robot):
     assert robot.joints["head_pan_joint"].limits.velocity < 7
 
 
-def test_the_optical_frame_looks_where_the_camera_looks(robot):
-    T_camera_optical = robot.transform("camera_link", "camera_optical_frame", {})
-    assert T_camera_optical.rotation @ (0, 0, 1) == pytest.approx((1, 0, 0))
-    assert T_camera_optical.rotation @ (1, 0, 0) == pytest.approx((0, -1, 0))
-
-
 def test_every_link_has_a_plausible_mass(robot):
     for link in yourdfpy_model(robot).robot.links:
         if link.inertial is not None:
