@@ -8,24 +8,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 
 from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
-
-
-class Sign(Enum):
-    """How a register stores negative values: magnitude and a sign bit, or two's complement."""
-
-    NONE = "none"
-    BIT_10 = "bit 10"
-    BIT_11 = "bit 11"
-    BIT_15 = "bit 15"
-    TWOS_COMPLEMENT = "two's complement"
-
-    @property
-    def bit(self) -> int:
-        """The sign bit; 0 if there is none."""
-        return int(self.value.removeprefix("bit ")) if self.value.startswith("bit ") else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +38,8 @@ class Register:
     minimum: int | None = None  # lowest value of a write; None for read-only registers
     maximum: int | None = None  # highest value of a write; None for read-only registers
     unit: Unit = NUMBER
-    sign: Sign = Sign.NONE
+    sign_bit: int = 0  # of a number with magnitude and sign; 0: none
+    signed: bool = False  # whether it holds two's complement
 
     @property
     def end(self) -> int:
@@ -72,7 +57,7 @@ class Register:
         Raises:
             RangeError: It is no sign-magnitude number, though the register should hold one.
         """
-        bit = self.sign.bit
+        bit = self.sign_bit
         if bit and not 0 <= value < 2 << bit:
             raise RangeError(f"{self.name} cannot be {value}; allowed are 0 to {(2 << bit) - 1}")
         return (1 << bit) - value if bit and value >> bit else value
@@ -83,7 +68,7 @@ class Register:
 
     def from_counts(self, counts: int) -> int:
         """Return the register value of a signed number; RangeError if it does not fit."""
-        bit = self.sign.bit
+        bit = self.sign_bit
         largest = (1 << bit) - 1
         if bit and abs(counts) > largest:
             raise RangeError(f"{counts} does not fit; allowed are {-largest} to {largest}")
@@ -118,7 +103,7 @@ class Block:
             if register.address < position:
                 raise RangeError(f"{register.name} must stand before its predecessor in the block")
             code = _STRUCT_CODES[register.size]
-            if register.sign is Sign.TWOS_COMPLEMENT:
+            if register.signed:
                 code = code.lower()
             form += f"{register.address - position}x{code}"
             position = register.end

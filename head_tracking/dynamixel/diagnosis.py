@@ -540,7 +540,8 @@ class Diagnosis:
         since = joint.commanded_at
         if since is None or now - since < self._settings.command_timeout * 1e9:
             return
-        if abs(state.position_error or 0.0) <= _ARRIVED * joint.configuration.resolution:
+        off = joint.goal_position - state.position
+        if abs(off) <= _ARRIVED * joint.configuration.resolution:
             joint.commanded_at = None
             return
         joint.hold()

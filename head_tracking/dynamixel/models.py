@@ -23,7 +23,6 @@ from head_tracking.dynamixel.control_table import (
     Block,
     ControlTable,
     Register,
-    Sign,
     Unit,
 )
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
@@ -243,7 +242,7 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
 
 
 def _sign_value(register: Register) -> int:
-    return 1 << register.sign.bit if register.sign.bit else 0
+    return 1 << register.sign_bit if register.sign_bit else 0
 
 
 def _unit(symbol: str, zero: float = 0.0, **count: float) -> Unit:
@@ -260,7 +259,6 @@ def _registers(name: str, row: Mapping[str, Any], units: Mapping[str, Unit]) -> 
     facts["eeprom"] = {"EEPROM": True, "RAM": False}[facts.pop("memory")]
     facts["minimum"], facts["maximum"] = facts.pop("range", (None, None))
     facts["unit"] = units[facts["unit"]] if "unit" in facts else NUMBER
-    facts["sign"] = Sign(facts.get("sign", "none"))
     numbers = re.fullmatch(r"(.* )(\d+)-(\d+)", name)
     names = [name]
     if numbers:

@@ -93,11 +93,6 @@ class ServoState(NamedTuple):
         """NaN: servos do not measure torque in N m."""
         return math.nan
 
-    @property
-    def position_error(self) -> float | None:
-        """Goal minus position, rad; None while relaxed."""
-        return None if self.goal is None else self.goal - self.position
-
 
 class EventKind(Enum):
     """Kinds of events."""

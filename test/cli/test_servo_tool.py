@@ -588,7 +588,7 @@ def test_every_register_of_every_model_is_read_and_written_as_text(model) -> Non
         if not register.writable:
             continue
         assert register.minimum is not None and register.maximum is not None
-        largest = (1 << register.sign.bit) - 1
+        largest = (1 << register.sign_bit) - 1
         numbers = (-largest, largest) if largest else (register.minimum, register.maximum)
         for value in numbers:
             if value == 0 and register.name in ("Moving Speed", "Profile Velocity"):

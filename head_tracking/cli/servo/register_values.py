@@ -107,8 +107,8 @@ def as_text(model: ServoModel, register: Register, value: int) -> str:
 def _allowed(register: Register) -> str:
     if not register.writable or register.minimum is None or register.maximum is None:
         return "it is read-only"
-    if register.sign.bit:
-        largest = (1 << register.sign.bit) - 1
+    if register.sign_bit:
+        largest = (1 << register.sign_bit) - 1
         return f"allowed are {-min(largest, register.maximum)} to {min(largest, register.maximum)}"
     text = f"allowed are {register.minimum} to {register.maximum}"
     if register.unit.symbol:
