@@ -9,9 +9,9 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
-from head_tracking.dynamixel import Goal, JointConfiguration, servo_model
+from head_tracking.dynamixel import Goal, servo_model
 from head_tracking.dynamixel.protocol import Status
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.simulation import SimulatedLine, SimulatedServo
@@ -56,13 +56,7 @@ def calls(name: str) -> Counter[str]:
     model = servo_model(name)
     bench = Bench([SimulatedServo(i, model) for i in (1, 2)])
     bench.line = Recorder(bench.line)  # type: ignore[assignment]
-    joints = [
-        JointConfiguration(
-            f"j{i}", i, model.center, 0, model.ticks - 1, controller=f"c{i}", model=model
-        )
-        for i in (1, 2)
-    ]
-    bus = bench.servo_bus(joints)
+    bus = bench.servo_bus([joint_of(i, model) for i in (1, 2)])
     bus.connect()
     for _ in range(60):
         bus.command({"j1": Goal(0.1, 1.0), "j2": Goal(-0.1, 1.0)})

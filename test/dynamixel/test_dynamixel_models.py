@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     ConfigurationError,
     Goal,
-    JointConfiguration,
     ServoModel,
     servo_model,
 )
@@ -129,13 +128,7 @@ def test_every_setting_is_written_and_kept_and_nothing_beyond_its_range_is_sent(
 def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
     servos = [SimulatedServo(1, model), SimulatedServo(2, model)]
     bench = Bench(servos)
-    joints = [
-        JointConfiguration(
-            f"j{i}", i, model.center, 100, model.ticks - 100, controller=f"c{i}", model=model
-        )
-        for i in (1, 2)
-    ]
-    bus = bench.servo_bus(joints)
+    bus = bench.servo_bus([joint_of(i, model, 100, model.ticks - 100) for i in (1, 2)])
     bus.connect()
     margin = 0
     if "CW Compliance Margin" in model.control_table:
@@ -170,13 +163,7 @@ def _first_methods(model: ServoModel, firmware: int = 50) -> object:
     for servo in servos:
         servo.set_register("Firmware Version", firmware)
     bench = Bench(servos)
-    joints = [
-        JointConfiguration(
-            f"j{i}", i, model.center, 0, model.ticks - 1, controller=f"c{i}", model=model
-        )
-        for i in (1, 2)
-    ]
-    bus = bench.servo_bus(joints)
+    bus = bench.servo_bus([joint_of(i, model) for i in (1, 2)])
     bus.connect()
     bus.step()
     sent: list[bytes] = []

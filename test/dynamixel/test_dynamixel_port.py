@@ -219,15 +219,6 @@ def test_a_port_that_has_gone_is_looked_for_without_listing_the_others(
     assert not listed
 
 
-def test_second_program_finds_the_port_busy(peer: Peer, port: DynamixelPort) -> None:
-    with pytest.raises(PortBusyError):
-        DynamixelPort(peer.name).open()
-    port.close()
-    again = DynamixelPort(peer.name)
-    again.open()
-    again.close()
-
-
 def test_forbidden_port_names_the_group(peer: Peer) -> None:
     serial_ports()  # what this imports must be there before the rights go
     os.chmod(peer.name, 0)

@@ -18,7 +18,7 @@ from dynamixel_fakes import (
     submit,
     writes,
 )
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     BusEvent,
@@ -422,8 +422,7 @@ def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
 def simulated(position: float = 2048.0) -> tuple[SimulatedServo, Bench, ServoBus]:
     servo = SimulatedServo(1, XM, position=position)
     bench = Bench([servo])
-    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=XM)
-    bus = bench.servo_bus([joint])
+    bus = bench.servo_bus([joint_of(1, XM)])
     bus.connect()
     return servo, bench, bus
 
@@ -438,31 +437,31 @@ def cycles(bench: Bench, bus: ServoBus, count: int) -> list[BusEvent]:
 
 def test_a_tripped_watchdog_is_named_and_cleared() -> None:
     servo, bench, bus = simulated()
-    bus.command({"j": Goal(0.3)})
+    bus.command({"j1": Goal(0.3)})
     cycles(bench, bus, 80)
     servo.set_register("Bus Watchdog", 255)
     servo.set_register("Goal Position", round(servo.true_ticks))
-    bus.command({"j": Goal(-0.5)})
+    bus.command({"j1": Goal(-0.5)})
     events = cycles(bench, bus, 100)
     assert any(Symptom.TRIPPED.value in event.text for event in events)
     assert not any(Symptom.OVERRULED.value in event.text for event in events)
     assert 0 < servo.register("Bus Watchdog") < 255
-    bus.command({"j": Goal(-0.5)})
+    bus.command({"j1": Goal(-0.5)})
     cycles(bench, bus, 80)
     assert servo.register("Present Position") == pytest.approx(2048 - 326, abs=10)
 
 
 def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later() -> None:
     servo, bench, bus = simulated()
-    writing = submit(bus, bus.writing_eeprom("j", EepromSettings(return_delay=100.0)))
+    writing = submit(bus, bus.writing_eeprom("j1", EepromSettings(return_delay=100.0)))
     cycles(bench, bus, 1)
     assert not writing.done()
     with pytest.raises(GoalError):
-        bus.command({"j": Goal(0.5)})
+        bus.command({"j1": Goal(0.5)})
     cycles(bench, bus, 60)
     assert writing.result(0.0)
     assert servo.register("Torque Enable") == 0
-    bus.command({"j": Goal(0.5)})
+    bus.command({"j1": Goal(0.5)})
     cycles(bench, bus, 60)
     assert servo.register("Torque Enable") == 1
 
@@ -473,7 +472,7 @@ def test_limits_that_are_narrowed_while_torque_comes_on_hold(steps: int) -> None
     switching = bus.switching_torque(None, True)
     for _ in range(steps):
         next(switching, None)
-    bus.joint("j").reconfigure(highest=2500)
+    bus.joint("j1").reconfigure(highest=2500)
     run(switching)
     cycles(bench, bus, 5)
     assert servo.register("Torque Enable") == 1

@@ -13,13 +13,12 @@ from dynamixel_fakes import submit
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     DynamixelError,
     Goal,
     GoalError,
-    JointConfiguration,
     Torque,
     servo_model,
 )
@@ -71,14 +70,7 @@ class Requests(RuleBasedStateMachine):
             for i, model in enumerate(models, start=1)
         }
         self.bench = Bench(self.servos.values())
-        configurations = [
-            JointConfiguration(
-                name, i, model.center, 0, model.ticks - 1, model, controller=f"c{name}"
-            )
-            for i, (name, model) in enumerate(zip(self.servos, models, strict=True), start=1)
-        ]
-        bench = self.bench
-        self.bus = bench.servo_bus(configurations)
+        self.bus = self.bench.servo_bus([joint_of(*each) for each in enumerate(models, start=1)])
         self.bus.connect()
         self.expected = {name: Expected() for name in self.servos}
         self.plugged = True

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, writes
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     BusThread,
     ConfigurationError,
     DynamixelPort,
-    JointConfiguration,
     ServoBus,
     Torque,
     TorqueError,
@@ -89,8 +88,7 @@ def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
     model = servo_model("XM430-W350")
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
-    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
-    bus = bench.servo_bus([joint])
+    bus = bench.servo_bus([joint_of(1, model)])
     bus.connect()
     run(bus.switching_torque(None, True))
     assert servo.register("Bus Watchdog") > 0

@@ -20,10 +20,6 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.protocol import (
     ErrorBits,
     Status,
-    crc16,
-    decode_status,
-    encode_packet,
-    find_packet,
     split_joint_status,
 )
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
@@ -233,24 +229,6 @@ def test_any_bytes_are_replies_of_the_right_length_or_errors(
     assert len(replies) == len(group.ids)
     for reply in replies:
         assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
-
-
-def test_golden_crc_and_instructions() -> None:
-    assert crc16(b"123456789") == 0xFEE8
-    assert encode_packet(2, 1, 5).hex(" ").upper() == "FF FF FD 00 01 03 00 05 02 CE"
-    clear = encode_packet(2, 1, 0x10, b"\x01\x44\x58\x4c\x22")
-    assert clear.hex(" ").upper() == "FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC"
-
-
-awkward = st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", b"\x55"]), max_size=24).map(b"".join)
-
-
-@given(awkward)
-def test_answers_that_need_stuffing_are_read_as_they_were_sent(data: bytes) -> None:
-    packet = StatusPacket2(1, 0, data).encode()
-    found = find_packet(2, b"\xff\xff\xfd" + packet + b"\xff")
-    assert found.packet == packet
-    assert decode_status(2, found.packet) == Status(1, 0, data)
 
 
 @given(st.binary(max_size=40), st.integers(1, 12), st.integers(1, 4))

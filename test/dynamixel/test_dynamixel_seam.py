@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     ConfigurationError,
@@ -16,7 +16,6 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     ServoCalibration,
-    ServoModel,
     Torque,
     TorqueError,
     servo_model,
@@ -226,18 +225,11 @@ def test_torque_comes_on_once_the_shaft_is_turned_back() -> None:
     assert rig.servos[0].true_ticks == pytest.approx(3200, abs=SLACK)
 
 
-def model_in_extended_mode() -> tuple[ServoModel, SimulatedServo]:
+def test_extended_position_mode_is_refused() -> None:
     model = servo_model("XM430-W350")
     servo = SimulatedServo(1, model)
     servo.set_register("Operating Mode", 4)
-    return model, servo
-
-
-def test_extended_position_mode_is_refused() -> None:
-    model, servo = model_in_extended_mode()
-    bench = Bench([servo])
-    joint = JointConfiguration("j", 1, 2048, 0, 4095, controller="c", model=model)
-    bus = bench.servo_bus([joint])
+    bus = Bench([servo]).servo_bus([joint_of(1, model)])
     with pytest.raises(ServoSetupError):
         bus.connect()
     assert servo.register("Torque Enable") == 0

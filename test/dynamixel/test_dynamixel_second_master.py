@@ -7,13 +7,12 @@ from contextlib import suppress
 
 import pytest
 from second_master import SecondMaster
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     CommunicationError,
     DynamixelPort,
     Goal,
-    JointConfiguration,
     ServoModel,
     TorqueError,
     servo_model,
@@ -135,11 +134,7 @@ def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float, model: Ser
     servos = [SimulatedServo(i, model) for i in (1, 2)]
     made = Bench(servos)
     first, last = model.goal_range
-    joints = [
-        JointConfiguration(f"j{i}", i, model.center, first, last, model, controller=f"c{i}")
-        for i in (1, 2)
-    ]
-    bus = made.servo_bus(joints)
+    bus = made.servo_bus([joint_of(i, model, first, last) for i in (1, 2)])
     bus.connect()
     for _ in range(50):
         bus.command({"j1": Goal(0.3), "j2": Goal(-0.3)})

@@ -7,7 +7,7 @@ from contextlib import suppress
 from random import Random
 
 from dynamixel_fakes import submit
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     BusReading,
@@ -101,7 +101,4 @@ class Ordeal:
 
 
 def ordeal_joint(servo_id: int, model: ServoModel) -> JointConfiguration:
-    low, high = model.ticks // 4, 3 * model.ticks // 4
-    return JointConfiguration(
-        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
-    )
+    return joint_of(servo_id, model, model.ticks // 4, 3 * model.ticks // 4)

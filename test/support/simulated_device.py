@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from head_tracking.dynamixel import Adapter, DynamixelPort, Epoch, JointConfiguration, ServoBus
+from head_tracking.dynamixel import (
+    Adapter,
+    DynamixelPort,
+    Epoch,
+    JointConfiguration,
+    ServoBus,
+    ServoModel,
+)
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
 
 
@@ -13,6 +20,16 @@ def as_device(line: SimulatedLine) -> Any:
     """Return a line that takes the place of an open serial device."""
     line.adapter, line.close = Adapter(), lambda: None  # type: ignore[attr-defined]
     return line
+
+
+def joint_of(
+    servo_id: int, model: ServoModel, low: int = 0, high: int | None = None
+) -> JointConfiguration:
+    """Return a joint with this servo and these limits, in ticks; by default its whole range."""
+    high = model.ticks - 1 if high is None else high
+    return JointConfiguration(
+        f"j{servo_id}", servo_id, model.center, low, high, controller=f"c{servo_id}", model=model
+    )
 
 
 class Bench:
