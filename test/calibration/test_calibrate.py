@@ -73,10 +73,11 @@ def test_a_camera_without_pictures_is_named():
 class LateHead:
     """A head that turns at once, and whose joints are heard of late, as on a busy computer."""
 
-    def __init__(self, model, late):
+    def __init__(self, late):
         self.frames, self._late = TransformBuffer(), late
-        self.frames.set_model(model)
-        self.head = PanTiltHead(model, "head_pan_joint", "head_tilt_joint", "camera_link")
+        self.model = load_robot_model(robot_file("kinectbot"))
+        self.frames.set_model(self.model)
+        self.head = PanTiltHead(self.model, "head_pan_joint", "head_tilt_joint", "camera_link")
         self.true = {"head_pan_joint": 0.0, "head_tilt_joint": 0.0}
         self._reports = deque([(0.0, self.true)])
         self.hear()
@@ -98,40 +99,38 @@ class LateHead:
         gaze = self.head.gaze(point, *self.true.values())
         self.true = dict(zip(self.true, (gaze.pan, gaze.tilt), strict=True))
 
+    def film(self):
+        """Return what its camera sees of a marker."""
+
+        def camera(stamp):
+            return self.model.transform("base_link", "camera_optical_frame", self.true)
+
+        return film("still marker", camera)
+
+
+MARKER = MarkerParameters("4X4_50", -1, 0.16)
+
 
 def test_a_view_counts_only_while_the_joints_stand(quick, monkeypatch):
     monkeypatch.setattr(gathering, "_SETTLING", 0.0)
-    model = load_robot_model(robot_file("kinectbot"))
-    head = LateHead(model, 0.15)
-
-    def camera(stamp):
-        return model.transform("base_link", "camera_optical_frame", head.true)
-
-    found = calibrate_camera(
-        head, film("still marker", camera), marker=MarkerParameters("4X4_50", -1, 0.16)
-    )
+    head = LateHead(0.15)
+    found = calibrate_camera(head, head.film(), marker=MARKER)
     assert found.views > 8
     assert abs(found.estimates["camera yaw"].value) < math.radians(0.5)
 
 
 def test_a_camera_clock_that_is_ahead_costs_no_time(quick, monkeypatch):
     monkeypatch.setattr(gathering, "_LATE", 5.0)
-    model = load_robot_model(robot_file("kinectbot"))
-    head = LateHead(model, 0.0)
-
-    def camera(stamp):
-        return model.transform("base_link", "camera_optical_frame", head.true)
-
-    pictures = ((stamp + 3.0, picture) for stamp, picture in film("still marker", camera))
+    head = LateHead(0.0)
+    pictures = ((stamp + 3.0, picture) for stamp, picture in head.film())
     begin = time.monotonic()
-    found = calibrate_camera(head, pictures, marker=MarkerParameters("4X4_50", -1, 0.16))
+    found = calibrate_camera(head, pictures, marker=MARKER)
     assert found.views > 8
     assert time.monotonic() - begin < 45.0
 
 
 def test_unmeasured_joints_interrupt_a_calibration_but_do_not_end_it(quick, monkeypatch):
-    model = load_robot_model(robot_file("kinectbot"))
-    head = LateHead(model, 0.0)
+    head = LateHead(0.0)
     turn, calls = head.look_at, []
 
     def look_at(point, frame, *, max_velocity):
@@ -141,12 +140,7 @@ def test_unmeasured_joints_interrupt_a_calibration_but_do_not_end_it(quick, monk
         turn(point, frame, max_velocity=max_velocity)
 
     monkeypatch.setattr(head, "look_at", look_at)
-
-    def camera(stamp):
-        return model.transform("base_link", "camera_optical_frame", head.true)
-
-    film_of_marker = film("still marker", camera)
-    found = calibrate_camera(head, film_of_marker, marker=MarkerParameters("4X4_50", -1, 0.16))
+    found = calibrate_camera(head, head.film(), marker=MARKER)
     assert calls[2] == calls[3] == calls[4]
     assert found.views > 8
 
@@ -164,9 +158,7 @@ def test_the_play_of_simulated_servos_is_found(quick, degrees):
             return model.transform("base_link", "camera_optical_frame", true)
 
         with Head(servos.port_name, model, configured.servos, reply_timeout=0.3) as head:
-            found = head.calibrate(
-                film("still marker", camera), marker=MarkerParameters("4X4_50", -1, 0.16)
-            )
+            found = head.calibrate(film("still marker", camera), marker=MARKER)
     for name in ("pan play", "tilt play"):
         estimate = found.estimates[name]
         assert estimate.observable
@@ -180,7 +172,6 @@ def test_an_unknown_marker_family_is_refused_before_the_head_moves():
 
 
 def test_the_model_of_a_camera_must_fit_its_images():
-    marker = MarkerParameters("4X4_50", -1, 0.16)
     images = ((time.time(), np.zeros((240, 320, 3), np.uint8)) for _ in range(100))
     with Head.simulated() as head, pytest.raises(ValueError):
-        head.calibrate(images, marker=marker, model=camera_with_view(640, 480, math.radians(60.0)))
+        head.calibrate(images, marker=MARKER, model=camera_with_view(640, 480, math.radians(60.0)))

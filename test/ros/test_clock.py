@@ -195,7 +195,7 @@ def test_point_head_restarts_after_a_jump_of_the_clock(make):
 def test_a_whole_run_uses_simulated_time(make_robot):
     """A whole run, on a clock that comes 10 times a second and starts anew."""
     robot = make_robot(ros_args=["-p", "use_sim_time:=true"], wait=False)
-    states = robot.listen("head_tracker/state", String)
+    states = robot.hear("head_tracker/state", String)
     clock = robot.node.create_publisher(Clock, "/clock", 10)
     wait_for(lambda: states and "/clock is not published" in states[-1].data)
     start = time.monotonic()

@@ -40,7 +40,7 @@ def robot(running):
         interface.is_cautious = False
     if abs(running.pan) > 0.1 or interface.motion is not interface.targets:
         assert running.client.send(goal(3, 0, 0.4, velocity=5.0)).ended()[0] == SUCCEEDED
-    running.forget_log()
+    running.log.clear()
     return running
 
 

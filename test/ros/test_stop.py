@@ -102,7 +102,7 @@ def test_commands_of_an_earlier_epoch_are_discarded(robot):
     where = robot.at_rest()
     command = JointState(name=["head_pan_joint"], position=[where[0] + 0.5])
     command.header.frame_id = f"/elsewhere#{old}"
-    robot.forget_log()
+    robot.log.clear()
     commands = robot.node.create_publisher(JointState, "joint_commands", 1)
     wait_for(commands.get_subscription_count)
     commands.publish(command)

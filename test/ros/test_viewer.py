@@ -326,7 +326,7 @@ def test_joints_are_moved_one_by_one_and_all_together(robot, viewer, page):
         wait_for(lambda joint=joint: abs(robot.true(joint)) < 2 * DEGREE, PATIENCE)
         shown = joint_field(page, joint)
         wait_for(lambda shown=shown: abs(float(shown.input_value())) < 2.0, PATIENCE)
-    commands = robot.listen("joint_commands", JointState)
+    commands = robot.hear("joint_commands", JointState)
     press(page, "Randomise")
     wait_for(lambda: commands, PATIENCE)
     sent, head = dict(zip(commands[0].name, commands[0].position, strict=True)), viewer.robot.head()

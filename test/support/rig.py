@@ -205,48 +205,25 @@ class Servos:
         return seen[-1]
 
 
-class Person:
-    """Somebody at a terminal with ROS tools, who sees and asks only by ROS names.
+class Talker:
+    """Sees and asks only by ROS names, with a node that somebody spins.
 
     Args:
-        domain: of ROS.
+        node: of this process.
         namespace: of the robot that is talked to.
     """
 
-    def __init__(self, domain: str, namespace: str = "") -> None:
+    def __init__(self, node: Node, namespace: str = "") -> None:
         self._namespace = namespace
-        self._context = rclpy.Context()
-        rclpy.init(
-            context=self._context,
-            domain_id=int(domain),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self.node = Node("person", context=self._context, enable_rosout=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._ending = False
+        self.node = node
         self._heard: dict[str, list[Any]] = {}
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
         self.joints: dict[str, float] = {}
         self.joint_stamps: dict[str, float] = {}
         self.log: list[Log] = []
-        self.node.create_subscription(Log, "/rosout", self.log.append, 1000)
-        self.node.create_subscription(JointState, self.name("joint_states"), self._on_joints, 10)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        while not self._ending:
-            with suppress(InvalidHandle):  # the test has destroyed something meanwhile
-                self._executor.spin_once(timeout_sec=0.1)
-
-    def close(self) -> None:
-        self._ending = True
-        join(self._thread)
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        node.create_subscription(Log, "/rosout", self.log.append, 1000)
+        node.create_subscription(JointState, self.name("joint_states"), self._on_joints, 10)
 
     def name(self, relative: str) -> str:
         return relative if relative.startswith("/") else f"{self._namespace}/{relative}"
@@ -406,6 +383,41 @@ class Person:
         request = DescribeParameters.Request(names=listed.result.names)
         found = self._ask(DescribeParameters, f"{node}/describe_parameters", request)
         return {descriptor.name: descriptor for descriptor in found.descriptors}
+
+
+class Person(Talker):
+    """Somebody at a terminal with ROS tools.
+
+    Args:
+        domain: of ROS.
+        namespace: of the robot that is talked to.
+    """
+
+    def __init__(self, domain: str, namespace: str = "") -> None:
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=int(domain),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        super().__init__(Node("person", context=self._context, enable_rosout=False), namespace)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._ending = False
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._ending:
+            with suppress(InvalidHandle):  # the test has destroyed something meanwhile
+                self._executor.spin_once(timeout_sec=0.1)
+
+    def close(self) -> None:
+        self._ending = True
+        join(self._thread)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
 
 
 def assert_described(person: Person, node: str) -> None:

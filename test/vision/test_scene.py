@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from rendered_frames import KINECT, SMALL
+from rendered_frames import SMALL
 
 from head_tracking.scene import SCENES, Ball, Board, Renderer, Scene, SensorNoise, Swing, make_scene
 from head_tracking.scene.render import Rendering
@@ -58,21 +58,6 @@ def test_colours_and_depths_are_where_geometry_says(thing, pan):
     assert covered.sum() == pytest.approx(area, rel=0.12)
     assert (seen.picture[covered][:, 1] > 100).mean() > 0.95
     assert (seen.picture[~covered] == 120).mean() > 0.97
-
-
-@pytest.mark.parametrize("away", [0.5, 1.0, 2.0, 3.0])
-def test_positions_on_a_board_at_all_distances(away):
-    texture = plain((0, 0, 0))
-    texture[24:40, 24:40, :3] = 255
-    board = Board(np.kron(texture, np.ones((8, 8, 1), np.uint8)), 0.4, Swing(away, 0.65))
-    scene = Scene({"board": board})
-    light = Renderer(scene, KINECT).render(LEVEL, 0.0).picture[..., 0].astype(float)
-    pixel = KINECT.pixel(LEVEL.inverse() @ scene.position("board", 0.0))
-    u, v, half = round(pixel[0]), round(pixel[1]), round(0.08 * KINECT.fx / away)
-    around = np.s_[v - half : v + half + 1, u - half : u + half + 1]
-    rows, columns = np.mgrid[: KINECT.height, : KINECT.width]
-    found = [np.average(each[around], weights=light[around]) for each in (columns, rows)]
-    assert found == pytest.approx(pixel, abs=0.1)
 
 
 def test_the_nearer_one_hides_the_other_whatever_the_order():
