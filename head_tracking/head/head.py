@@ -437,6 +437,8 @@ class Head:
         servos: str | None = None,
         camera: str | None = None,
         servo_delay: float = 0.0,
+        servo_dead_band: float = 0.0,
+        servo_acceleration: float = 0.0,
     ) -> None:
         """Choose what tracking learns: "learn", "freeze" (use and keep) or "forget" values.
 
@@ -445,20 +447,26 @@ class Head:
             servos: for the servo models only; None: `how`.
             camera: for the timing of a camera on the head only; None: `how`.
             servo_delay: from a command to the motion [s], given by hand; 0: learned.
+            servo_dead_band: how far a servo stays behind its goal [rad], likewise.
+            servo_acceleration: how hard a servo accelerates its joint [rad/s^2], likewise.
 
         Raises:
-            ValueError: there is no such mode, or the delay is not from 0 to 0.15 s.
+            ValueError: there is no such mode, or a value is out of its range.
         """
         try:
             modes = [Learning(how if mode is None else mode) for mode in (servos, camera)]
             Learning(how)
         except ValueError as error:
             raise ValueError(f"{error}; allowed are {', '.join(Learning)}") from None
-        (delay,) = (each for each in fields(PredictiveLawParameters) if each.name == "servo_delay")
+        given = {
+            "servo_delay": servo_delay,
+            "servo_dead_band": servo_dead_band,
+            "servo_acceleration": servo_acceleration,
+        }
+        known = {each.name: parameter_info(each) for each in fields(PredictiveLawParameters)}
+        values = {name: checked(name, known[name], 0.0, given[name]) for name in given}
         self._settings = TrackingSettings(
-            law_parameters=PredictiveLawParameters(
-                servo_delay=checked(delay.name, parameter_info(delay), 0.0, servo_delay)
-            ),
+            law_parameters=PredictiveLawParameters(**values),
             servo_learning=modes[0],
             camera_learning=modes[1],
         )

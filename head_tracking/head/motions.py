@@ -349,8 +349,6 @@ class Tracking(TargetMotion):
             tracker.law.expect(self.control.memory.load())
         tracker.law.limits = settings.limits
         tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
-        for servo in tracker.law.servos.values():
-            servo.known_delay = tracker.law.parameters.servo_delay
         tracker.estimator.parameters = settings.estimator
         tracker.machine.parameters = settings.state
         tracker.learn(Learning(settings.servo_learning), Learning(settings.camera_learning))

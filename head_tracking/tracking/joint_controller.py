@@ -326,7 +326,7 @@ class JointController:
         dead_band: float,
     ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
-        known = servo.known_delay > 0.0 or servo.deviation < _UNSURE
+        known = servo.given.delay > 0.0 or servo.deviation < _UNSURE
         hardest = min(_USED * servo.acceleration, math.inf if known else _CAUTIOUS)
         speed = min(limits.speed, math.inf if known else _BRAKED * _CAUTIOUS)
         acceleration = min(limits.acceleration, hardest)

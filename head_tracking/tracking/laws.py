@@ -23,7 +23,7 @@ from head_tracking.tracking.joint_controller import (
 )
 from head_tracking.tracking.joint_readings import JointReading
 from head_tracking.tracking.learned import LearnedValue, ServoValues
-from head_tracking.tracking.servo_model import ServoModel
+from head_tracking.tracking.servo_model import GivenValues, ServoModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +86,25 @@ class PredictiveLawParameters:
         minimum=0.0,
         maximum=0.15,
     )
+    servo_dead_band: float = parameter(
+        0.0,
+        "How far a servo stays behind its goal; 0: estimated while the head moves.",
+        unit="rad",
+        minimum=0.0,
+        maximum=0.05,
+    )
+    servo_acceleration: float = parameter(
+        0.0,
+        "How hard a servo accelerates its joint; 0: estimated while the head moves.",
+        unit="rad/s^2",
+        minimum=0.0,
+        maximum=500.0,
+    )
+
+    @property
+    def given(self) -> GivenValues:
+        """The values of a servo that are given, not estimated."""
+        return GivenValues(self.servo_delay, self.servo_dead_band, self.servo_acceleration)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,7 +322,6 @@ class PredictiveLaw(TrackingLaw):
 
     Parameters = PredictiveLawParameters
     description = "with the target's predicted motion"
-    parameters: PredictiveLawParameters
     _aimed: tuple[float, float] | None
 
     def __init__(
@@ -313,13 +331,24 @@ class PredictiveLaw(TrackingLaw):
         limits: SpeedLimits | None = None,
         parameters: PredictiveLawParameters | None = None,
     ) -> None:
-        super().__init__(head, period, limits, parameters)
         self._joints = (
             JointController(head.pan_joint, head.pan_limits),
             JointController(head.tilt_joint, head.tilt_limits),
         )
         pan, tilt = self._joints
         self.servos = {head.pan_joint: pan.servo, head.tilt_joint: tilt.servo}
+        super().__init__(head, period, limits, parameters)
+
+    @property
+    def parameters(self) -> PredictiveLawParameters:
+        """See `TrackingLaw`."""
+        return self._parameters
+
+    @parameters.setter
+    def parameters(self, parameters: PredictiveLawParameters) -> None:
+        self._parameters = parameters
+        for servo in self.servos.values():
+            servo.given = parameters.given
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float
@@ -375,7 +404,6 @@ class PredictiveLaw(TrackingLaw):
         for joint, position, velocity in zip(
             self._joints, joints.positions, joints.velocities, strict=True
         ):
-            joint.servo.known_delay = self.parameters.servo_delay
             if anew:
                 joint.restart(joints.stamp, position, velocity)
             else:

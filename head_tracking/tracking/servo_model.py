@@ -14,6 +14,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -86,20 +87,30 @@ def _statistics(weights: Array, values: npt.ArrayLike) -> tuple[float, float]:
     return mean, math.sqrt(square)
 
 
+class GivenValues(NamedTuple):
+    """Values of a servo that the user has given, instead of the posterior's; 0: none.
+
+    Attributes:
+        delay: [s].
+        dead_band: [rad].
+        acceleration: [rad/s^2].
+    """
+
+    delay: float = 0.0
+    dead_band: float = 0.0
+    acceleration: float = 0.0
+
+
 class ServoModel:
     """Estimate one joint's set-point, and the delay, dead band and acceleration of its shaft.
 
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.
 
     Attributes:
-        known_delay: a given delay, used instead of the posterior [s]; 0: none.
+        given: values that are used instead of the posterior's.
         delay: from a command to the motion it causes, as used [s]; it follows `mean` slowly.
         mean: of the delay's posterior [s].
         deviation: standard deviation of the delay's posterior [s].
-        dead_band: mean of the posterior: how far the shaft stays behind the set-point [rad].
-        acceleration: geometric mean of the posterior over how hard the shaft can accelerate
-            [rad/s^2].
-        dead_band_deviation, acceleration_deviation: standard deviations of these.
         is_learning: whether the posterior changes.
         learned: time of its last change [s]; -inf: never.
         saved: values of an earlier run; None: none, or they were contradicted.
@@ -107,7 +118,7 @@ class ServoModel:
     """
 
     def __init__(self) -> None:
-        self.known_delay, self.is_learning = 0.0, True
+        self.given, self.is_learning = GivenValues(), True
         self.forget()
         self.restart(0.0, 0.0)
 
@@ -125,40 +136,52 @@ class ServoModel:
         saved, frozen = self.saved if self.learned == -math.inf else None, not self.is_learning
         at, is_saved = (self.learned, False) if saved is None else (saved.saved, True)
         delay = LearnedValue(
-            self.known_delay or self.delay,
+            self.given.delay or self.delay,
             "s",
             self.deviation,
             at,
             KNOWN,
-            is_given=self.known_delay > 0.0,
+            is_given=self.given.delay > 0.0,
             is_saved=is_saved,
             is_frozen=frozen,
         )
         band = LearnedValue(
             self.dead_band,
             "rad",
-            self.dead_band_deviation,
+            self._band[1],
             at,
             _INFORMED * _BAND_DEVIATION,
+            is_given=self.given.dead_band > 0.0,
             is_saved=is_saved,
             is_frozen=frozen,
         )
         acceleration = LearnedValue(
             self.acceleration,
             "rad/s^2",
-            self.acceleration_deviation,
+            self._acceleration[1],
             self.learned,
             _ROUGH * self.acceleration,
+            is_given=self.given.acceleration > 0.0,
             is_frozen=frozen,
         )
         return {"delay of its servo": delay, "dead band": band, "acceleration": acceleration}
+
+    @property
+    def dead_band(self) -> float:
+        """How far the shaft stays behind the set-point [rad]."""
+        return self.given.dead_band or self._band[0]
+
+    @property
+    def acceleration(self) -> float:
+        """How hard the shaft can accelerate [rad/s^2]: geometric mean of the posterior."""
+        return self.given.acceleration or self._acceleration[0]
 
     @property
     def to_save(self) -> ServoValues | None:
         """The estimates to save; None: the deviation of the delay is too large."""
         if self.learned == -math.inf or self.deviation > KNOWN:
             return None
-        return ServoValues(self.mean, self.deviation, self.dead_band)
+        return ServoValues(self.mean, self.deviation, self._band[0])
 
     def expect(self, saved: ServoValues | None) -> None:
         """Start with values of an earlier run; they count until motion contradicts them."""
@@ -172,7 +195,7 @@ class ServoModel:
             shafts[len(_BANDS) :] = 0.0
             self._expected = np.maximum(-0.5 * (off + shafts[:, None]), -_TRUST)
         self._posterior()
-        self.delay = self.known_delay or self.mean
+        self.delay = self.given.delay or self.mean
 
     @property
     def speed(self) -> float:
@@ -208,7 +231,7 @@ class ServoModel:
         """
         self._times, self._setpoints = [stamp], [position]
         self._speeds, self._rooms = [speed], [math.inf]
-        self.delay = self.known_delay or self.delay
+        self.delay = self.given.delay or self.delay
         self._offset, self._variance = 0.0, _FIRST**2
         self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
         self._shafts = [position] * len(_BANDS)
@@ -228,7 +251,7 @@ class ServoModel:
         while self._readings[1][0] <= stamp - (2 * _WINDOW + 8) * _CELL:
             self._readings.popleft()
         self._correct(stamp - last, stamp, position)
-        goal = self.known_delay or self.mean
+        goal = self.given.delay or self.mean
         change = _SLEW * (stamp - last)
         self.delay += min(max(goal - self.delay, -change), change)
 
@@ -256,7 +279,7 @@ class ServoModel:
 
     def _correct(self, elapsed: float, stamp: float, position: float) -> None:
         """Update the set-point's offset by a Kalman filter; errors due to the delay are noise."""
-        deviation = 0.0 if self.known_delay else self.deviation
+        deviation = 0.0 if self.given.delay else self.deviation
         here = self._shaft(stamp - self.delay)
         before = self._shaft(stamp - self.delay - max(deviation, elapsed))
         spread = abs(here - before) if deviation else 0.0
@@ -407,10 +430,9 @@ class ServoModel:
         by_shaft = weights.sum(axis=1)
         by_band = by_shaft[: len(_BANDS)]
         self._best = int(by_band.argmax())
-        self.dead_band, self.dead_band_deviation = _statistics(by_band, _BANDS)
+        self._band = _statistics(by_band, _BANDS)
         limit, spread = _statistics(by_shaft, _ROW_LIMITS)
-        self.acceleration = math.exp(limit)
-        self.acceleration_deviation = spread * self.acceleration
+        self._acceleration = math.exp(limit), spread * math.exp(limit)
         best = int(by_delay.argmax())
         if 0 < best < _CELLS - 1 and float(by_delay[best - 1 : best + 2].sum()) > _NARROW:
             # narrower than the grid: the vertex of the parabola through three scores
