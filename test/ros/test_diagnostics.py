@@ -13,6 +13,7 @@ from head_tracking.dynamixel import (
     Health,
     ServoState,
     ServoStatistics,
+    Symptom,
 )
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
@@ -32,6 +33,7 @@ SERVO = ServoStatistics(
     load=0.1,
     torque="torque on",
 )
+WARM = {Symptom.WARM: "it is at 64 °C"}
 STATE = ServoState("pan", 1, 0, 0.5, 0.0, 0.1, 11.9, 35.0, ErrorBits(0), True, 0.5)
 TIMING = BusTiming(50.0, 49.9, 0.004, 0)
 STATUS = BusStatus(
@@ -82,9 +84,9 @@ def test_a_servo_that_answers_is_ok():
         ({"last_stamp": None}, DiagnosticStatus.STALE),
         ({"last_stamp": 500_000_000}, DiagnosticStatus.STALE),
         ({"errors": ErrorBits.INPUT_VOLTAGE}, DiagnosticStatus.ERROR),
-        ({"temperature": 59.0}, DiagnosticStatus.OK),
-        ({"temperature": 60.0}, DiagnosticStatus.WARN),
-        ({"temperature": 65.0}, DiagnosticStatus.ERROR),
+        ({"temperature": 64.0}, DiagnosticStatus.OK),
+        ({"temperature": 64.0, "symptoms": WARM}, DiagnosticStatus.WARN),
+        ({"temperature": 65.0, "symptoms": WARM}, DiagnosticStatus.ERROR),
     ],
 )
 def test_only_a_healthy_servo_with_fresh_data_is_ok(changes, level):
@@ -100,7 +102,7 @@ def test_old_measurements_of_a_lost_servo_are_not_told():
 
 def test_two_servos_of_a_joint_have_an_entry_each():
     both = replace(
-        STATUS, statistics=BusStatistics(9, 0, 0, (SERVO, replace(SERVO, id=7, temperature=61.0)))
+        STATUS, statistics=BusStatistics(9, 0, 0, (SERVO, replace(SERVO, id=7, symptoms=WARM)))
     )
     assert entry(both, "pan (servo 1)").level == DiagnosticStatus.OK
     assert entry(both, "pan (servo 7)").level == DiagnosticStatus.WARN

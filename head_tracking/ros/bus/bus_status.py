@@ -29,12 +29,8 @@ class BusStatus:
     """The status of a bus at one moment.
 
     Attributes:
-        port_name: the port.
-        statistics: counters.
-        timing: of the cycle.
         states: of the latest cycle, by joint.
         now: time on the clock of the stamps [ns].
-        settings: with the temperature limits.
     """
 
     port_name: str
@@ -169,15 +165,12 @@ def _verdict(
         return Level.STALE, Health.STALE.value, FaultName.LATE
     if servo.errors:
         return Level.ERROR, errors, errors
+    if servo.temperature >= status.settings.hot:
+        text = f"{servo.temperature:.0f} degrees Celsius; {servo.torque}"
+        return Level.ERROR, text, FaultName.HOT
     if servo.symptoms:
         serious = any(symptom.serious for symptom in servo.symptoms)
         level = Level.ERROR if serious else Level.WARN
         texts = [f"{symptom.value}: {text}" for symptom, text in servo.symptoms.items()]
         return level, "; ".join(texts), ", ".join(symptom.value for symptom in servo.symptoms)
-    temperature = servo.temperature
-    warm = f"{temperature:.0f} degrees Celsius; {servo.torque}"
-    if temperature >= status.settings.hot:
-        return Level.ERROR, warm, FaultName.HOT
-    if temperature >= status.settings.warm:
-        return Level.WARN, warm, FaultName.HOT
     return Level.OK, servo.torque, ""
