@@ -49,8 +49,6 @@ class DynamixelBackend(JointBackend):
             epoch, or the rate is not possible.
 
     Attributes:
-        period: of the cycle [s].
-        joints: the configured joints of all buses.
         threads: one for each bus.
         measured: set as soon as a joint has been measured.
     """
@@ -133,14 +131,7 @@ class DynamixelBackend(JointBackend):
     def write(
         self, owner: str, goals: Mapping[str, Goal], epoch: int, claim: Claim | None = None
     ) -> None:
-        """Set goals, within the limits, of the joints that accept goals now; see `JointBackend`.
-
-        Args:
-            owner: of the joints.
-            goals: by joint.
-            epoch: in which they were made.
-            claim: see `ServoBus.command`.
-        """
+        """Set goals, within the limits, of the joints that accept goals now; see `JointBackend`."""
         try:
             result = self.command(goals, clamp=True, claim=claim, epoch=epoch)
         except DynamixelError as error:

@@ -21,8 +21,6 @@ class Controller:
     """Decides where joints go.
 
     Attributes:
-        name: its name as an owner of joints.
-        joints: the joints that it controls.
         failure: the exception that has ended it; None as long as it works.
     """
 
@@ -77,8 +75,6 @@ class ControlLoop:
         owners: of the joints, and STOP.
 
     Attributes:
-        buffer: as given.
-        owners: as given.
         backend: what drives the joints; None: nothing does yet.
         stuck: joints that cannot move as commanded, and why, as the servo bus of this process has
             diagnosed. A new motion removes its joints.

@@ -25,8 +25,6 @@ class OwnershipError(Exception):
     """A joint belongs to another owner.
 
     Attributes:
-        joint: the joint.
-        owner: who owns it.
         leased: whether its claim ends when it sends no more commands.
     """
 
@@ -55,7 +53,6 @@ class JointOwners:
         clock: monotonic time [s].
 
     Attributes:
-        epoch: as given.
         stopped: whether everything but `resume` is refused.
     """
 
@@ -106,12 +103,7 @@ class JointOwners:
             return self._permit(epoch)
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
-        """Give joints to an owner, all or none.
-
-        Args:
-            owner: the new owner.
-            joints: their names.
-            lease: time after which the claim ends, unless it is repeated [s].
+        """Give joints to an owner, all or none, for `lease` seconds unless it claims them again.
 
         Raises:
             OwnershipError: one belongs to another owner.

@@ -60,8 +60,6 @@ class ServoBus:
     spreads them over the cycles, or to `servo.run`, which takes them at once.
 
     Args:
-        port: The port of the servos.
-        joints: The joints to drive.
         clock: Clock of the stamps of measurements, ns.
         monotonic: Monotonic time, ns.
         settings: Limits for silence, faults and heat.
@@ -407,16 +405,10 @@ class ServoBus:
     def recovering(
         self, joints: Iterable[str] | None = None, patience: float = 0.0
     ) -> Steps[tuple[str, ...]]:
-        """Clear the faults of joints, or of all (None), and leave them relaxed.
+        """Clear the faults of joints, or of all (None), leave them relaxed; return those with one.
 
-        Protocol 1.0 servos of Dynamixel are ready at once; others restart.
-
-        Args:
-            joints: The joints.
-            patience: How long to wait for servos that restart, s.
-
-        Returns:
-            The joints that had a fault.
+        Protocol 1.0 servos of Dynamixel are ready at once; others restart, which is waited for
+        `patience` seconds at most.
 
         Raises:
             ServoError: A servo does not recover.
@@ -451,10 +443,6 @@ class ServoBus:
         self, joint: str, settings: EepromSettings
     ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
         """Write settings into the memory of a relaxed joint's servos, which takes about 0.1 s each.
-
-        Args:
-            joint: The joint.
-            settings: The settings.
 
         Returns:
             Old and new values of what was changed, by servo id and register name.

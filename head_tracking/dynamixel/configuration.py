@@ -26,7 +26,6 @@ class ServoCalibration:
         init: Tick of position 0 rad.
         min: Tick of the lowest position.
         max: Tick of the highest position.
-        model: The servo's model.
         offset: Position offset in the servo's memory, ticks; a servo with another one is refused.
             None: do not check it.
         reverse: Whether Drive Mode reverses ticks; a servo that does not fit is refused. None: do
@@ -158,7 +157,6 @@ class JointConfiguration(ServoCalibration):
         controller: Prefix of the joint's topics, such as head_pan_controller.
         joint_speed: Speed of commands without a speed, rad/s.
         max_speed: Highest goal speed, rad/s; None: the model's no-load speed.
-        second: The second servo.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.

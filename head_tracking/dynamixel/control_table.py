@@ -88,7 +88,6 @@ class Block:
 
     Attributes:
         registers: In rising order of address; bytes between them are skipped.
-        byte_order: "little" or "big".
         layout: Packs and unpacks one value for each register, unchecked.
     """
 
@@ -150,7 +149,6 @@ class ControlTable:
     Args:
         name: Name of the model, for messages.
         registers: All documented registers.
-        byte_order: Of registers with several bytes, "little" or "big".
 
     Raises:
         RangeError: Two registers overlap or share a name.

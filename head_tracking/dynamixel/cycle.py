@@ -48,12 +48,7 @@ class _Part(NamedTuple):
 class Cycle:
     """Reads and writes the servos of a port, and finds those that return.
 
-    Args:
-        bus: What the parts of the bus share.
-        procedures: Carries out what takes several transactions.
-
     Attributes:
-        cycles: Number of cycles.
         port_losses: How often the port was lost.
         incomplete: Joints of which some servo does not answer.
         diagnosis: Symptoms of each servo.

@@ -22,10 +22,7 @@ class Joint:
     """State of one joint. Only the thread that owns the bus changes it; any thread may read it.
 
     Args:
-        configuration: Of the joint.
-        port: The port of its servos.
         watchdog: Time without any packet after which its servos shall stop, s; 0: never.
-        version: Of its bus.
     """
 
     def __init__(

@@ -81,13 +81,9 @@ class DynamixelPort:
         baud_rate: Bits per second; factory default: AX 1000000, X and MX 57600.
         reply_timeout: Time that a servo may take to reply, besides the time on the wire, s; None:
             estimate it (`ReplyTimeout`).
-        open_device: Opens the device.
         clock: Monotonic time, s; the clock of the device's deadlines.
 
     Attributes:
-        name: Device.
-        baud_rate: Bits per second.
-        clock: Monotonic time, s.
         adapter: Facts about the adapter, once the port has been open.
         stable_name: Name of the adapter by its serial number, once the port has been open; "": it
             has none.
@@ -292,12 +288,8 @@ class DynamixelPort:
     ) -> None:
         """Write the same registers of several servos in one packet; there is no reply.
 
-        Args:
-            address: First register byte.
-            data: What to write, by servo id.
-            protocol: 1 or 2.
-            patience: How long to wait for a gap between the packets of another program, s. Use it
-                for packets that must arrive, such as STOP.
+        Packets that must arrive, such as STOP, have a `patience`: seconds to wait for a gap between
+        the packets of another program.
 
         Raises:
             LineBusyError: There was no gap; nothing was sent.

@@ -34,11 +34,7 @@ _LONGEST_WAIT: Final = 10.0  # s for another procedure of the same joint
 
 
 class Procedures:
-    """The procedures of one bus.
-
-    Args:
-        bus: What the parts of the bus share.
-    """
+    """The procedures of one bus."""
 
     def __init__(self, bus: BusContext) -> None:
         self._bus, self._requests, self._note = bus, bus.requests, bus.note
@@ -116,15 +112,10 @@ class Procedures:
     def relax(
         self, joints: Sequence[Joint], *, stop: bool = False, disarm: bool = False
     ) -> Steps[dict[str, str]]:
-        """Relax joints: the first step switches torque off, the others read it back.
+        """Relax joints; return by joint why it has not confirmed, empty where it has.
 
-        Args:
-            joints: The joints.
-            stop: Whether to take them out of the cycle, too.
-            disarm: Whether to switch off the Bus Watchdog of their servos, too.
-
-        Returns:
-            By joint, why it has not confirmed; empty where it has.
+        The first step switches torque off, the others read it back. `stop`: take them out of the
+        cycle, too; `disarm`: switch off the Bus Watchdog of their servos, too.
         """
         sure = [s for each in joints if each.stopped and each.confirmed for s in each.servos]
         for joint in joints:

@@ -190,11 +190,6 @@ def bulk_read_packet(ids: Sequence[int], address: int, length: int) -> bytes:
 def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) -> bytes:
     """Return the instruction to write the same registers of several servos.
 
-    Args:
-        protocol: 1 or 2.
-        address: First register byte.
-        data: What to write, by servo id.
-
     Raises:
         CommunicationError: The data differ in length, or there are too many.
     """
@@ -300,12 +295,8 @@ def joint_status_size(count: int, length: int) -> int:
 def split_joint_status(status: Status, length: int, count: int) -> list[Status]:
     """Return the reply of each servo in the reply to a fast sync read; [] if its size is wrong.
 
-    Each part is ERROR ID DATA and a CRC of the packet so far; the last CRC is the packet's own.
-
-    Args:
-        status: The whole reply; its error byte is the first servo's.
-        length: Bytes of data of each servo.
-        count: Number of servos.
+    Each part is ERROR ID DATA and a CRC of the packet so far; the last CRC is the packet's own, and
+    its error byte is the first servo's. Each servo has `length` bytes of data.
     """
     content = bytes((status.error,)) + status.data
     size = length + 4

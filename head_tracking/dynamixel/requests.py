@@ -26,11 +26,7 @@ _CLOSED: Final = "the servo bus has stopped"
 
 
 class Epoch:
-    """Counts STOPs, for everything that is stopped together. For any thread.
-
-    Attributes:
-        value: Number of STOPs so far.
-    """
+    """Counts STOPs, for everything that is stopped together. For any thread."""
 
     def __init__(self) -> None:
         self.value = 0
@@ -71,16 +67,13 @@ class RequestQueue:
 
     Args:
         epoch: Shared with everything that one STOP stops.
-        monotonic: Monotonic time, ns.
 
     Attributes:
-        epoch: The same.
         obeyed: The last epoch whose STOP the bus has carried out; requests that the bus itself
             starts are of this epoch.
         arrived: Notified when a request has arrived or the queue has been closed.
         under_way: Requests that have begun, in turn.
         goals: Goals that have not been accepted, by joint.
-        closed: Whether requests are refused.
     """
 
     def __init__(self, epoch: Epoch, monotonic: Callable[[], int]) -> None:

@@ -141,9 +141,7 @@ def serial_ports() -> tuple[str, ...]:
 def port_error(port_name: str, cause: Exception) -> PortError:
     """Return the error for a device that could not be opened.
 
-    Args:
-        port_name: The device.
-        cause: An OSError, or pyserial's ValueError for an unsupported baud rate.
+    The cause is an OSError, or pyserial's ValueError for an unsupported baud rate.
     """
     if isinstance(cause, ValueError):
         return PortError(port_name, f"it does not support this baud rate: {cause}")

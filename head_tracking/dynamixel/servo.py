@@ -106,9 +106,6 @@ class Servo:
     """A servo on a port. Only the thread that owns the port changes it; any thread may read it.
 
     Args:
-        port: The port.
-        servo_id: Its id.
-        model: Its model.
         calibration: Of its joint; None: the whole range of the servo, zero in the middle.
         watchdog: Time without any packet after which it shall stop by itself, s; 0: never.
         version: Of its bus; None: its own.
@@ -509,11 +506,7 @@ class Servo:
     def calibrate(
         self, calibration: ServoCalibration, own_range: tuple[int, int] | None = None
     ) -> None:
-        """Use a calibration, within the servo's own angle limits.
-
-        Args:
-            calibration: Of its joint.
-            own_range: Lowest and highest tick by the servo's own angle limits; None: as before.
+        """Use a calibration, within the servo's own angle limits (ticks; None: those known).
 
         Raises:
             ConfigurationError: They have nothing in common; nothing has changed.
@@ -619,9 +612,7 @@ def model_name(number: int) -> str:
 def wrong_mode(servo: Servo, memory: Mapping[str, int]) -> Iterator[tuple[str, int, str]]:
     """Yield name, right value and what is wrong of registers that prevent position control.
 
-    Args:
-        servo: The servo.
-        memory: Values of its registers, by name, with those of its modes and position limits.
+    `memory` has the values of its registers by name, with those of its modes and position limits.
     """
     for name, mode in servo.model.modes.items():
         if not mode.fits(memory[name]):

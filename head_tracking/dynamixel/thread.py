@@ -45,7 +45,6 @@ class BusThread:
             the bus. Other threads can use the bus meanwhile.
 
     Attributes:
-        bus: The bus.
         error: The exception that ended the thread, if one did.
         unconfirmed: Joints that did not confirm at the end that they are relaxed.
 

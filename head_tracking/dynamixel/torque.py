@@ -121,14 +121,8 @@ def relaxing(
 ) -> Steps[dict[int, str]]:
     """Switch torque off: the first step sends it to all, the others read each servo back.
 
-    Args:
-        port: The port of the servos.
-        servos: Which.
-        disarm: Whether to switch off their Bus Watchdog, too.
-        sure: Servos that have confirmed before, and may be unplugged now.
-
-    Returns:
-        By id, why a servo did not confirm; empty where it did.
+    `disarm`: switch off their Bus Watchdog, too. Servos in `sure` have confirmed before, and may be
+    unplugged now. Returns by id why a servo did not confirm, empty where it did.
     """
     for servo in servos:
         servo.confirmed, servo.held_by = servo in sure, None

@@ -62,11 +62,7 @@ class ReplyTimeout:
 
 
 class LateReplies:
-    """Replies that may still arrive after their timeout.
-
-    Args:
-        clock: Monotonic time, s.
-    """
+    """Replies that may still arrive after their timeout."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self.due: dict[tuple[int, int, int], list[float]] = {}

@@ -81,8 +81,6 @@ class Motion(NamedTuple):
     """The servo of a joint, and its tick at three poses.
 
     Attributes:
-        servo: the servo.
-        zero: tick at position 0.
         low: tick at the lowest position; above `high` for a servo mounted in reverse.
         high: tick at the highest position.
     """
@@ -96,12 +94,8 @@ class Motion(NamedTuple):
 def calibration_of(name: str, motion: Motion, margin: float) -> ServoCalibration:
     """Return the calibration of a servo from its ticks at three poses.
 
-    It includes offset and direction in the servo's memory; the bus refuses a servo with others.
-
-    Args:
-        name: name of the joint in the configuration.
-        motion: the servo and its ticks.
-        margin: distance of the limits from the ends [rad].
+    It includes offset and direction in the servo's memory; the bus refuses a servo with others. The
+    limits are `margin` [rad] inside the lowest and highest pose.
 
     Raises:
         RefusedError: the poses are not possible.

@@ -52,10 +52,7 @@ class FoundServo(NamedTuple):
 
     Attributes:
         baud_rate: value of its register [bit/s]; if that cannot be read, the rate of the ping.
-        id: the id.
-        protocol: 1 or 2.
         model: name of its model, or why it is unknown.
-        is_corrupt: whether its answers are corrupt.
     """
 
     baud_rate: int
@@ -94,12 +91,7 @@ def scan(session: Session, baud_rates: Sequence[int], ids: Sequence[int]) -> int
 def find_servos(
     session: Session, baud_rates: Sequence[int], ids: Sequence[int]
 ) -> list[FoundServo]:
-    """Return the servos that answer pings.
-
-    Args:
-        session: the port, and the terminal for messages.
-        baud_rates: to try in this order; rates that the port does not support are skipped.
-        ids: to ping.
+    """Return the servos that answer pings; baud rates that the port does not support are skipped.
 
     Raises:
         PortError: the port does not exist, is in use, or may not be opened.

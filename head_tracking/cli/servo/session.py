@@ -40,12 +40,7 @@ class Session:
     """The terminal and the port of one command.
 
     Attributes:
-        terminal: for input and output.
-        port_name: serial device.
-        baud_rate: default baud rate [bit/s].
         make_port: makes a closed port from device and baud rate.
-        pause: waits for a time [s].
-        clock: returns monotonic time [s].
     """
 
     terminal: Terminal
@@ -87,12 +82,7 @@ def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -
 
 
 def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> Servo:
-    """Return the servo with an id.
-
-    Args:
-        port: the open port.
-        servo_id: the id.
-        model: model of a servo that answers no reads.
+    """Return the servo with an id; `model` is needed for one that answers no reads.
 
     Raises:
         ToolError: the servo does not answer, or its model is unknown.

@@ -38,8 +38,6 @@ class BusServices:
     They run in threads of their own, see `UrgentServices`.
 
     Args:
-        bus: the node servo_bus.
-        servos: execute the requests.
         loop: has STOP; while the head is stopped, only requests to relax are executed.
         eeprom: returns the settings that `write_eeprom` writes.
         short_names: offer the services of the whole bus also without the node's name.
@@ -151,11 +149,7 @@ class BusServices:
     ) -> list[Any]:
         """Return the result of each bus; raise the first error after all have ended.
 
-        Args:
-            joints: their names.
-            request: the function to run in the thread of each bus.
-            timeout: maximum time [s].
-            relaxes: whether it only switches off torque, which is done also after a STOP.
+        A request that `relaxes` only switches off torque, which is done also after a STOP.
 
         Raises:
             StoppedError: the head is stopped, or was before the request was executed.

@@ -83,7 +83,6 @@ class ServoBusNode(ClosingNode):
             not answer.
 
     Attributes:
-        backend: the servos.
         failure: the error that has ended a bus; None as long as all run.
     """
 
@@ -384,9 +383,6 @@ class StatesMessage:
 
     The stamp is the mean of the servos' stamps. `effort` is empty: servos measure a ratio of their
     full load, which is in the diagnostics.
-
-    Args:
-        states: of the joints in the message.
     """
 
     def __init__(self, states: Mapping[str, ServoState]) -> None:
