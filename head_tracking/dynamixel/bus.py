@@ -303,7 +303,7 @@ class ServoBus:
             self._port.close()
             raise
         self.requests.drop_goals()
-        self.requests.obeyed = self.epoch.value
+        self.requests.obeyed, self.requests.closed = self.epoch.value, False
         self._connected = True
         for joint, servo in self._each_servo():
             self._procedures.note_shortcomings(joint, servo)

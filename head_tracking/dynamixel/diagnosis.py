@@ -285,9 +285,6 @@ def _stuck(watch: _Watch) -> str:
 
 Detector = tuple[Symptom, Callable[[_Watch], str]]
 
-LINE: Final[tuple[Detector, ...]] = ((Symptom.LINE, _line),)
-"""For servos with a failed transaction since the last examination."""
-
 READ: Final[tuple[Detector, ...]] = (
     (Symptom.JUMP, _jump),
     (Symptom.FROZEN, _frozen),
@@ -301,9 +298,6 @@ FOLLOWING: Final[tuple[Detector, ...]] = (
     (Symptom.BLOCKED, _stuck),
 )
 """For servos with a goal; registers are read before one of these is reported."""
-
-PAIR: Final[tuple[Detector, ...]] = ((Symptom.APART, _apart),)
-"""For the first of two servos of a joint."""
 
 
 class Diagnosis:
@@ -348,7 +342,7 @@ class Diagnosis:
                 if joint.goal_ticks:
                     watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
                 if servo.counters.timeouts + servo.counters.corrupt != watch.failed:
-                    self._find(watch, LINE)
+                    self._find(watch, Symptom.LINE, _line)
                 if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
                     self._examine(watch)
                 else:
@@ -356,7 +350,7 @@ class Diagnosis:
                     if servo.lost and watch.target:
                         self._end(watch, "not reached: the servo does not answer")
             if len(watches) > 1:
-                self._find(watches[0], PAIR)
+                self._find(watches[0], Symptom.APART, _apart)
 
     def _examine(self, watch: _Watch) -> None:
         """Examine a servo that was read in this cycle."""
@@ -368,7 +362,8 @@ class Diagnosis:
         watch.step, watch.position, watch.stamp = step, servo.position, servo.stamp
         if watch.identity is not servo.identity:
             watch.identity, watch.usual_voltage, watch.step = servo.identity, servo.voltage, 0.0
-        self._find(watch, READ)
+        for symptom, find in READ:
+            self._find(watch, symptom, find)
         slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
         for symptom, text in conditions(servo, self._settings.warm, slack=slack).items():
             if symptom is Symptom.WARM or watch.lasting("low supply", 0.06):
@@ -426,10 +421,9 @@ class Diagnosis:
         elif symptom is Symptom.TRIPPED:
             self._procedures.clear_watchdog(joint)
 
-    def _find(self, watch: _Watch, detectors: tuple[Detector, ...]) -> None:
-        for symptom, find in detectors:
-            if text := find(watch):
-                self._report(watch, symptom, text)
+    def _find(self, watch: _Watch, symptom: Symptom, find: Callable[[_Watch], str]) -> None:
+        if text := find(watch):
+            self._report(watch, symptom, text)
 
     def _report(self, watch: _Watch, symptom: Symptom, text: str) -> None:
         watch.seen[symptom] = watch.now

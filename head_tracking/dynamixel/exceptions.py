@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.parameters import ParameterError
 
 
 def _join(values: Iterable[object]) -> str:
@@ -15,7 +16,7 @@ class DynamixelError(HeadTrackingError):
     """Root of all errors of servos and their bus."""
 
 
-class ConfigurationError(DynamixelError):
+class ConfigurationError(DynamixelError, ParameterError):
     """The configuration of a joint, a model name or a baud rate is wrong."""
 
 

@@ -73,18 +73,13 @@ class BusThread:
         self._wake = bus.requests.arrived
         self._owner = threading.Lock()  # held while the bus is used
         self._stopping = False
-        self._closing = self._ended = False
+        self._closing = False
         self.error: BaseException | None = None
         self.unconfirmed: tuple[str, ...] = ()
         self._longest = 0
         self._reached = 0.0
         self._missed = 0
         self._thread = threading.Thread(target=self._run, name="servo bus", daemon=True)
-
-    @property
-    def running(self) -> bool:
-        """Whether the thread runs cycles."""
-        return self._thread.is_alive() and not self._ended
 
     @property
     def timing(self) -> BusTiming:
@@ -170,7 +165,7 @@ class BusThread:
         if not self._owner.acquire(timeout=timeout):
             raise BusStoppedError(f"the port {self.bus.port_name} was not free for {timeout} s")
         try:
-            if self._ended:
+            if self._requests.closed:
                 raise BusStoppedError("the servo bus has stopped")
             return function(self.bus)
         finally:
@@ -188,14 +183,13 @@ class BusThread:
     def _finish(self) -> None:
         """Close the bus once."""
         with self._owner:
-            if self._ended:
+            if self._requests.closed:
                 return
             self._closing = True
             self.unconfirmed = tuple(joint.joint_name for joint in self.bus.joints)
             try:
                 self.unconfirmed = self.bus.close()
             finally:
-                self._ended = True
                 self._requests.close()
 
     def _run_cycles(self) -> None:
@@ -204,12 +198,12 @@ class BusThread:
         while self._wait(due):
             begin = time.monotonic_ns()
             with self._owner:
-                if self._ended:  # another thread has closed the bus
+                if self._requests.closed:  # another thread has closed the bus
                     return
                 reading = self.bus.cycle.read()
             self._update(reading)
             with self._owner:
-                if self._ended:
+                if self._requests.closed:
                     return
                 events = self.bus.cycle.write()
             end = time.monotonic_ns()
@@ -233,7 +227,7 @@ class BusThread:
         """
         while not self._stopping:
             with self._owner:
-                if self._ended:
+                if self._requests.closed:
                     return False
                 if found := self._requests.has_waiting():
                     self._requests.begin_next()

@@ -255,6 +255,7 @@ NAMED = {
     "cable out": (AX, lambda rig: rig[1].power_off(), ("no answer",)),
     "adapter unplugged": (AX, _unplugged, ("unplugged",)),
     "second servo with its id": (AX, _twin, ("two servos",)),
+    "second servo with its id, STS": (STS, _twin, ("two servos",)),
     "disturbed line": (AX, _line, ("line disturbed",)),
     "encoder jumps": (AX, _jumps, ("encoder jumps",)),
     "another master": (AX, _other_master, ("overruled",)),

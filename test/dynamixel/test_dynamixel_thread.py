@@ -34,9 +34,8 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
     thread = BusThread(connected(FakePort()), 200.0, readings.append)
     thread.start()
     assert eventually(lambda: thread.timing.reached_rate > 0.0)
-    assert thread.running
     thread.stop()
-    assert not thread.running
+    assert thread.bus.requests.closed
     assert [reading.cycle for reading in readings] == list(range(1, len(readings) + 1))
     timing = thread.timing
     assert timing.update_rate == 200.0
@@ -139,7 +138,7 @@ def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
     error, torque = reported[0]
     assert torque == 0  # relaxed before the error is reported
     assert thread.error is error is failure
-    assert not thread.running
+    assert thread.bus.requests.closed
     thread.stop()
 
 
@@ -162,7 +161,7 @@ def test_stop_from_the_callback_does_not_wait_for_itself() -> None:
     thread = BusThread(connected(port), 100.0, lambda reading: threads[0].stop())
     threads.append(thread)
     thread.start()
-    assert eventually(lambda: not thread.running)
+    assert eventually(lambda: thread.bus.requests.closed)
     assert thread.error is None
 
 
@@ -203,4 +202,17 @@ def test_a_bus_that_is_slow_to_close_is_not_called_hanging() -> None:
     thread.start()
     threading.Timer(0.3, release.set).start()
     thread.stop(timeout=0.05)
-    assert thread.unconfirmed == () and not thread.running
+    assert thread.unconfirmed == () and thread.bus.requests.closed
+
+
+def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
+    port = FakePort()
+    bus = connected(port)
+    BusThread(bus, 100.0, ignore).stop()
+    bus.connect()
+    thread = BusThread(bus, 100.0, ignore)
+    thread.start()
+    thread.call(lambda bus: bus.switching_torque(None, True)).result(PATIENCE)
+    thread.stop()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+    assert not port.opened

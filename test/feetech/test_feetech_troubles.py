@@ -21,7 +21,6 @@ from head_tracking.dynamixel import (
     EventKind,
     Goal,
     JointConfiguration,
-    Symptom,
     Torque,
     check_configuration,
     servo_model,
@@ -174,15 +173,6 @@ def test_a_brown_out_is_named_and_nothing_moves_until_a_command() -> None:
     assert rig.states["pan"].position == pytest.approx(0.2, abs=0.02)
 
 
-def test_a_supply_that_sags_under_load_is_named() -> None:
-    rig = Rig(SimulatedServo(1, STS))
-    rig.bus.connect()
-    rig.go(0.5)
-    rig.servo.supply_voltage = 8.0
-    rig.steps(0.3)
-    assert {Symptom.SUPPLY, Symptom.SAG} & set(rig.bus.statistics().servos[0].symptoms)
-
-
 def test_a_servo_for_7_volts_on_12_is_reported_and_works_all_the_same() -> None:
     """lerobot issue 1010: the voltage bit in every reply was read as a failure."""
     joint = replace(JOINT, model=servo_model("STS3215-C001"))
@@ -208,34 +198,7 @@ def test_torque_off_is_obeyed_and_not_a_failure_while_an_overload_is_reported() 
     assert rig.bus.joint("pan").torque is Torque.OFF_ON_REQUEST
 
 
-@pytest.mark.parametrize("model", [STS, SCS], ids=["STS", "SCS"])
-def test_a_servo_that_has_shut_down_restarts_when_it_is_told_to_recover(model) -> None:
-    center, quarter = model.center, model.ticks // 4
-    joint = replace(JOINT, model=model, init=center, min=center - quarter, max=center + quarter)
-    rig = Rig(SimulatedServo(1, model, boot_time=0.2), joint)
-    rig.bus.connect()
-    rig.go(0.3)
-    rig.servo.overload()
-    rig.steps(0.2)
-    assert rig.bus.joint("pan").torque is Torque.OFF_BY_FAULT
-    assert rig.servo.register("Torque Enable") == 0
-    run(rig.bus.recovering(), rig.bench.pass_time)
-    rig.steps(1.0)
-    assert rig.bus.joint("pan").torque is Torque.OFF_UNTIL_COMMANDED
-    assert rig.go(0.1).states["pan"].position == pytest.approx(0.1, abs=0.02)
-
-
 # One line
-
-
-def test_two_servos_with_one_id_are_named() -> None:
-    """lerobot issue 526: new servos all have id 1."""
-    rig = Rig(SimulatedServo(1, STS))
-    rig.bus.connect()
-    rig.go(0.3)
-    rig.bench.bus._servos = (rig.servo, SimulatedServo(1, STS, position=100))
-    rig.steps(1.0)
-    assert any("two servos" in event.text for event in rig.events)
 
 
 @pytest.mark.parametrize("other", ["SCS0009", "AX-12", "XM430-W350"])

@@ -29,7 +29,6 @@ from head_tracking.dynamixel import (
     BusEvent,
     BusReading,
     BusStoppedError,
-    ConfigurationError,
     DynamixelError,
     DynamixelPort,
     EepromSettings,
@@ -43,7 +42,6 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.configuration import fastest_speed
 from head_tracking.exceptions import RefusedError
-from head_tracking.parameters import ParameterError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.kit.diagnostics import diagnostics
@@ -191,19 +189,15 @@ class ServoBusNode(ClosingNode):
         prefix = f"{dynamixel}_controller."
 
         def check_speeds(p: ControllerParameters) -> None:
-            _refuse_impossible(
-                lambda: replace(joint, joint_speed=p.joint_speed, max_speed=p.max_speed or None)
-            )
+            replace(joint, joint_speed=p.joint_speed, max_speed=p.max_speed or None)
 
         def set_speeds(p: ControllerParameters) -> None:
             self._set_limits(p.joint_name, max_speed=p.max_speed)
             self.backend.joint(p.joint_name).set_default_speed(p.joint_speed)
 
         def check_limits(p: MotorParameters) -> None:
-            _refuse_impossible(lambda: replace(joint, min=p.min, max=p.max))
-            _refuse_impossible(
-                lambda: self.backend.joint(joint.joint_name).reconfigured(p.min, p.max)
-            )
+            replace(joint, min=p.min, max=p.max)
+            self.backend.joint(joint.joint_name).reconfigured(p.min, p.max)
 
         def set_limits(p: MotorParameters) -> None:
             self._set_limits(joint.joint_name, lowest=p.min, highest=p.max)
@@ -404,13 +398,6 @@ class StatesMessage:
         message.position = array.array("d", positions)
         message.velocity = array.array("d", velocities)
         return message
-
-
-def _refuse_impossible(make: Callable[[], object]) -> None:
-    try:
-        make()
-    except ConfigurationError as error:
-        raise ParameterError(str(error)) from error
 
 
 def goals_from_message(message: JointState) -> dict[str, Goal]:
