@@ -44,12 +44,10 @@ class JointOwners:
     A controller owns its joints until it releases them. A sender of commands owns them while it
     sends (a lease). STOP takes all joints from their owners, until `resume` gives them back.
 
-    A request or a goal carries the epoch in which it was made, from `permit` or `check`. STOP
-    advances the epoch before it does anything else, and older requests are discarded.
+    A request or a goal carries the epoch in which it was made, from `permit` or `check`.
 
     Args:
         exclusive: refuse commands for a joint of another owner; else the last command wins.
-        epoch: counts STOPs; None: a new one.
         clock: monotonic time [s].
 
     Attributes:
@@ -60,10 +58,9 @@ class JointOwners:
         self,
         *,
         exclusive: bool = True,
-        epoch: Epoch | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.epoch = epoch or Epoch()
+        self.epoch = Epoch()
         self.stopped = False
         self._exclusive = exclusive
         self._clock = clock

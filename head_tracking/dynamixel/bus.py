@@ -56,8 +56,7 @@ class ServoBus:
 
     Servos and the adapter may be unplugged and return at any time.
 
-    Methods that return `Steps` need several transactions: pass them to `BusThread.call`, which
-    spreads them over the cycles, or to `servo.run`, which takes them at once.
+    Methods that return `Steps` need several transactions: pass them to `BusThread.call`.
 
     Args:
         clock: Clock of the stamps of measurements, ns.

@@ -96,7 +96,6 @@ class Cycle:
         start = self._monotonic()
         stamp = self._clock()
         states: dict[str, ServoState] = {}
-        failed: tuple[str, ...] = ()
         self._connected = self._unusual = False
         self._poll_time = 0
         if self._requests.obeyed != self._requests.epoch.value:
@@ -111,7 +110,7 @@ class Cycle:
                     self._make_plan()
                 if self._read(stamp, states) or self._unusual:
                     self._unusual = True
-                    failed = self._settle(states, start)
+                    self._settle(states, start)
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
                     self.diagnosis.examine(start)
@@ -124,7 +123,7 @@ class Cycle:
             self._lose_port(cause)
         self._read_time = self._monotonic() - start - self._poll_time
         events = self._bus.take_events() if self._bus.events else ()
-        return BusReading(self.cycles, stamp, states, failed, self._lost, events)
+        return BusReading(self.cycles, stamp, states, self._lost, events)
 
     def write(self) -> tuple[BusEvent, ...]:
         """End a cycle: write all goals, take steps of procedures; return new events.
@@ -192,10 +191,9 @@ class Cycle:
         else:
             servo.note_reply()
 
-    def _settle(self, states: dict[str, ServoState], now: int) -> tuple[str, ...]:
-        """Handle what was unusual; return the joints that did not answer."""
+    def _settle(self, states: dict[str, ServoState], now: int) -> None:
+        """Handle what was unusual."""
         asked = {servo.id for part in self._plan for _, servo in part.members}
-        failed: list[str] = []
         for joint in self._all:
             there = [s for s in joint.servos if s.id in asked and not (joint.stopped or s.lost)]
             answered = [servo for servo in there if not servo.failed_cycles]
@@ -207,12 +205,9 @@ class Cycle:
                 self.diagnosis.protect(joint, state, now)
             else:
                 states.pop(joint.name, None)
-                if there:
-                    failed.append(joint.name)
             for servo in there:
                 if servo.failed_cycles >= _LOST_AFTER:
                     self._lose(joint, servo)
-        return tuple(failed)
 
     def _make_plan(self) -> None:
         """Compute the instructions of a cycle.

@@ -19,7 +19,11 @@ from head_tracking.dynamixel.state import Goal
 
 _T = TypeVar("_T")
 Steps = Generator[float, None, _T]
-"""Steps of a procedure; each yields the seconds to wait before the next one."""
+"""Steps of a procedure; each yields the seconds to wait before the next one.
+
+The bus does other things meanwhile, because it spreads steps over its cycles; `servo.run` takes
+them at once.
+"""
 
 _STOPPED: Final = "STOP came after this request; call resume, then send it again"
 _CLOSED: Final = "the servo bus has stopped"

@@ -1,9 +1,4 @@
-"""One servo: its registers, its identity, its calibration, and what it measured last.
-
-Procedures of several transactions are generators of steps: each `yield` gives the seconds to wait
-before the next step, and the bus may do something else there. The bus spreads steps over its
-cycles; `run` takes them at once.
-"""
+"""One servo: its registers, its identity, its calibration, and what it measured last."""
 
 from __future__ import annotations
 

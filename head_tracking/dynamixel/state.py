@@ -168,7 +168,6 @@ class BusReading(NamedTuple):
     stamp: int  # start of the cycle, ns
     # Measurements of this cycle by joint name; joints that did not answer are absent.
     states: Mapping[str, ServoState]
-    failed: tuple[str, ...]  # joints that did not answer in this cycle
     lost: tuple[str, ...]  # joints that have not answered for some time
     events: tuple[BusEvent, ...]  # events since the previous reading, in order
 

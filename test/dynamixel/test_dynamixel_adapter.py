@@ -42,24 +42,19 @@ class Kernel:
         raise OSError(errno.ENOTTY, "no such knob")
 
 
-def test_timer_of_an_ftdi_adapter_is_set_by_the_driver(tmp_path: Path) -> None:
-    kernel = Kernel(tmp_path, "16\n")
-    adapter = prepare_adapter("/dev/ttyUSB0", kernel.low_latency, kernel.root)
+@pytest.mark.parametrize(
+    ("before", "refused", "asked"), [("16\n", False, 1), ("16\n", True, 1), ("1\n", True, 0)]
+)
+def test_timer_of_an_ftdi_adapter_is_set_by_the_driver_or_by_sysfs(
+    tmp_path: Path, before: str, refused: bool, asked: int
+) -> None:
+    kernel = Kernel(tmp_path, before)
+    request = kernel.refuse if refused else kernel.low_latency
+    adapter = prepare_adapter("/dev/ttyUSB0", request, kernel.root)
     assert adapter == Adapter("ftdi_sio", 0.001)
     assert str(adapter) == "ftdi_sio, latency timer 1 ms"
-
-
-def test_timer_is_set_by_sysfs_where_the_driver_does_not(tmp_path: Path) -> None:
-    kernel = Kernel(tmp_path, "16\n")
-    adapter = prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root)
-    assert (adapter.latency, adapter.advice) == (0.001, "")
     assert kernel.timer.read_text() == "1\n"
-
-
-def test_timer_that_is_right_is_left_alone(tmp_path: Path) -> None:
-    kernel = Kernel(tmp_path, "1\n")
-    prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root)
-    assert kernel.asked == 0
+    assert kernel.asked == asked
 
 
 def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
@@ -77,24 +72,21 @@ def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
         assert word in adapter.advice
 
 
-@pytest.mark.parametrize("content", [None, "", "soon\n"])
-def test_adapter_without_a_timer_is_fine(tmp_path: Path, content: str | None) -> None:
-    kernel = Kernel(tmp_path, content)
-    adapter = prepare_adapter("/dev/ttyUSB0", kernel.refuse, kernel.root)
-    assert adapter == Adapter("ftdi_sio")
-    assert "no latency timer" in str(adapter)
+@pytest.mark.parametrize("content", [None, "", "soon\n", "1\n"])
+def test_adapter_is_known_also_by_a_link_and_without_a_timer(
+    tmp_path: Path, content: str | None
+) -> None:
+    kernel = Kernel(tmp_path / "sys", content)
+    link = tmp_path / "by-id"
+    os.symlink("/dev/ttyUSB0", link)
+    adapter = prepare_adapter(str(link), kernel.refuse, kernel.root)
+    assert adapter == Adapter("ftdi_sio", 0.001 if content == "1\n" else None)
+    assert ("no latency timer" in str(adapter)) == (content != "1\n")
 
 
 def test_device_that_nobody_knows_is_fine(tmp_path: Path) -> None:
     adapter = prepare_adapter("/dev/pts/7", lambda: None, tmp_path)
     assert str(adapter) == "serial adapter, no latency timer"
-
-
-def test_link_leads_to_the_device(tmp_path: Path) -> None:
-    kernel = Kernel(tmp_path / "sys", "1\n")
-    link = tmp_path / "by-id"
-    os.symlink("/dev/ttyUSB0", link)
-    assert prepare_adapter(str(link), kernel.refuse, kernel.root).driver == "ftdi_sio"
 
 
 def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:

@@ -8,12 +8,11 @@ from dataclasses import replace
 import pytest
 from dynamixel_fakes import PAN, TILT, FakePort
 
-from head_tracking.control import ControlLoop, JointOwners
+from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     BusEvent,
     ConfigurationError,
-    Epoch,
     EventKind,
     Goal,
     GoalError,
@@ -90,10 +89,10 @@ def test_same_joint_or_controller_on_two_buses_is_refused() -> None:
     other = replace(TILT, joint_name="head_pan_joint")
     same = replace(TILT, controller=PAN.controller)
     for joint in (other, same):
-        epoch = Epoch()
-        buses = [ServoBus(FakePort(), [each], epoch=epoch) for each in (PAN, joint)]
+        loop = ControlLoop(None)
+        buses = [ServoBus(FakePort(), [each], epoch=loop.owners.epoch) for each in (PAN, joint)]
         with pytest.raises(ConfigurationError, match="same name"):
-            DynamixelBackend(buses, ControlLoop(None, JointOwners(epoch=epoch)), 50.0)
+            DynamixelBackend(buses, loop, 50.0)
 
 
 def test_a_bus_that_a_stop_of_the_loop_would_not_overtake_is_refused() -> None:

@@ -12,7 +12,7 @@ from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit
 from simulated_device import Bench
 from waiting import join
 
-from head_tracking.control import ControlLoop, JointOwners
+from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     BusThread,
@@ -221,13 +221,13 @@ def test_steps_under_way_that_switch_torque_on_are_ended_by_a_stop() -> None:
 
 
 def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() -> None:
-    epoch, ports = Epoch(), [FakePort(1), FakePort(2)]
+    loop, ports = ControlLoop(None), [FakePort(1), FakePort(2)]
+    epoch = loop.owners.epoch
     pairs = zip(ports, (PAN, TILT), strict=True)
     single = [ServoBus(port, [joint], epoch=epoch) for port, joint in pairs]  # type: ignore[arg-type]
     for bus in single:
         bus.connect()
         run(bus.switching_torque(None, True))
-    loop = ControlLoop(None, JointOwners(epoch=epoch))
     buses = DynamixelBackend(single, loop, 50.0)
     held = buses.threads[1]._owner
     with held:
@@ -243,11 +243,11 @@ def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() 
 
 
 def test_a_stop_waits_for_another_stop_that_has_the_port() -> None:
-    epoch, port = Epoch(), FakePort(1)
-    bus = ServoBus(port, [PAN], epoch=epoch)  # type: ignore[arg-type]
+    loop, port = ControlLoop(None), FakePort(1)
+    bus = ServoBus(port, [PAN], epoch=loop.owners.epoch)  # type: ignore[arg-type]
     bus.connect()
     run(bus.switching_torque(None, True))
-    backend = DynamixelBackend([bus], ControlLoop(None, JointOwners(epoch=epoch)), 50.0)
+    backend = DynamixelBackend([bus], loop, 50.0)
     begun = threading.Event()
 
     def other_stop(_: ServoBus) -> None:

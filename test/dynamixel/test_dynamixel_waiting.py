@@ -7,13 +7,6 @@ import pytest
 from head_tracking.dynamixel.waiting import ReplyTimeout
 
 
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 def test_timeout_follows_the_answers() -> None:
     timeout = ReplyTimeout()
     assert timeout.allowance == 0.025  # nothing is known of the adapter
