@@ -1,6 +1,4 @@
 import math
-import random
-import threading
 
 import pytest
 from hypothesis import given
@@ -188,72 +186,3 @@ def test_random_requests_match_a_model(requests):
         expected = {j: own[0] if clock.now < own[1] else "" for j, own in model.items()}
         assert owners.of(JOINTS) == expected
         assert owners.stopped is stopped
-
-
-class Servo:
-    """Carries requests out as the bus does: none whose epoch is over."""
-
-    def __init__(self, owners: JointOwners) -> None:
-        self.owners = owners
-        self.torque = False
-        self.lock = threading.Lock()
-        self.carried_out = 0
-
-    def switch_on(self, epoch: int) -> None:
-        with self.lock:
-            if epoch == self.owners.epoch.value:
-                self.torque = True
-                self.carried_out += 1
-
-    def relax(self) -> None:
-        with self.lock:
-            self.torque = False
-
-
-def ask(owners: JointOwners, rnd: random.Random) -> int:
-    """The epoch of something that a client asks for, in one of the ways there are."""
-    who = rnd.choice(WHO)
-    match rnd.randrange(4):
-        case 0:
-            owners.take_over(who, JOINTS)
-        case 1:
-            owners.claim(who, JOINTS, LEASE)
-        case 2:
-            return owners.permit()
-    return owners.check(who, JOINTS)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_no_interleaving_of_requests_moves_a_stopped_head(seed):
-    """10,000 interleavings of what is asked for at one moment and carried out at a later one."""
-    rnd = random.Random(seed)
-    for _ in range(2500):
-        owners = JointOwners(clock=Clock())
-        servo = Servo(owners)
-        asked: list[int] = []
-        resumes: list[int] = []
-        for _ in range(rnd.randint(4, 16)):
-            match rnd.choice(("ask", "ask", "carry out", "carry out", "stop", "press", "resume")):
-                case "ask":
-                    try:
-                        asked.append(ask(owners, rnd))
-                        assert not owners.stopped
-                    except OwnershipError:
-                        assert not owners.stopped
-                    except StoppedError:
-                        assert owners.stopped
-                case "carry out" if asked:
-                    servo.switch_on(asked.pop(rnd.randrange(len(asked))))
-                case "stop":
-                    owners.stop(servo.relax)
-                case "press":
-                    resumes.append(owners.epoch.value)
-                case "resume" if resumes:
-                    epoch, before = resumes.pop(rnd.randrange(len(resumes))), owners.stopped
-                    try:
-                        owners.resume(epoch)
-                    except StoppedError:
-                        assert epoch < owners.epoch.value
-                        assert owners.stopped is before
-            if owners.stopped:
-                assert not servo.torque

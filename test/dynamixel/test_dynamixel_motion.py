@@ -321,19 +321,6 @@ def test_impossible_joint_speed_is_refused(speed: float) -> None:
 # Stopping
 
 
-def test_close_holds_then_relaxes_then_closes(port, bus) -> None:
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    port.servos[1]["Present Position"] = 530
-    port.take_log()
-    assert bus.close() == ()
-    assert writes(port.log) == [
-        ("sync", GOAL, {1: goal_bytes(530, speed_ticks(PAN, 2.0))}),
-        ("sync", TORQUE, {1: OFF, 2: OFF}),
-    ]
-    assert not port.opened
-
-
 def test_close_repeats_a_lost_torque_off(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()

@@ -84,7 +84,7 @@ def test_no_joint_is_called_relaxed_when_the_adapter_has_gone() -> None:
 
 
 @pytest.mark.parametrize("close", [False, True])
-def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
+def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
     model = servo_model("XM430-W350")
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
@@ -92,9 +92,10 @@ def test_the_watchdog_of_a_stopped_joint_is_switched_off(close: bool) -> None:
     bus.connect()
     run(bus.switching_torque(None, True))
     assert servo.register("Bus Watchdog") > 0
-    run(bus.stopping(None))
     if close:
         assert bus.close() == ()
+    else:
+        run(bus.stopping(None))
     assert servo.register("Bus Watchdog") == 0
 
 

@@ -208,18 +208,6 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
     assert run.stops > INTERLEAVINGS // 8
 
 
-def test_steps_under_way_that_switch_torque_on_are_ended_by_a_stop() -> None:
-    run = Interleavings(0)
-    for steps in range(12):
-        on = submit(run.bus, run.bus.switching_torque(None, True))
-        for _ in range(steps):
-            run.bus.step()
-        done = on.done()
-        run.stop()
-        run.settle()
-        assert done or isinstance(on.exception(0.0), StoppedError)
-
-
 def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() -> None:
     loop, ports = ControlLoop(None), [FakePort(1), FakePort(2)]
     epoch = loop.owners.epoch
