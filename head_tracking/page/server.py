@@ -86,8 +86,11 @@ class PageParameters:
     horizontal_view: float = parameter(
         1.0,
         "Angle of the camera's picture from side to side, if its calibration is not published.",
-        unit="rad", minimum=0.05, maximum=3.0, fixed=True,
-    )  # fmt: skip
+        unit="rad",
+        minimum=0.05,
+        maximum=3.0,
+        fixed=True,
+    )
 
 
 class Page:
