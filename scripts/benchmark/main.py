@@ -18,6 +18,7 @@ BENCHMARKS = {
             "run", "target_path", "tracking", "transforms", "vision",
         )
     },
+    "camera-delay": "calibration:camera_delay",
     "crash": "crash:killed",
     "page-open": "page:left_open",
     "page-stop": "page:stopped",
