@@ -260,8 +260,8 @@ class DynamixelBackend(JointBackend):
         """STOP: relax all joints of all buses without waiting for their threads.
 
         Args:
-            timeout: time for the servos to confirm [s]; as long again for the port to become free,
-                because another STOP may have it.
+            timeout: time for the servos to confirm [s]; a little longer for the port to become
+                free, because another STOP may have it.
 
         Returns:
             The problem of each joint; empty if its servos have confirmed.
@@ -272,7 +272,7 @@ class DynamixelBackend(JointBackend):
         def relax(thread: BusThread) -> None:
             stop = partial(ServoBus.relax_at_once, timeout=timeout, epoch=epoch)
             try:
-                problems.update(thread.at_once(stop, 2.0 * timeout))
+                problems.update(thread.at_once(stop, 1.1 * timeout))
             except Exception as cause:  # STOP of the other buses goes on
                 problem = str(cause) or repr(cause)
                 problems.update(dict.fromkeys(self._names[thread.bus], problem))
