@@ -346,6 +346,15 @@ class Servo:
             raise problem
         return identity
 
+    def check_settings(self) -> Steps[None]:
+        """Read the settings that its joint needs; raise ServoSetupError if one is wrong."""
+        model = self.model
+        names = {*model.modes, *model.position_limits, "Drive Mode", "Secondary ID"}
+        if model.offset is not None:
+            names.add(model.offset.name)
+        spans = model.control_table.spans(_LONGEST_SPAN, names)
+        self._check_settings((yield from self.read_named(spans)))
+
     def _check_settings(self, memory: Mapping[str, int]) -> None:
         who = f"servo {self.id} ({self.calibration.joint_name})"
         for name, right, why in self._wrong_settings(memory):

@@ -45,12 +45,15 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
 
     Raises:
         ServoError: Its torque was to be on, and is off.
+        ServoSetupError: It is not in position mode any more, or has another offset or direction.
         PositionError: The way to its range could lead in the wrong direction.
         RegisterRefusedError: The servo refuses the goal or the torque.
     """
     if powered and not servo.get("Torque Enable"):
         raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
     servo.confirmed = False
+    if not powered:
+        yield from servo.check_settings()
     yield from servo.disarm()  # a tripped watchdog refuses goals
     before = servo.get("Present Position")
     if not powered:

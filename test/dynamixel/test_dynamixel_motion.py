@@ -47,6 +47,7 @@ def connected(port: FakePort, joints: tuple[JointConfiguration, ...] = (PAN, TIL
 def pin(servo_id: int, ticks: int) -> list[Packet]:
     """The only way to switch torque on."""
     return [
+        ("read", servo_id, 6, 4),  # is it in position mode?
         ("read", servo_id, 36, 2),
         ("write", servo_id, GOAL, goal_bytes(ticks, 1)),
         ("read", servo_id, GOAL, 4),

@@ -31,6 +31,7 @@ from head_tracking.dynamixel import (
     ServoBus,
     ServoError,
     Torque,
+    TorqueError,
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import ServoNotFoundError
@@ -152,6 +153,31 @@ def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_
         rig.step()
     before = rig.step(5).states["j1"].position
     assert rig.step(100).states["j1"].position == pytest.approx(before, abs=0.012)
+
+
+@pytest.mark.parametrize(
+    ("name", "register", "value"),
+    [
+        ("AX-12", "CCW Angle Limit", 0),
+        ("MX-28", "CCW Angle Limit", 0),
+        ("XM430-W350", "Operating Mode", 1),
+        ("STS3215", "Operating Mode", 1),
+    ],
+)
+def test_torque_stays_off_in_a_servo_that_was_taken_out_of_position_mode(
+    name: str, register: str, value: int
+) -> None:
+    servo = SimulatedServo(1, name)
+    rig = Rig(servo)
+    right = servo.register(register)
+    servo.set_register(register, value)  # by another program, while it is relaxed
+    before = servo.true_position
+    rig.go(0.3)
+    assert rig.torque == [0] and servo.true_position == pytest.approx(before, abs=0.01)
+    with pytest.raises(TorqueError):
+        run(rig.bus.switching_torque(None, True))
+    servo.set_register(register, right)
+    assert rig.go(0.3).states["j1"].position == pytest.approx(0.3, abs=0.03)
 
 
 # EEPROM
