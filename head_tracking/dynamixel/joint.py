@@ -183,8 +183,8 @@ class Joint:
         self.stopped = stopped
         self._version.number += 1
 
-    def aim(self, position: float, speed: float | None, now: int) -> None:
-        """Set the goal; `now` is monotonic, ns."""
+    def aim(self, position: float, speed: float | None, now: int | None) -> None:
+        """Set the goal, moved into the limits; `now` is monotonic, ns, or None: no command."""
         lower, upper = self.limits  # they may have been narrowed since the goal was admitted
         position = min(max(position, lower), upper)
         self.goal_ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
@@ -224,21 +224,23 @@ class Joint:
 
     def hold(self) -> None:
         """Make the measured position the goal, at the speed of the previous goal."""
-        self._aim_at([servo.ticks for servo in self.servos], self.goal_speed)
+        there = [servo for servo in self.servos if servo.answers] or self.servos
+        self._aim_between(there, [servo.ticks for servo in there], self.goal_speed)
 
     def pinned(self, ticks: Sequence[int]) -> None:
-        """Record that its torque is on, with these goals of its servos, in ticks."""
-        self._aim_at(ticks, 0.0)
+        """Record that its torque is on, with these goals of its servos, in ticks.
+
+        Two servos that were pinned while the joint moved would push against each other: both get a
+        position between.
+        """
+        self._aim_between(self.servos, ticks, 0.0)
         self.on, self.resumes = True, False
 
-    def _aim_at(self, ticks: Sequence[int], speed: float | None, since: int | None = None) -> None:
-        """Set the goal in ticks, moved into the limits of the joint."""
-        goal = []
-        for servo, each in zip(self.servos, ticks, strict=True):
-            lowest, highest = self.range(servo)
-            goal.append(max(lowest, min(highest, each)))
-        self.goal_ticks, self.goal_speed, self.commanded_at = tuple(goal), speed, since
-        self.encode()
+    def _aim_between(
+        self, servos: Sequence[Servo], ticks: Sequence[int], speed: float | None
+    ) -> None:
+        positions = [s.calibration.position(each) for s, each in zip(servos, ticks, strict=True)]
+        self.aim(sum(positions) / len(positions), speed, None)
 
     def lose(self) -> None:
         """Drop the goal, because no servo answers."""
@@ -271,7 +273,7 @@ class Joint:
         self.configuration = new
         self._limit_speed()
         if self.goal_ticks:
-            self._aim_at(self.goal_ticks, self.goal_speed, self.commanded_at)
+            self.aim(self.goal_position, self.goal_speed, self.commanded_at)
 
     def reconfigured(
         self, lowest: int | None, highest: int | None, max_speed: float | None = None

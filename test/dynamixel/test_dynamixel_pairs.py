@@ -78,6 +78,20 @@ def test_a_joint_of_two_servos_goes_where_it_is_sent(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
+def test_servos_whose_torque_comes_on_in_motion_do_not_push_against_each_other(name: str) -> None:
+    pair = Pair(name)
+    pair.go(0.9)
+    pair.bus.command({"j": Goal(pair.joint.lower, 5.0)})
+    pair.step(9)
+    run(pair.bus.switching_torque(None, False))
+    run(pair.bus.switching_torque(None, True), pair.bench.pass_time)
+    pair.step(5)
+    pair.goals_apart = 0
+    pair.step(30)
+    assert pair.goals_apart <= 1
+
+
+@pytest.mark.parametrize("name", MODELS)
 def test_narrowed_limits_move_both_goals(name: str) -> None:
     pair = Pair(name)
     pair.go(0.9)
