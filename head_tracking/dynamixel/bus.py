@@ -329,7 +329,6 @@ class ServoBus:
                     problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
         finally:
             self._connected = False
-            self.cycle.end()
             self._port.close()
         return tuple(name for name, problem in problems.items() if problem)
 

@@ -72,19 +72,13 @@ class Cycle:
         self._plan: list[_Part] = []
         self._planned = -1  # version of the plan
         self._lost: tuple[str, ...] = ()
-        self._listed = -1  # version of the missing joints
 
     def begin(self) -> None:
         """Begin, once the servos have been found."""
         self._search_at = None
         self._last = self._monotonic()
-        self._planned = -1
-        self._list_missing()
+        self._make_plan()
         self.diagnosis.report_swapped()
-
-    def end(self) -> None:
-        """End, before the port is closed."""
-        self._connected = False
 
     def read(self) -> BusReading:
         """Begin a cycle: read every servo.
@@ -114,8 +108,8 @@ class Cycle:
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
                     self.diagnosis.examine(start)
-                if self._listed != self._version.number:
-                    self._list_missing()
+                if self._planned != self._version.number:
+                    self._make_plan()
                 if self.incomplete:
                     self._poll_time = self._poll_one_lost()
                 self._connected = True
@@ -210,7 +204,7 @@ class Cycle:
                     self._lose(joint, servo)
 
     def _make_plan(self) -> None:
-        """Compute the instructions of a cycle.
+        """Compute the instructions of a cycle, and which joints are missing.
 
         A servo that did not answer the last time is asked alone, and last, because others would
         wait for it.
@@ -230,9 +224,6 @@ class Cycle:
         self._plan = [_part(members, _method(members[0][1])) for members in together.values()]
         self._plan += alone
         self._planned = self._version.number
-
-    def _list_missing(self) -> None:
-        self._listed = self._version.number
         self._lost = tuple([joint.name for joint in self._all if joint.lost])
         self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
 
@@ -401,7 +392,7 @@ class Cycle:
                 for servo in joint.servos:
                     servo.lose(0)
                 joint.lose()
-        self._list_missing()
+        self._make_plan()
         self._bus.events.append(BusEvent(EventKind.PORT_LOST, "", str(cause)))
 
 
