@@ -33,7 +33,6 @@ from head_tracking.feetech.protocol import TABLES as FEETECH_TABLES
 TABLES: Final = Path(__file__).parent / "tables"
 
 _FOLDERS: Final = (TABLES, FEETECH_TABLES)
-_STS_MARGIN: Final = 10  # ticks; simulated servos overshoot by 4
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 _COUNTS: Final = {
     "scale": 1.0,
@@ -77,6 +76,7 @@ class ServoModel:
     position_limits: tuple[str, str]  # registers of the lowest and highest goal position
     ticks: int  # number of positions
     endless: bool  # whether the ticks go round a whole turn
+    goal_margin: int  # ticks between an end of the scale and the goals next to it
     center: int  # tick in the middle of the range
     radians_per_tick: float
     speed_unit: float  # one count, rad/s
@@ -106,10 +106,10 @@ class ServoModel:
     def goal_range(self) -> tuple[int, int]:
         """Lowest and highest goal, ticks.
 
-        An STS servo that overshoots an end of its scale reads the other end, and turns all round.
+        A servo with a `goal_margin` that overshoots an end of its scale reads the other end, and
+        turns all round.
         """
-        margin = _STS_MARGIN if self.family == "STS" else 0
-        return margin, self.ticks - 1 - margin
+        return self.goal_margin, self.ticks - 1 - self.goal_margin
 
     def acknowledges_writes(self, level: int) -> bool:
         """Return whether it replies to writes with this Status Return Level."""
@@ -230,6 +230,7 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         errors=_ERROR_BITS[facts.pop("error_bits")],
         signs=(position_sign, speed_sign, load_sign),
         speed_minimum=facts.pop("speed_minimum", 1),
+        goal_margin=facts.pop("goal_margin", 0),
         sync_read=facts.pop("sync_read", facts["protocol"] == 2),
         family=family,
         modes=MappingProxyType(modes),

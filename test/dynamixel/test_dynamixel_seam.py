@@ -193,6 +193,23 @@ def test_no_servo_turns_over_the_end_of_its_scale(case: Case) -> None:
     drive(case)
 
 
+@pytest.mark.parametrize("distance", [60, 200, 1800])
+@pytest.mark.parametrize("low", [0, 2047])
+@pytest.mark.parametrize(
+    "name", ["MX-12W", "MX-28", "MX-64", "MX-106", "STS3032", "STS3215", "STS3250"]
+)
+def test_no_servo_overshoots_the_end_of_its_scale_at_full_speed(
+    name: str, low: int, distance: int
+) -> None:
+    end, away = (low, distance) if low == 0 else (low + 2048, low + 2048 - distance)
+    rig = Rig(Case(name, low, low + 2048, low + 1024, None, away, ()))
+    rig.lead()
+    for _ in range(60):
+        rig.bus.command({"j": Goal(rig.joint.position(end), 50.0)}, clamp=True)
+        rig.step()
+    assert rig.lowest >= 0 and rig.highest <= 4095
+
+
 SEAM = [
     Case("XM430-W350", 3000, 4095, 3500, None, 4199, (0.1,)),
     Case("XM430-W350", 0, 900, 500, None, -140, (0.9,), True),
