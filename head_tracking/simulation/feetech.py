@@ -31,6 +31,9 @@ from head_tracking.simulation.motion import (
 )
 from head_tracking.simulation.registers import Refusal, Registers
 
+REG_WRITE, ACTION, RESTART, CALIBRATE = 4, 5, 8, 11
+"""Instruction codes."""
+
 _FAST_UNITS, _ZERO_IS_FASTEST, _COUNTS_TURNS = 4, 8, 16  # bits of Phase; _FAST_UNITS: steps/s
 _COARSE: Final = 50  # steps/s: 0.732 rpm, the precision of a speed of an STS servo
 _ACCELERATION: Final = math.radians(8.7)
@@ -39,6 +42,7 @@ _GAIN_SLOPE: Final = math.radians(160.0)
 (TheRobotStudio/SO-ARM100 issue 134: 1.8 to 2.6)."""
 
 _POSITION, _SPEED, _PWM = 0, 1, 2  # of Operating Mode
+_CALIBRATE_HERE: Final = 128  # of Torque Enable
 _CURRENT_UNIT: Final = 0.0065  # A
 _STALL_CURRENT: Final = 2.7  # A
 
@@ -55,6 +59,7 @@ class FeetechRegisters(Registers):
         super().__init__(model, firmware)
         self._is_sts = model.control == "sts"
         self._unsaved: dict[str, int] = {}  # EEPROM values before writes under the lock
+        self._registered: tuple[int, bytes] | None = None  # address and data of the last REG_WRITE
 
     @property
     def goal_speed(self) -> int:
@@ -108,7 +113,7 @@ class FeetechRegisters(Registers):
 
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """See `Registers`."""
-        if register.name == "Torque Enable" and value > 2:
+        if register.name == "Torque Enable" and 2 < value != _CALIBRATE_HERE:
             return Refusal.RANGE
         return None
 
@@ -140,6 +145,26 @@ class FeetechRegisters(Registers):
         else:
             for name in before:
                 self._unsaved.pop(name, None)
+        if self["Torque Enable"] == _CALIBRATE_HERE:
+            self["Torque Enable"] = before["Torque Enable"]
+            self._calibrate(self.model.center, drive)
+
+    def execute(self, code: int, parameters: bytes, drive: Drive) -> bool:
+        """See `Registers`."""
+        if code == REG_WRITE and len(parameters) >= 2:
+            self._registered = parameters[0], parameters[1:]
+            self["Registered"] = 1
+        elif code == ACTION:
+            changes = self.changes(*self._registered) if self._registered else {}
+            self._registered, self["Registered"] = None, 0
+            if not isinstance(changes, Refusal):
+                self.apply(changes, drive)
+        elif code == CALIBRATE and self._is_sts:
+            wanted = int.from_bytes(parameters, "little") if parameters else self.model.center
+            self._calibrate(wanted, drive)
+        else:
+            return False
+        return True
 
     def measure(self, drive: Drive, noise: float) -> None:
         """Set the measured registers; `noise` is that of the encoder, ticks."""
@@ -207,3 +232,10 @@ class FeetechRegisters(Registers):
         gain = self["Position P Gain"]
         slope = _GAIN_SLOPE / gain if gain else math.inf
         return proportional_law(self.model.no_load_speed, slope, limit)
+
+    def _calibrate(self, wanted: int, drive: Drive) -> None:
+        """Set the offset so that the present position becomes the wanted one, ticks."""
+        turn = self.model.ticks
+        offset = round(self.ticks(drive.measured)) - self._offset - wanted
+        offset = (offset + turn // 2) % turn - turn // 2
+        self["Position Offset"] = to_sign_magnitude(offset, 11)

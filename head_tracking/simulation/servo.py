@@ -8,7 +8,7 @@ from random import Random
 from typing import Final
 
 from head_tracking.simulation.exceptions import SimulationError
-from head_tracking.simulation.feetech import FeetechRegisters
+from head_tracking.simulation.feetech import RESTART, FeetechRegisters
 from head_tracking.simulation.models import (
     Named,
     Register,
@@ -391,7 +391,7 @@ class SimulatedServo:
             return None
         answers = self._answers(packet.code)
         refusal, data = self._execute(packet)
-        if self.model.is_feetech and packet.code == Instruction.REBOOT:
+        if self.model.is_feetech and packet.code == RESTART:
             return None
         if silent or not (answers and self._answers(packet.code)):
             return None
@@ -458,6 +458,8 @@ class SimulatedServo:
             case Instruction.SYNC_WRITE if broadcast:
                 share = _sync_share(data, width, self.id)
                 refusal = None if share is None else self._write(address, share)
+            case _ if self._registers.execute(packet.code, parameters, self._drive):
+                self._configure()
             case _:
                 refusal = Refusal.INSTRUCTION
         return refusal, b""

@@ -68,6 +68,8 @@ def test_writable_registers_accept_exactly_their_range(model: ServoModel) -> Non
     for register in model.control_table:
         if not register.writable or register.name in OWN:
             continue
+        if register.name.startswith("Indirect Data"):
+            continue  # stands for other registers
         assert register.minimum is not None and register.maximum is not None
         for value in (register.minimum, register.maximum):
             servo = SimulatedServo(1, model)
