@@ -49,6 +49,7 @@ class PortError(DynamixelError):
 
     def __init__(self, port_name: str, reason: str) -> None:
         super().__init__(f"cannot open {port_name}: {reason}")
+        self.port_name = port_name
 
 
 class PortMissingError(PortError):
@@ -91,6 +92,7 @@ class PortLostError(DynamixelError):
 
     def __init__(self, port_name: str, reason: object) -> None:
         super().__init__(f"lost {port_name}: {reason}; check the cable of the adapter")
+        self.port_name = port_name
 
 
 class CommunicationError(DynamixelError):
