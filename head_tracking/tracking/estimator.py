@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from head_tracking.compatibility import StrEnum
@@ -171,6 +171,18 @@ class TargetEstimate:
         overdue = ahead - lead
         grown = (far_error - near_error) * overdue / (far - lead)
         return math.sqrt(near_error + grown + (0.5 * ACCELERATION * overdue**2) ** 2)
+
+    def within(self, limits: Sequence[tuple[float, float]]) -> TargetEstimate:
+        """Return the target for joints that cannot follow its oscillation in full.
+
+        A joint that is too slow for an oscillation lags behind it, and overshoots; one that
+        follows a smaller oscillation in time misses the target by less.
+
+        Args:
+            limits: highest speed [rad/s] and acceleration [rad/s^2] of pan and of tilt.
+        """
+        pan, tilt = map(Bearing.within, self.bearings, limits)
+        return replace(self, bearings=(pan, tilt))
 
     def speed_deviation(self, joint: int) -> float:
         """Return the standard deviation of one of the `velocities` [rad/s]."""

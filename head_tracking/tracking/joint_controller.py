@@ -13,7 +13,6 @@ _RESPONSE = 25.0  # 1/s: rate at which a position error decays
 _BRAKING = 0.6  # share of the acceleration used to plan where to brake
 _LEAST_BRAKING = 0.05
 _NEED_TIME = 0.3  # s
-_COPIED = 0.4  # of the acceleration; with a smaller reserve, feed-forward is reduced
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class MotionLimits:
 class JointMotion:
     """Plan the motion of a joint to a moving reference.
 
-    The reference velocity is fed forward where the limits allow it. A position error decays like
+    The reference velocity is fed forward. A position error decays like
     a critically damped spring; a large one is reduced at a speed from which the joint can brake.
 
     Args:
@@ -53,7 +52,6 @@ class JointMotion:
         self.velocity = velocity
         self._acceleration = 0.0
         self._wanted_velocity = velocity
-        self._asked_velocity = velocity
         self._need = 0.0
 
     def advance(self, dt: float) -> None:
@@ -63,7 +61,7 @@ class JointMotion:
     def rest_at(self, position: float) -> None:
         """Plan no motion; the joint is at this position [rad]."""
         self.position = position
-        self.velocity = self._acceleration = self._wanted_velocity = self._asked_velocity = 0.0
+        self.velocity = self._acceleration = self._wanted_velocity = 0.0
 
     def steer(
         self,
@@ -90,12 +88,8 @@ class JointMotion:
         damping = (3.0 - 2.0 * remaining - remaining**2) / (2.0 * dt)
         error = wanted - self.position
         share = min(1.0, elapsed / _NEED_TIME)
-        self._need += share * (abs(velocity - self._asked_velocity) / elapsed - self._need)
-        self._asked_velocity = velocity
-        # a reference that accelerates harder than the joint can is not fed forward
-        copied = min(max((1.0 - self._need / limits.acceleration) / _COPIED, 0.0), 1.0)
-        closing = self._closing_speed(error, stiffness / damping, copied * self._need, limits)
-        velocity *= copied
+        self._need += share * (abs(velocity - self._wanted_velocity) / elapsed - self._need)
+        closing = self._closing_speed(error, stiffness / damping, self._need, limits)
         asked = velocity - self._wanted_velocity
         asked += dt * damping * (closing + self._wanted_velocity - self.velocity)
         asked /= elapsed
@@ -189,7 +183,7 @@ class Rest:
 
         Args:
             reference: the reference.
-            off: error of the planned motion [rad].
+            off: from the set-point to the reference [rad].
             speed: speed of the planned motion [rad/s].
             setpoint: where the servo stops without another command [rad].
             dead_band: smaller errors are not corrected [rad].
@@ -249,6 +243,7 @@ _CAUTIOUS = 12.0  # rad/s^2
 _BRAKED = 0.25  # s to stop
 _RAMP = 1.5  # of the shaft's acceleration: largest acceleration of the set-point on that way
 _USED = 0.75  # of the estimated acceleration of the servo
+_STEADY = 0.7  # of that: for an oscillation; the rest reduces the error
 _LATE = 0.04  # s; after a longer time between two commands, a goal may have been reached
 _PATIENCE = 0.35  # s plus the delay, in which a joint that follows has moved
 
@@ -280,6 +275,14 @@ class JointController:
         self._rest = Rest()
         self._side = 0.0
         self._goal = self._speed = math.nan
+
+    def steady_acceleration(self, most: float) -> float:
+        """Return the highest acceleration of an oscillation that the joint follows [rad/s^2].
+
+        Args:
+            most: highest acceleration by the parameters [rad/s^2].
+        """
+        return _STEADY * min(most, _USED * self.servo.acceleration)
 
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
         """Receive a reading [s], [rad], a time `elapsed` [s] after the last command."""
@@ -332,7 +335,7 @@ class JointController:
         acceleration = min(limits.acceleration, hardest)
         able = MotionLimits(speed, acceleration, limits.jerk, limits.lead)  # of the shaft
         setpoint = servo.setpoint(now)
-        off = reference.position - motion.position
+        off = reference.position - setpoint
         rest.judge(reference, off, motion.velocity, setpoint, dead_band, now)
         if rest.goal is not None:
             stamp, position = servo.reading

@@ -357,6 +357,9 @@ class PredictiveLaw(TrackingLaw):
         elapsed = self._receive(joints, now)
         pan, tilt = self._joints
         near = pan.motion.position, tilt.motion.position
+        fastest, hardest = self.fastest, self._acceleration
+        limits = [(fastest, joint.steady_acceleration(hardest)) for joint in self._joints]
+        target = target.within(limits)
         gazes = [self._gaze(target, times, near) for times in self._times(now)]
         deviations = [
             (target.deviation(joint, now + lead), target.speed_deviation(joint))
@@ -389,6 +392,12 @@ class PredictiveLaw(TrackingLaw):
 
     def _forget(self) -> None:
         self._stepped, self._aimed = -math.inf, None
+
+    @property
+    def _acceleration(self) -> float:
+        """The highest acceleration by the parameters [rad/s^2]."""
+        p = self.parameters
+        return min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
 
     def _receive(self, joints: JointReading, now: float) -> float:
         """Pass the reading to both joints; restart them after a pause.
@@ -447,7 +456,6 @@ class PredictiveLaw(TrackingLaw):
         velocities = [(soon - here) / self._period for here, soon in zip(*places[:2], strict=True)]
         moving = max(map(abs, velocities)) > _MOVING
         p = self.parameters
-        acceleration = min(p.max_joint_acceleration, _BUILD_UP * p.max_joint_jerk)
         goals = []
         for joint, here, soon, last, velocity, spread, limits in zip(
             self._joints,
@@ -467,7 +475,7 @@ class PredictiveLaw(TrackingLaw):
                     elapsed,
                     MotionLimits(
                         min(speed, limits.velocity),
-                        acceleration,
+                        self._acceleration,
                         p.max_joint_jerk,
                         self.limits.lead_target_angle,
                     ),

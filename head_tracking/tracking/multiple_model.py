@@ -55,6 +55,7 @@ _OUTLIER = 9.0  # variances
 _NOISE_OFF = 0.8  # of the variance of a point is subtracted from the scores
 _LEAST_SCORE = 0.02  # of that variance
 _FINEST = 1e-12  # rad^2; variance of rounding
+_WIDEST = 2.0  # rad; largest amplitude of an oscillation that is made smaller
 _LEAST_RATE = 1e-3  # rad/s; below it an oscillation is a constant acceleration
 
 _LAG = 1.0 / 6.0  # s between the points that are compared: observable up to 3 Hz
@@ -94,6 +95,21 @@ class Motion(NamedTuple):
     def speed(self) -> float:
         """The velocity now [rad/s]."""
         return self.velocity + self.swing_velocity
+
+    def within(self, speed: float, acceleration: float) -> Motion:
+        """Return the motion with an oscillation as large as these limits allow, if it is larger.
+
+        Args:
+            speed: highest speed of the oscillation [rad/s].
+            acceleration: highest acceleration of the oscillation [rad/s^2].
+        """
+        position, velocity, u, b, w = self
+        peak = math.hypot(u, b / w)
+        if (peak <= speed and peak * w <= acceleration) or peak > _WIDEST * w:
+            return self
+        share = min(speed / peak, acceleration / (peak * w))
+        to_centre = b / (w * w)
+        return Motion(position + (1.0 - share) * to_centre, velocity, share * u, share * b, w)
 
     def after(self, dt: float) -> float:
         """Return the position [rad] a time `dt` [s] later."""
@@ -243,6 +259,14 @@ class Bearing(NamedTuple):
     near: Prediction
     far: Prediction
     certainty: tuple[float, float]
+
+    def within(self, limits: tuple[float, float]) -> Bearing:
+        """Return the bearing with an oscillation within these limits; see `Motion.within`."""
+        near, far = self.near, self.far
+        return self._replace(
+            near=near._replace(motion=near.motion.within(*limits)),
+            far=far._replace(motion=far.motion.within(*limits)),
+        )
 
 
 class Bearings(NamedTuple):

@@ -47,6 +47,17 @@ def test_a_servo_that_accelerates_slowly_does_not_run_away(head, servo):
     assert ours.between(4.0).rms < simple.between(4.0).rms
 
 
+@pytest.mark.parametrize(
+    ("acceleration", "rate"), [(4.0, math.pi), (5.0, math.pi), (15.0, math.tau), (20.0, math.tau)]
+)
+def test_a_swing_that_is_too_fast_for_the_servo_is_followed_in_time(head, acceleration, rate):
+    """A swing of 0.5 rad needs accelerations of up to 4.9 and 19.7 rad/s²."""
+    conditions = replace(BESIDE, servos=PlainServo(acceleration=acceleration))
+    ours, _ = run(head, lambda t: around(0.5 * math.sin(rate * t)), conditions)
+    standing = 0.5 / math.sqrt(2.0)
+    assert ours.between(10.0).rms < 0.8 * standing
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_late_computer_does_not_carry_the_head_past_its_target(head, seed):
     late = replace(BESIDE, late=0.1, seed=seed)

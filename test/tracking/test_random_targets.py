@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from head_tracking.gaze import PanTiltHead
@@ -138,7 +138,17 @@ def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, 
     assert len(set(last)) == 1
 
 
+HERE, BESIDE = (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+LOST_IN_A_TURN = [
+    *[(0.03, "head_pan_link", 0.0, HERE)] * 3,
+    *[(0.033, "head_pan_link", None, BESIDE)] * 3,
+    *[(gap, "head_pan_link", 0.0, HERE) for gap in (0.7, 1.5)],
+    *[(0.033, "base_link", None, HERE)] * 3,
+]
+
+
 @settings(max_examples=25)
+@example(stream=LOST_IN_A_TURN, acceleration=7.0)
 @given(stream=streams(), acceleration=st.floats(5.0, 100.0))
 def test_speeds_grow_no_faster_than_allowed(kinectbot, stream, acceleration):
     rig = Rig(
