@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import random
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Final, Protocol
 
 import numpy as np
@@ -15,7 +16,8 @@ from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.calibration.targets import TARGETS, Observe, observer
 from head_tracking.exceptions import FrameError, UnreachableError
-from head_tracking.transforms import LATEST, TransformBuffer, Vector3
+from head_tracking.gaze import PanTiltHead
+from head_tracking.transforms import LATEST, JointLimits, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.camera_follower import DEFAULT_VIEW, pictures
 from head_tracking.vision.candidate import Frame
@@ -34,6 +36,7 @@ _POLL: Final = 0.005  # s
 _RETRY: Final = 0.2  # s
 _REACH: Final = 0.75  # of half the image: range of positions of the target
 _DISTANCE: Final = 2.0  # m: distance of the points to look at
+_MARGIN: Final = 0.01  # rad: minimum distance from a limit
 _STEPS: Final = 5  # in each direction
 _CROSSED: Final = math.radians(3.0)  # motion after which the play is certainly crossed
 _STOOD: Final = math.radians(0.3)  # smaller motion does not change the position in the play
@@ -231,16 +234,14 @@ def _gather(
             "nothing to look at is visible: turn the head, and check the light; of a marker, check "
             "its family and number",
         )
-    directions = _directions(camera)
-    random.Random(1).shuffle(directions)
-    directions = directions[: MOST_VIEWS - 1]
     middle = (camera.cx, camera.cy)
     nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))
-    for number, (right, down) in enumerate(directions, 1):
+    points = _points(head.frames, geometry, camera, nearest)
+    points = points[: MOST_VIEWS - 1]
+    for number, point in enumerate(points, 1):
         if time.monotonic() > end:
             break
-        report(f"direction {number} of {len(directions)}; views: {len(views)}")
-        point = _point_beside(head, geometry, camera, nearest, right, down)
+        report(f"direction {number} of {len(points)}; views: {len(views)}")
         if _turn(head, point, geometry.base, end):
             views += observer.views()
     return views
@@ -264,23 +265,63 @@ def _turn(head: TurningHead, point: Vector3, frame: str, end: float) -> bool:
             return True
 
 
-def _directions(camera: Camera) -> list[tuple[float, float]]:
-    """Return the wanted positions of the target in the image: x and y at z = 1."""
-    across = _REACH * camera.width / 2.0 / camera.fx
-    down = _REACH * camera.height / 2.0 / camera.fy
-    steps = np.linspace(-1.0, 1.0, _STEPS)
-    return [(float(across * x), float(down * y)) for x in steps for y in steps]
+def _points(
+    frames: TransformBuffer, geometry: HeadGeometry, camera: Camera, seen: View
+) -> list[Vector3]:
+    """Return points to look at, in the base of the head [m].
 
+    The target moves from one side of the image to the other, as far as the joints' limits allow.
 
-def _point_beside(
-    head: TurningHead, geometry: HeadGeometry, camera: Camera, seen: View, right: float, down: float
-) -> tuple[float, float, float]:
-    """Return the point to look at [m] that moves the target to x and y, at z = 1, in the image."""
+    Args:
+        frames: the frames of the robot.
+        geometry: geometry of the head.
+        camera: the camera.
+        seen: a view of the target.
+    """
+    model, base, optical_frame = geometry.model, geometry.base, geometry.optical_frame
+    pan, tilt = geometry.pan_joint, geometry.tilt_joint
+
+    def ahead(positions: Sequence[float], x: float = 0.0, y: float = 0.0) -> Vector3:
+        """Return what the camera sees at x and y, at z = 1."""
+        joints = dict(zip((pan, tilt), positions, strict=True))
+        pose = frames.lookup_transform(base, optical_frame, LATEST, joint_positions=joints)
+        length = _DISTANCE / math.sqrt(1.0 + x**2 + y**2)
+        return pose.transform @ (length * x, length * y, length)
+
+    head = PanTiltHead(model, pan, tilt, optical_frame, (0.0, 0.0, 1.0))
     u, v = seen.corners.mean(axis=0).tolist()
     x, y = camera.ray((u, v))
-    joints = dict(zip(head.joints, (seen.pan, seen.tilt), strict=True))
-    optical = head.frames.lookup_transform(
-        geometry.base, geometry.optical_frame, LATEST, joint_positions=joints
-    ).transform
-    length = _DISTANCE / math.sqrt(1.0 + (x - right) ** 2 + (y - down) ** 2)
-    return optical @ (length * (x - right), length * (y - down), length)
+    across = _REACH * camera.width / 2.0 / camera.fx
+    down = _REACH * camera.height / 2.0 / camera.fy
+    here = seen.pan, seen.tilt
+    sides = [
+        head.gaze(ahead(here, x - right, y - below), *here)
+        for right, below in ((-across, 0.0), (across, 0.0), (0.0, -down), (0.0, down))
+    ]
+    pans = _range([gaze.pan for gaze in sides], head.pan_limits)
+    tilts = _range([gaze.tilt for gaze in sides], head.tilt_limits)
+    rng = random.Random(1)
+
+    def position(extremes: tuple[float, float], step: int) -> float:
+        """Return a position that is never the same twice: its reading would err alike."""
+        first, last = extremes
+        scatter = min(_STOOD, last - first)
+        share = step / (_STEPS - 1)
+        return first + share * (last - first - scatter) + scatter * rng.random()
+
+    points = [
+        ahead((position(pans, right), position(tilts, down)))
+        for right, down in product(range(_STEPS), repeat=2)
+    ]
+    rng.shuffle(points)
+    return points
+
+
+def _range(positions: Sequence[float], limits: JointLimits) -> tuple[float, float]:
+    """Return the extremes of positions [rad], not at a limit.
+
+    At a limit, a pointing frame that is beside the camera would be out of reach.
+    """
+    margin = min(_MARGIN, 0.25 * (limits.upper - limits.lower))
+    lower, upper = limits.lower + margin, limits.upper - margin
+    return max(min(positions), lower), min(max(positions), upper)

@@ -43,11 +43,12 @@ _NEGATIVE_PLAY: Final = math.radians(0.5)  # less is noise
 _OUTLYING: Final = 5.0  # deviations: such a view is excluded,
 _MOST_LEFT_OUT: Final = 0.2  # at most this share of all
 _LEAST_FREE: Final = 0.25  # of the residuals: at least so many degrees of freedom
+_LEAST_NOISE: Final = 0.15  # px: corners are detected that much inside the marker
 _MOST_NOISE: Final = 4.0  # px
 _UNSTEADY: Final = 2.5  # times the stated deviation of the readings
 _MOVED: Final = 5.7  # deviations: a motion reduces the cost by a chi-square with p = 5e-9
 _SPLITS: Final = (0.25, 0.4, 0.5, 0.6, 0.75)
-_SIZES: Final = (0.5, 2.0)  # factors of the stated marker size that are tried
+_SIZES: Final = (0.5, 0.67, 0.8, 1.25, 1.5, 2.0)  # factors of the stated marker size that are tried
 _RESIZED: Final = 5.4  # decrease of the cost: chi-square with 1 degree of freedom, p = 0.001
 _POSE: Final = 6
 _POINT_DISTANCE: Final = 2.0  # m: expected distance of a point from the camera,
@@ -173,8 +174,9 @@ def solve(
     if marker_size is not None and (factor := fit.better_size(free, noise)) is not None:
         raise CalibrationError(
             Reason.FAR_FROM_MODEL,
-            f"the views fit a marker of {factor * marker_size:g} m better than one of "
-            f"{marker_size:g} m: measure the edge of its black square, and check the robot model",
+            f"the views fit a marker of about {factor * marker_size:.2g} m better than one of "
+            f"{marker_size:g} m: measure the edge of its black square, and check the angle of view "
+            "and the robot model",
         )
     held: list[int] = []
     while True:
@@ -234,17 +236,29 @@ class _Observations(NamedTuple):
     def of(views: Sequence[View], camera: Camera) -> _Observations:
         """Convert views."""
         _, markers = np.unique([view.marker for view in views], return_inverse=True)
-        readings = [(view.pan, view.tilt) for view in views]
-        _, images = np.unique(readings, axis=0, return_inverse=True)
         corners = np.array([view.corners for view in views], dtype=np.float64)
         rays = [camera.ray((u, v)) for u, v in corners.reshape(-1, 2).tolist()]
         return _Observations(
-            np.array(readings),
+            np.array([(view.pan, view.tilt) for view in views]),
             np.array([view.directions for view in views], dtype=np.float64),
-            images.ravel(),
+            _images(views),
             markers,
             np.array(rays).reshape(corners.shape),
         )
+
+
+def _images(views: Sequence[View]) -> npt.NDArray[np.intp]:
+    """Return the index of the image of each view; an image shows a marker once."""
+    images: list[int] = []
+    numbers: set[int] = set()
+    for before, view in zip((None, *views), views):  # noqa: B905
+        if before is None or view[:2] != before[:2] or view.marker in numbers:
+            numbers = set()
+            images.append(1 + images[-1] if images else 0)
+        else:
+            images.append(images[-1])
+        numbers.add(view.marker)
+    return np.array(images)
 
 
 class _Fit:
@@ -429,7 +443,7 @@ class _Fit:
             used = float((orthonormal[: misses.size] ** 2).sum())
             typical = typical if robust else math.sqrt(float(np.mean(misses**2)))
         share = math.sqrt(misses.size / max(misses.size - used, _LEAST_FREE * misses.size))
-        return max(0.05, typical * share)
+        return max(_LEAST_NOISE, typical * share)
 
     @property
     def _has_points(self) -> bool:

@@ -23,7 +23,7 @@ Observe: TypeAlias = Callable[[Frame], dict[int, Array]]
 _CELLS: Final = 6, 4  # of the first image: at most one point of the room in each
 _KEYPOINTS: Final = 1500
 _PARALLAX: Final = 0.025  # of the image width: points at different distances move differently
-_FEWEST: Final = 6  # points of the room in an image
+_FEWEST: Final = 20  # matches of the first image
 
 
 def observer(target: str, marker: MarkerParameters | None) -> Observe:
@@ -66,12 +66,17 @@ class _Face:
 
 
 class _Room:
-    """Finds the distinct points of the first image in later images (ORB: Rublee, 2011)."""
+    """Finds the distinct points of the first image in later images (ORB: Rublee, 2011).
+
+    All points of the first image are matched, because a few fit a wrong homography by chance; those
+    that are spread over the image are returned.
+    """
 
     def __init__(self) -> None:
         self._orb = cv2.ORB_create(_KEYPOINTS)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
         self._first: tuple[Array, Pixels] | None = None
+        self._chosen: list[int] = []
 
     def __call__(self, frame: Frame) -> dict[int, Array]:
         assert frame.picture is not None
@@ -81,8 +86,8 @@ class _Room:
         points = np.array([keypoint.pt for keypoint in keypoints])
         if self._first is None:
             responses = np.array([keypoint.response for keypoint in keypoints])
-            chosen = _spread(points, responses, frame.picture.size)
-            self._first = points[chosen], descriptors[chosen]
+            self._first = points, descriptors
+            self._chosen = _spread(points, responses, frame.picture.size)
         first, known = self._first
         pairs = np.array(
             [(match.queryIdx, match.trainIdx) for match in self._matcher.match(known, descriptors)]
@@ -93,7 +98,8 @@ class _Room:
         _, agree = cv2.findHomography(first[pairs[:, 0]], points[pairs[:, 1]], cv2.RANSAC, limit)
         if agree is None or agree.sum() < _FEWEST:
             return {}
-        return {int(k): points[[j]] for k, j in pairs[agree.ravel() > 0]}
+        found = dict(pairs[agree.ravel() > 0].tolist())
+        return {k: points[[found[k]]] for k in self._chosen if k in found}
 
 
 def _spread(points: Array, responses: Array, size: tuple[int, int]) -> list[int]:

@@ -3,6 +3,8 @@
 import math
 import time
 from collections import deque
+from dataclasses import replace
+from itertools import product
 
 import cv2
 import numpy as np
@@ -12,16 +14,27 @@ from head_tracking import Head
 from head_tracking.calibration import Calibration, calibrated, gathering
 from head_tracking.calibration.gathering import calibrate_camera
 from head_tracking.calibration.solver import CalibrationError, Reason
+from head_tracking.calibration.targets import observer
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
-from head_tracking.exceptions import FrameError
+from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
+from head_tracking.scene.render import Renderer
+from head_tracking.scene.scenes import make_scene
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.simulation import SimulatedJoints
-from head_tracking.transforms import TransformBuffer, load_robot_model
+from head_tracking.transforms import (
+    RobotModel,
+    Rotation,
+    Transform,
+    TransformBuffer,
+    load_robot_model,
+)
 from head_tracking.vision import MarkerParameters, camera_with_view
+from head_tracking.vision.candidate import Frame
+from head_tracking.vision.images import Picture
 
 
 @pytest.fixture
@@ -73,9 +86,16 @@ def test_a_camera_without_pictures_is_named():
 class LateHead:
     """A head that turns at once, and whose joints are heard of late, as on a busy computer."""
 
-    def __init__(self, late):
+    def __init__(self, late, **limits):
         self.frames, self._late = TransformBuffer(), late
         self.model = load_robot_model(robot_file("kinectbot"))
+        joints = [
+            replace(joint, limits=joint.limits.narrowed(-limits[name], limits[name]))
+            if name in limits
+            else joint
+            for name, joint in self.model.joints.items()
+        ]
+        self.model = RobotModel(self.model.name, self.model.links, joints)
         self.frames.set_model(self.model)
         self.head = PanTiltHead(self.model, "head_pan_joint", "head_tilt_joint", "camera_link")
         self.true = {"head_pan_joint": 0.0, "head_tilt_joint": 0.0}
@@ -97,6 +117,8 @@ class LateHead:
 
     def look_at(self, point, frame, *, max_velocity):
         gaze = self.head.gaze(point, *self.true.values())
+        if not gaze.reached:
+            raise UnreachableError(point, frame, gaze.miss, gaze.reason)
         self.true = dict(zip(self.true, (gaze.pan, gaze.tilt), strict=True))
 
     def film(self):
@@ -145,6 +167,20 @@ def test_unmeasured_joints_interrupt_a_calibration_but_do_not_end_it(quick, monk
     assert found.views > 8
 
 
+@pytest.mark.parametrize(
+    ("pan", "tilt", "unknown"),
+    [(30.0, 1.0, {"tilt axis not square", "tilt play"}), (3.0, 3.0, {"camera ahead"})],
+)
+def test_narrow_limits_are_used_and_what_they_hide_is_named(quick, pan, tilt, unknown):
+    head = LateHead(0.0, head_pan_joint=math.radians(pan), head_tilt_joint=math.radians(tilt))
+    found = calibrate_camera(head, head.film(), marker=MARKER)
+    assert found.views > 8
+    assert not any(found.estimates[name].observable for name in unknown)
+    assert found.estimates["pan play"].deviation > math.radians(0.02)
+    for value, deviation, observable in found.estimates.values():
+        assert not observable or abs(value) < 3.5 * deviation
+
+
 @pytest.mark.parametrize("degrees", [0.0, 1.0])
 def test_the_play_of_simulated_servos_is_found(quick, degrees):
     """The camera hangs on links that stay behind the encoders."""
@@ -175,3 +211,20 @@ def test_the_model_of_a_camera_must_fit_its_images():
     images = ((time.time(), np.zeros((240, 320, 3), np.uint8)) for _ in range(100))
     with Head.simulated() as head, pytest.raises(ValueError):
         head.calibrate(images, marker=MARKER, model=camera_with_view(640, 480, math.radians(60.0)))
+
+
+def test_points_of_the_room_are_the_same_in_each_image():
+    camera = camera_with_view(640, 480, math.radians(60.0))
+    renderer = Renderer(make_scene("empty", np.random.default_rng(1)), camera)
+    ahead = Rotation.from_matrix([(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
+    observe, first, images = observer("room", None), {}, 0
+    for pitch, yaw in product(np.radians((0.0, -16.0, 16.0)), np.radians((0.0, -22.0, 22.0))):
+        turned = Rotation.from_rpy(0.02, float(pitch), float(yaw)) @ ahead
+        picture = renderer.render(Transform((0.0, 0.0, 0.4), turned), 0.0, depth=False).picture
+        found = observe(Frame(0, camera, Picture(picture)))
+        first = first or {n: turned.apply((*camera.ray(p[0]), 1.0)) for n, p in found.items()}
+        images += bool(found)
+        for number, points in found.items():
+            expected = camera.pixel(turned.inverse().apply(first[number]))
+            assert math.dist(expected, points[0]) < 8.0
+    assert images > 5

@@ -81,7 +81,7 @@ def test_play_is_not_observable_from_one_direction(geometry):
     assert not estimates["tilt play"].observable
 
 
-@pytest.mark.parametrize(("factor", "seed"), [(2.0, 137), (2.0, 140), (0.5, 130)])
+@pytest.mark.parametrize(("factor", "seed"), [(2.0, 137), (2.0, 140), (0.5, 130), (1.25, 6009)])
 def test_a_wrong_marker_size_is_refused(geometry, factor, seed):
     """The distance of the marker is not observable in these views; the scale is."""
     with pytest.raises(CalibrationError) as refusal:
