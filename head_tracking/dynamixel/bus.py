@@ -283,6 +283,8 @@ class ServoBus:
         """
         servos = [servo for _, servo in self._each_servo()]
         self._port.open()
+        for servo in servos:
+            servo.identity = None  # its settings may have been changed since
         try:
             found = answering(servos)
             if len(found) < len(servos):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from enum import IntFlag
 from typing import Final
@@ -37,6 +37,10 @@ _CAUSES: Final = (
     "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog",
 )  # fmt: skip
 """Registers with causes, besides modes and position limits."""
+_TORQUE_LOST: Final = (
+    "its torque is off, but this program has not switched it off: its supply, or another "
+    "program; the joint is relaxed until the next command"
+)
 
 
 # For the bus and for command line tools
@@ -351,6 +355,7 @@ class Diagnosis:
                         self._end(watch, "not reached: the servo does not answer")
             if len(watches) > 1:
                 self._find(watches[0], Symptom.APART, _apart)
+                self._check_pair(joint, watches)
 
     def _examine(self, watch: _Watch) -> None:
         """Examine a servo that was read in this cycle."""
@@ -415,8 +420,11 @@ class Diagnosis:
             )
             if symptom is not Symptom.OVERRULED or last:
                 break  # a goal that was written late is not another program's
+        if symptom is Symptom.TORQUE_LOST:
+            self._lose_torque(watch)
+            return
         self._report(watch, symptom, why)
-        if symptom in (Symptom.TORQUE_LOST, Symptom.MODE):
+        if symptom is Symptom.MODE:
             self._procedures.cut(joint)
         elif symptom is Symptom.TRIPPED:
             self._procedures.clear_watchdog(joint)
@@ -465,7 +473,7 @@ class Diagnosis:
             if servo.error or servo.errors or watch.reported:
                 self._judge_errors(watch, now)
             if servo.link is LinkState.INTERRUPTED and not joint.busy:
-                self._check_torque(joint, servo)
+                self._check_torque(watch)
         self._judge_heat(joint, state.temperature)
         if self._settings.command_timeout and joint.on:
             self._judge_command(joint, state, now)
@@ -496,22 +504,32 @@ class Diagnosis:
             self._bus.note(EventKind.ALARM, joint, text, about=errors)
         watch.reported = errors
 
-    def _check_torque(self, joint: Joint, servo: Servo) -> None:
+    def _check_pair(self, joint: Joint, watches: Sequence[_Watch]) -> None:
+        """Ask one of two servos in every second examination whether it has torque.
+
+        One without torque is turned by the other, so that no measurement shows it.
+        """
+        watch = watches[watches[0].cycle // 2 % 2]
+        due = watches[0].cycle % 2 == 0 and joint.on and not joint.busy
+        if due and watch.servo.link is LinkState.PRESENT:
+            self._check_torque(watch)
+
+    def _check_torque(self, watch: _Watch) -> None:
         """Find a servo that was without power for a moment; it must not move to the old goal."""
-        if joint.on:
+        servo = watch.servo
+        if watch.joint.on:
             try:
                 powered = servo.get("Torque Enable", 1) == 1
             except CommunicationError:
                 return  # the next cycle asks again
             if not powered:
-                self._procedures.cut(joint)
-                self._bus.note(
-                    EventKind.TORQUE_LOST,
-                    joint,
-                    f"servo {servo.id} has lost its torque, probably with its power; the joint is "
-                    "relaxed until the next command",
-                )
+                self._lose_torque(watch)
         servo.note_torque()
+
+    def _lose_torque(self, watch: _Watch) -> None:
+        """Relax the whole joint of a servo whose torque was found off."""
+        self._procedures.cut(watch.joint)
+        self._report(watch, Symptom.TORQUE_LOST, _TORQUE_LOST)
 
     def _judge_heat(self, joint: Joint, temperature: float) -> None:
         settings = self._settings
@@ -550,10 +568,7 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
     """Return the symptom and a sentence, if the registers show a cause."""
     servo = watch.servo
     if not values["Torque Enable"]:
-        return Symptom.TORQUE_LOST, (
-            "its torque is off, but this program has not switched it off: its supply, or another "
-            "program; the joint is relaxed until the next command"
-        )
+        return Symptom.TORQUE_LOST, _TORQUE_LOST
     if any(wrong_mode(servo, values)):
         return Symptom.MODE, (
             "it is not in position mode any more: another program has changed its settings; the "

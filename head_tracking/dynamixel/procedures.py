@@ -278,8 +278,7 @@ class Procedures:
         If the joint was on and the servo has kept its torque, it holds its present position.
         Otherwise it is relaxed.
         """
-        others = joint.on
-        keep = others or (joint.resumes and not (joint.relaxed or joint.resting))
+        keep = joint.on or (joint.resumes and not (joint.relaxed or joint.resting))
         identity = yield from servo.identify(keep_torque=keep)
         try:
             joint.require_range()
@@ -291,16 +290,17 @@ class Procedures:
             return joint.torque.value
         if keep and identity.faulted:
             self.cut(joint)
-        elif keep and not joint.complete:
-            return "its other servo does not answer"
-        elif keep and (identity.powered or others):
+        elif keep and identity.powered:
+            if not joint.complete:
+                return "its other servo does not answer"
             try:
-                yield from self._pinning(joint, powered=identity.powered)
+                yield from self._pinning(joint, powered=True)
             except (CommunicationError, ServoError) as cause:
                 return f"relaxed, because it does not hold: {cause}"
             return "it kept its torque and holds its present position"
         elif keep and len(joint.servos) > 1:
             self.cut(joint)  # the other one may hold
+            return f"it has lost its torque; {joint.torque.value}"
         joint.resumes = False
         return joint.torque.value
 

@@ -95,6 +95,8 @@ class ServoIdentity:
     lowest_voltage: float  # lower limit of its supply, V
     powered: bool  # whether its torque was on when it was found
     faulted: bool  # whether it had shut itself down when it was found
+    reverse: bool | None = None  # whether Drive Mode reverses its ticks; None: it has none
+    offset: int | None = None  # register value that is added to its position; None: it has none
 
 
 class Servo:
@@ -325,6 +327,8 @@ class Servo:
             memory["Min Voltage Limit"] * 0.1,
             memory["Torque Enable"] == 1,
             _has_shut_down(memory, shutdown),
+            bool(memory["Drive Mode"] & _REVERSE) if "Drive Mode" in memory else None,
+            None if model.offset is None else memory[model.offset.name],
         )
         problem: ServoError | ConfigurationError | None = None
         try:
@@ -367,18 +371,25 @@ class Servo:
     def _wrong_settings(self, memory: Mapping[str, int]) -> Iterator[tuple[str, int, str]]:
         """Yield register name, right value, and what is wrong.
 
-        Drive Mode and offset are kept in EEPROM: another driver may have changed them.
+        Drive Mode and offset are kept in EEPROM: another driver may have changed them. What the
+        configuration leaves open must stay as it was when the servo was found.
         """
-        model, calibration = self.model, self.calibration
+        model, calibration, known = self.model, self.calibration, self.identity
         yield from wrong_mode(self, memory)
-        if model.offset is not None and calibration.offset is not None:
-            register, right = model.offset, model.offset.from_counts(calibration.offset)
-            if memory[register.name] != right:
-                yield register.name, right, "was calibrated with another offset"
+        if model.offset is not None:
+            register, offset = model.offset, known.offset if known else None
+            why = "has another offset than when it was found"
+            if calibration.offset is not None:
+                offset = register.from_counts(calibration.offset)
+                why = "was calibrated with another offset"
+            if offset is not None and memory[register.name] != offset:
+                yield register.name, offset, why
+        reverse, why = known.reverse if known else None, "when it was found"
         if calibration.reverse is not None:
-            mode = memory["Drive Mode"]
-            if bool(mode & _REVERSE) != calibration.reverse:
-                yield "Drive Mode", mode ^ _REVERSE, "turns in the other direction than configured"
+            reverse, why = calibration.reverse, "configured"
+        if reverse is not None and bool(memory["Drive Mode"] & _REVERSE) != reverse:
+            right = memory["Drive Mode"] ^ _REVERSE
+            yield "Drive Mode", right, f"turns in the other direction than {why}"
         if memory.get("Secondary ID") in self.others:
             yield "Secondary ID", 255, "also obeys packets for a servo of another joint"
 

@@ -7,6 +7,7 @@ from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     ConfigurationError,
+    EventKind,
     Goal,
     GoalError,
     JointConfiguration,
@@ -44,12 +45,13 @@ class Pair:
         self.bus.connect()
         self.apart = 0.0
         self.goals_apart = 0
+        self.kinds: list[EventKind] = []
 
     def step(self, count: int = 1) -> None:
         first, second = self.servos
         for _ in range(count):
             self.bench.pass_time(PERIOD)
-            self.bus.step()
+            self.kinds += [event.kind for event in self.bus.step().events]
             last = first.model.ticks - 1
             self.apart = max(self.apart, abs(first.true_ticks + second.true_ticks - last))
             if all(servo.register("Torque Enable") for servo in self.servos):
@@ -61,6 +63,11 @@ class Pair:
         lower, upper = self.joint.lower, self.joint.upper
         self.bus.command({"j": Goal(lower + share * (upper - lower), 2.0)}, clamp=True)
         self.step(80)
+
+    @property
+    def powered(self) -> int:
+        """How many of the two have torque."""
+        return sum(servo.register("Torque Enable") for servo in self.servos)
 
     @property
     def position(self) -> float:
@@ -176,3 +183,33 @@ def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) 
     pair.go(0.2)
     assert pair.bus.joint("j").torque is Torque.ON
     assert pair.apart < APART and pair.goals_apart < APART
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("relaxed", [0, 1])
+def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(
+    name: str, relaxed: int
+) -> None:
+    pair = Pair(name)
+    pair.go(0.9)
+    pair.servos[relaxed].set_register("Torque Enable", 0)
+    pair.step(6)
+    assert pair.powered != 1  # a goal switches the torque of some models on
+    assert (EventKind.TORQUE_LOST in pair.kinds) == (pair.powered == 0)
+    pair.go(0.2)
+    assert pair.bus.joint("j").torque is Torque.ON
+    assert pair.apart < APART and pair.goals_apart < APART
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_no_servo_of_a_pair_goes_on_alone_when_one_restarts(name: str) -> None:
+    pair = Pair(name)
+    pair.go(0.9)
+    pair.servos[1].power_off()
+    pair.step()
+    pair.servos[1].power_on()
+    pair.step(25)  # 15 of them to start
+    assert pair.powered == 0
+    assert EventKind.RETURNED in pair.kinds
+    pair.go(0.2)
+    assert pair.bus.joint("j").torque is Torque.ON

@@ -20,7 +20,7 @@ from head_tracking.dynamixel import (
     TorqueError,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import ServoSetupError
+from head_tracking.dynamixel.exceptions import ServoError, ServoSetupError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -276,6 +276,32 @@ def test_a_servo_that_another_driver_has_reversed_is_refused(mode: int, reverse:
 def test_a_servo_that_counts_as_configured_is_used(mode: int, reverse: bool | None) -> None:
     _, bus = reversed_in_memory(mode, reverse)
     bus.connect()
+    bus.close()
+
+
+@pytest.mark.parametrize("name", ["XL430-W250", "XM430-W350", "MX-28(2.0)", "STS3215"])
+@pytest.mark.parametrize("setting", ["Drive Mode", "offset"])
+def test_torque_stays_off_in_a_servo_that_another_program_has_turned_round_meanwhile(
+    name: str, setting: str
+) -> None:
+    model = servo_model(name)
+    if setting == "offset":
+        setting = "" if model.offset is None else model.offset.name
+    if setting not in model.control_table:
+        pytest.skip("the model has no such register")
+    servo = SimulatedServo(1, model)
+    bus = Bench([servo]).servo_bus([JointConfiguration("j", 1, controller="c", model=model)])
+    bus.connect()
+    servo.set_register(setting, servo.register(setting) ^ 1)
+    with pytest.raises(TorqueError):
+        run(bus.switching_torque(None, True))
+    run(bus.stopping(None))
+    with pytest.raises(ServoError):
+        run(bus.starting(None))
+    assert servo.register("Torque Enable") == 0
+    bus.close()
+    bus.connect()  # as it is now
+    run(bus.switching_torque(None, True))
     bus.close()
 
 
