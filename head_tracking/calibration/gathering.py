@@ -31,6 +31,7 @@ _SPEED: Final = 0.6  # rad/s
 _SETTLING: Final = 0.4  # s after an arrival, because images are late
 _PATIENCE: Final = 1.5  # s to wait for a still image,
 _COMPARED: Final = 4  # and minimum number of images: a busy computer is late
+_LONGEST_STOP: Final = 10.0  # s in which the head comes to rest
 _LATE: Final = 0.5  # s: maximum delay of joint measurements after an image
 _POLL: Final = 0.005  # s
 _RETRY: Final = 0.2  # s
@@ -52,6 +53,9 @@ class TurningHead(Protocol):
     @property
     def joints(self) -> Mapping[str, float]:
         """The measured positions of pan and tilt [rad]."""
+
+    def hold(self) -> None:
+        """End the present motion; the head stays where it is."""
 
     def look_at(self, point: Vector3, frame: str, *, max_velocity: float) -> object:
         """Turn to a point [m], at most at this speed [rad/s]; wait for the arrival."""
@@ -111,6 +115,7 @@ def calibrate_camera(
             f"the images are {width} x {height}; the camera's model is for {lens.width} x "
             f"{lens.height}"
         )
+    head.hold()
     still = _Observer(head, source, lens, observe, TARGETS[target])
     views = _gather(still, head, geometry, lens, report)
     report(f"{len(views)} views; computing")
@@ -142,7 +147,7 @@ class _Observer:
         self._positions, self._directions = tuple(head.joints.values()), [0, 0]
 
     def views(self) -> list[View]:
-        """Return what is visible as soon as the image is still; empty: nothing.
+        """Return what is visible as soon as head and image are still; empty: nothing.
 
         The joints must be at rest from a measurement before the images to one after them, because
         measurements and the start of a motion may be late.
@@ -150,9 +155,12 @@ class _Observer:
         self._note_motion()
         arrived = self._measured()
         end = arrived + _SETTLING + _PATIENCE
+        deadline = time.monotonic() + _LONGEST_STOP
         before: dict[int, View] = {}
         compared = 0
         for stamped, picture in self._source:
+            if time.monotonic() > deadline:
+                return []
             stamp = min(stamped, time.time())  # the clock of the camera may be ahead
             if stamp < arrived + _SETTLING:
                 continue
@@ -231,8 +239,8 @@ def _gather(
     if not views:
         raise CalibrationError(
             Reason.FEW_VIEWS,
-            "nothing to look at is visible: turn the head, and check the light; of a marker, check "
-            "its family and number",
+            "nothing to look at is visible while the head rests: turn the head, and check the "
+            "light; of a marker, check its family and number; do not move the head by hand",
         )
     middle = (camera.cx, camera.cy)
     nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))

@@ -163,16 +163,21 @@ class Calibration:
         Raises:
             CalibrationFileError: the calibration was made with another model.
         """
-        tree = ElementTree.fromstring(model.urdf)
+        tree, difference = ElementTree.fromstring(model.urdf), ""
+        if model.name != self.robot:
+            difference = "it is another robot"
         for joint in self.joints:
             before = model.joints.get(joint.name)
             if before is None or not _is_same(before.origin, joint.replaces):
-                raise CalibrationFileError(
-                    self.source or Path("calibration"),
-                    f"the calibration of {self.robot!r} does not match the model {model.name!r}: "
-                    f"the joint {joint.name!r} differs; calibrate again",
-                )
-            _write(tree, joint)
+                difference = f"the joint {joint.name!r} differs"
+            else:
+                _write(tree, joint)
+        if difference:
+            raise CalibrationFileError(
+                self.source or Path("calibration"),
+                f"the calibration of {self.robot!r} does not match the model {model.name!r}: "
+                f"{difference}; calibrate again",
+            )
         return parse_robot_model(ElementTree.tostring(tree, encoding="unicode"))
 
     @staticmethod
@@ -218,8 +223,8 @@ class Calibration:
         except _MALFORMED as error:
             raise CalibrationFileError(
                 path,
-                f"not a valid calibration file ({type(error).__name__}: {error}); create one with "
-                "`head_tracking calibrate`",
+                f"not a valid calibration file ({type(error).__name__}: "
+                f"{' '.join(str(error).split())}); create one with `head_tracking calibrate`",
             ) from error
 
 

@@ -123,8 +123,8 @@ def solve(
     if images < FEWEST_VIEWS:
         raise CalibrationError(
             Reason.FEW_VIEWS,
-            f"the marker, face or room is visible in {images} images; {FEWEST_VIEWS} are needed: "
-            "use more light, or a smaller distance",
+            f"the target is visible from {images} positions of the joints; {FEWEST_VIEWS} are "
+            "needed: use more light, a smaller distance, or wider limits of the joints",
         )
     free = [k for k in range(len(PARAMETERS)) if focal_length or k != FOCAL_LENGTH]
     observations = _Observations.of(views, camera)
@@ -146,14 +146,14 @@ def solve(
     if moved is not None:
         raise CalibrationError(
             Reason.MOVED,
-            f"the marker or the camera moved at about view {moved} of {len(views)}: fasten both, "
+            f"the target or the camera moved at about view {moved} of {len(views)}: fasten both, "
             "and calibrate again",
         )
     kept = fit.consistent_views(free)
     if len(kept) < max(FEWEST_VIEWS, (1.0 - _MOST_LEFT_OUT) * len(views)):
         raise CalibrationError(
             Reason.INCONSISTENT,
-            f"{len(views) - len(kept)} of {len(views)} views are outliers: the marker must not "
+            f"{len(views) - len(kept)} of {len(views)} views are outliers: the target must not "
             "move, and the images must be sharp",
         )
     fit = fit.with_views(kept).run(free, fit.noise(free))
@@ -162,7 +162,7 @@ def solve(
         raise CalibrationError(
             Reason.BLURRED,
             f"the deviation of the corners is {noise:.1f} px; the maximum is {_MOST_NOISE:.0f}: "
-            "the images are blurred, or the marker is not flat",
+            "the images are blurred, the target moves, or the marker is not flat",
         )
     unsteady = fit.unsteadiness()
     if unsteady > _UNSTEADY:

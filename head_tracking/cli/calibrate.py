@@ -62,16 +62,18 @@ def _calibrate(options: argparse.Namespace) -> int:
             focal_length=options.focal_length,
             report=lambda text: print(text, file=sys.stderr),
         )
-    calibration.save(options.output)
-    if options.picture:
-        _draw(calibration, options.picture, (width, height))
     for name, change, deviation in summary(calibration):
         print(f"{name:<22} {change:>18}  +- {deviation}")
     print(
         f"{calibration.views} views used, {calibration.left_out} ignored; corner noise "
         f"{calibration.noise:.2f} px\nthe views disagree by "
         f"{math.degrees(calibration.error_before):.2f} degrees before, "
-        f"{math.degrees(calibration.error_after):.2f} degrees after (rms)\n"
+        f"{math.degrees(calibration.error_after):.2f} degrees after (rms)"
+    )
+    calibration.save(options.output)
+    if options.picture:
+        _draw(calibration, options.picture, (width, height))
+    print(
         f"written: {options.output}\n"
         f"use it:  head_tracking --robot {options.robot} --calibration {options.output}"
     )

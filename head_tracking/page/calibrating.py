@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -80,6 +81,13 @@ class CameraCalibration:
         if any(one.name.endswith(": calibration") for one in self._robot.topics.health()):
             text = "This run uses a calibration: start it without --calibration to calibrate anew."
             return Outcome(False, text)
+        folder = state_folder("calibration")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            return Outcome(False, f"{folder} cannot be written: {error.strerror}.")
+        if not os.access(folder, os.W_OK):
+            return Outcome(False, f"{folder} cannot be written.")
         if not self._busy.acquire(blocking=False):
             return Outcome(False, "A calibration is in progress already.")
         self.progress = Progress(True, "The head begins to look around. STOP ends it.")
@@ -115,7 +123,6 @@ class CameraCalibration:
         )
         found = calibration.estimates
         file = state_folder("calibration") / f"{calibration.robot}.yaml"
-        file.parent.mkdir(parents=True, exist_ok=True)
         calibration.save(file)
         return Progress(
             text=f"Calibrated. The result is in {file}. To use it, start with --calibration {file}",
@@ -170,9 +177,7 @@ class _PointedHead:
                 rest.
         """
         robot = self._robot
-        if not self._is_pointed:
-            self._begin(max_velocity)
-        self._check_mode()
+        self._limit_speed(max_velocity)
         head = robot.head()
         assert head is not None
         found = self.frames.lookup_transform(head.base_frame, frame, LATEST).transform
@@ -203,11 +208,17 @@ class _PointedHead:
             raise CalibrationEndedError("no picture is received: choose a camera or start one")
         return picture.frame_id, lens
 
-    def _begin(self, max_velocity: float) -> None:
-        """Let only the page point the head, at a limited speed [rad/s]."""
-        modes, begun = self._robot.modes, time.monotonic()
-        _check(modes.set_mode(Mode.POINT))
+    def hold(self) -> None:
+        """Let only the page point the head."""
+        _check(self._robot.modes.set_mode(Mode.POINT))
         self._is_pointed = True
+
+    def _limit_speed(self, max_velocity: float) -> None:
+        """Limit the speed of the head [rad/s]."""
+        modes, begun = self._robot.modes, time.monotonic()
+        self._check_mode()
+        if self._normal_speed is not None:
+            return
         while (speed := modes.value(POINTER, "max_velocity")) is None:  # it has just been started
             self._wait(begun + _PATIENCE, f"{POINTER} has no parameter max_velocity")
         self._normal_speed = speed

@@ -4,7 +4,7 @@ import math
 import time
 from collections import deque
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 
 import cv2
 import numpy as np
@@ -115,6 +115,9 @@ class LateHead:
         self.hear()
         return {name: self.frames.latest_joint_position(name)[1] for name in self.true}
 
+    def hold(self):
+        pass
+
     def look_at(self, point, frame, *, max_velocity):
         gaze = self.head.gaze(point, *self.true.values())
         if not gaze.reached:
@@ -165,6 +168,35 @@ def test_unmeasured_joints_interrupt_a_calibration_but_do_not_end_it(quick, monk
     found = calibrate_camera(head, head.film(), marker=MARKER)
     assert calls[2] == calls[3] == calls[4]
     assert found.views > 8
+
+
+class RestlessHead(LateHead):
+    """A head that turns to and fro, by itself or by hand."""
+
+    held, ends_by_hold = False, True
+
+    def hold(self):
+        self.held = self.ends_by_hold
+
+    def hear(self):
+        if not self.held:
+            self.true = {**self.true, "head_pan_joint": 0.1 * math.sin(5.0 * time.time())}
+        super().hear()
+
+
+def test_a_head_that_follows_something_is_held_first(quick):
+    head = RestlessHead(0.0)
+    found = calibrate_camera(head, islice(head.film(), 400), marker=MARKER)
+    assert found.views > 8
+
+
+def test_a_head_that_does_not_come_to_rest_is_not_waited_for_without_end(quick, monkeypatch):
+    monkeypatch.setattr(gathering, "_LONGEST_STOP", 1.0)
+    head = RestlessHead(0.0)
+    head.ends_by_hold = False
+    with pytest.raises(CalibrationError) as refusal:
+        calibrate_camera(head, islice(head.film(), 60), marker=MARKER)
+    assert refusal.value.reason is Reason.FEW_VIEWS
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,12 @@ def test_that_of_another_robot_is_refused(file):
         calibrated(load_robot_model(robot_file("turtlebot")), file)
 
 
+def test_that_of_another_robot_with_the_same_joints_is_refused(file, geometry):
+    model = parse_robot_model(geometry.model.urdf.replace('name="kinectbot"', 'name="other"', 1))
+    with pytest.raises(CalibrationFileError):
+        calibrated(model, file)
+
+
 def test_it_cannot_be_applied_twice(file, geometry):
     once = calibrated(geometry.model, file)
     with pytest.raises(CalibrationFileError):

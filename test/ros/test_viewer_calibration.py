@@ -60,6 +60,13 @@ def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, mon
     assert ended(calibration)
 
 
+def test_a_result_that_could_not_be_kept_is_refused_first(calibration, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    assert not calibration.begin(0.16, "").done
+    assert ended(calibration)
+
+
 def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, calibration, tmp_path):
     usual = seen.modes.value("point_head", "max_velocity")
     assert calibration.begin(0.16, "").done
