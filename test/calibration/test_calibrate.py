@@ -44,7 +44,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(gathering, "_SPEED", 2.0)
 
 
-@pytest.mark.parametrize(("target", "degrees"), [("marker", 0.7), ("face", 1.2), ("room", 1.4)])
+@pytest.mark.parametrize(("target", "degrees"), [("marker", 0.7), ("face", 2.0), ("room", 1.4)])
 def test_a_wrong_mounting_is_corrected(quick, tmp_path, target, degrees):
     output, picture = tmp_path / "camera.yaml", tmp_path / "camera.png"
     arguments = ["camera", "--sim", "--yes", "--target", target, "--output", str(output)]
