@@ -48,7 +48,7 @@ _MOST_NOISE: Final = 4.0  # px
 _UNSTEADY: Final = 2.5  # times the stated deviation of the readings
 _MOVED: Final = 5.7  # deviations: a motion reduces the cost by a chi-square with p = 5e-9
 _SPLITS: Final = (0.25, 0.4, 0.5, 0.6, 0.75)
-_SIZES: Final = (0.5, 0.67, 0.8, 1.25, 1.5, 2.0)  # factors of the stated marker size that are tried
+_SIZES: Final = (1.0, 0.5, 0.67, 0.8, 1.25, 1.5, 2.0)  # tried factors of the stated marker size
 _RESIZED: Final = 5.4  # decrease of the cost: chi-square with 1 degree of freedom, p = 0.001
 _POSE: Final = 6
 _POINT_DISTANCE: Final = 2.0  # m: expected distance of a point from the camera,
@@ -491,7 +491,7 @@ class _Fit:
         """
         costs = {factor: self.resized(factor).run(free, noise).cost for factor in _SIZES}
         best = min(costs, key=costs.__getitem__)
-        return best if self.cost - costs[best] > _RESIZED else None
+        return best if costs[1.0] - costs[best] > _RESIZED else None
 
     def resized(self, factor: float) -> _Fit:
         """Return the problem with markers of another size, at another distance."""

@@ -89,6 +89,13 @@ def test_a_wrong_marker_size_is_refused(geometry, factor, seed):
     assert refusal.value.reason is Reason.FAR_FROM_MODEL
 
 
+@pytest.mark.parametrize("seed", [8129, 8135])
+def test_the_right_marker_size_is_not_refused(geometry, seed):
+    head = random_head(geometry, seed, 2.0)
+    solution = solve(geometry, CAMERA, head.views, SIZE)
+    assert pointing_error(geometry, head, solution.changes) < math.radians(0.3)
+
+
 @pytest.mark.parametrize("points", [0, 1, 12])
 def test_a_sight_that_moves_is_refused(geometry, points):
     """One point does not tell a motion from blurred images."""
