@@ -16,7 +16,7 @@ from waiting import eventually, join, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
-from head_tracking.ros.kit.head_lock import HeadLock, namespace
+from head_tracking.ros.kit.head_lock import HeadLock, domain_and_namespace, namespace
 from head_tracking.ros.kit.topics import LATCHED
 
 NAMED = ("--ros-args", "-r", "__ns:=/b")
@@ -122,11 +122,21 @@ def test_whoever_comes_when_there_is_never_a_simulated_head_beside_a_real_one(lo
         ((), "/"),
         (("--ros-args", "-r", "__ns:=/a/b"), "/a/b"),
         (("--ros-args", "--remap", "__ns:=a"), "/a"),
+        (("--ros-args", "-r", "__ns:=/a", "-r", "__ns:=/b"), "/a"),
         (("--ros-args", "-r", "target_point:=/x", "-r", "viewer:__ns:=/y"), "/"),
     ],
 )
 def test_the_namespace_of_all_nodes_is_read_as_ros_does(arguments, found):
     assert namespace(arguments) == found
+
+
+@pytest.mark.parametrize("text", ["7", "07", "0x7", " 7", "", "0"])
+def test_the_domain_is_read_as_ros_does(monkeypatch, text):
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    assert domain_and_namespace(()) == str(context.get_domain_id())
+    context.shutdown()
 
 
 # between machines

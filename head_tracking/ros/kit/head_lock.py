@@ -11,6 +11,7 @@ another head has locked `real`. So a real and a simulated head never run togethe
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import getpass
 import os
@@ -139,13 +140,14 @@ def namespace(arguments: Sequence[str]) -> str:
     """Return the namespace that arguments of ROS give to all nodes, such as /second, or /."""
     rules = [rule for word, rule in pairwise(arguments) if word in ("-r", "--remap")]
     given = [rule.removeprefix("__ns:=") for rule in rules if rule.startswith("__ns:=")]
-    return "/" + given[-1].strip("/") if given else "/"
+    return "/" + given[0].strip("/") if given else "/"  # ROS uses the first rule
 
 
 def domain_and_namespace(arguments: Sequence[str]) -> str:
     """Return domain and namespace as part of a file name, such as `0.second`."""
-    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-    return domain + namespace(arguments).rstrip("/").replace("/", ".")
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    domain = ctypes.CDLL(None).strtoul(os.fsencode(text), None, 0)  # as ROS does: 07 is 7
+    return f"{domain}{namespace(arguments).rstrip('/').replace('/', '.')}"
 
 
 def _flock(file: int, kind: int) -> bool:
