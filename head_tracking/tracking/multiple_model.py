@@ -52,6 +52,10 @@ _ERROR_MEMORY = 0.9  # s; time constant of the errors of the mixture
 _NOISE_MEMORY = 2.0  # s; time constant of the variance of the points
 _NOISE_POINTS = 6  # fifth differences: a 1 Hz oscillation at 15 points a second vanishes
 _OUTLIER = 9.0  # variances
+_NEWEST = 0.2  # share of one point in the mean squared error of the newest predictions
+_GROWING = 0.1  # share of it in a score, times (lead time / time between points)^2,
+_MOST_STEPS = 8.0  # which is at most the square of this
+_NONE = (0.0,) * len(MODELS)
 _NOISE_OFF = 0.8  # of the variance of a point is subtracted from the scores
 _LEAST_SCORE = 0.02  # of that variance
 _FINEST = 1e-12  # rad^2; variance of rounding
@@ -199,10 +203,24 @@ class Prediction(NamedTuple):
         states: Sequence[State],
         variance: float,
         rate: float,
+        behind: Sequence[float],
     ) -> Prediction:
-        """Return the mixture of the models' states by their scores."""
+        """Return the mixture of the models' states by their scores.
+
+        Args:
+            scores: see `Prediction`.
+            error: see `Prediction`.
+            states: by every model.
+            variance: of a point [rad^2].
+            rate: of the oscillation [rad/s].
+            behind: by how much a model's newest predictions are worse than those of the best one,
+                as an increase of its score [rad^2].
+        """
         off, least = _NOISE_OFF * variance, _LEAST_SCORE * variance
-        raw = [1.0 / max(score - off, least) ** 2 for score in scores]
+        raw = [
+            1.0 / max(score + more - off, least) ** 2
+            for score, more in zip(scores, behind, strict=True)
+        ]
         total = sum(raw)
         weights = tuple([each / total for each in raw])
         origin = states[0][0]
@@ -252,6 +270,7 @@ class Bearing(NamedTuple):
         near: the prediction over the lead time.
         far: the prediction over a longer lead time, for points that are overdue.
         certainty: variances of position [rad^2] and velocity [rad^2/s^2] within and between models.
+        recent: mean squared error of every model's newest predictions, from point to point [rad^2].
     """
 
     states: tuple[State, ...]
@@ -259,6 +278,7 @@ class Bearing(NamedTuple):
     near: Prediction
     far: Prediction
     certainty: tuple[float, float]
+    recent: tuple[float, ...]
 
     def within(self, limits: tuple[float, float]) -> Bearing:
         """Return the bearing with an oscillation within these limits; see `Motion.within`."""
@@ -296,7 +316,7 @@ class Bearings(NamedTuple):
         near, far = (
             Prediction(scores, variance + (_SPEED * lead) ** 2, (), still) for lead in leads
         )
-        unknown = Bearing((), variance, near, far, (0.0, 0.0))
+        unknown = Bearing((), variance, near, far, (0.0, 0.0), ())
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points)
 
     def restarted(self, points: tuple[float, float]) -> Bearings:
@@ -323,10 +343,10 @@ class Bearings(NamedTuple):
         for bearing, point in zip(self.joints, points, strict=True):
             states = ((point, 0.0, 0.0),) * len(MODELS)
             near, far = (
-                Prediction.mixed(each.scores, each.error, states, bearing.variance, rate)
+                Prediction.mixed(each.scores, each.error, states, bearing.variance, rate, _NONE)
                 for each in (bearing.near, bearing.far)
             )
-            joints.append(_described(states, covariances, bearing.variance, near, far))
+            joints.append(_described(states, covariances, bearing.variance, near, far, _NONE))
         return Bearings(covariances, self.oscillation, (joints[0], joints[1]))
 
     def after(
@@ -356,17 +376,25 @@ class Bearings(NamedTuple):
         )
         share = min(1.0 - math.exp(-dt / _MEMORY), _LARGEST_SHARE)
         shares = share, 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
+        growth = _GROWING * min(near_ahead / dt, _MOST_STEPS) ** 2
         joints = []
         for bearing, before, long_before, angles, variance in zip(
             self.joints, near.joints, far.joints, points, variances, strict=True
         ):
             point = angles[-1]
+            moved = _moved(bearing.states, swing, dt)
+            recent = tuple(
+                [
+                    error + _NEWEST * ((x - point) ** 2 - error)
+                    for error, (x, _, _) in zip(bearing.recent, moved, strict=True)
+                ]
+            )
+            best = min(recent)
+            behind = [growth * (error - best) for error in recent]
             states = tuple(
                 [
                     (x + k * (point - x), v + kv * (point - x), a + ka * (point - x))
-                    for (x, v, a), (k, kv, ka, _, _, _) in zip(
-                        _moved(bearing.states, swing, dt), covariances, strict=True
-                    )
+                    for (x, v, a), (k, kv, ka, _, _, _) in zip(moved, covariances, strict=True)
                 ]
             )
             expected = _positions(before.states, near_ahead, near_swing)
@@ -378,8 +406,9 @@ class Bearings(NamedTuple):
                     states,
                     covariances,
                     variance,
-                    Prediction.mixed(*soon, states, variance, rate),
-                    Prediction.mixed(*late, states, variance, rate),
+                    Prediction.mixed(*soon, states, variance, rate, behind),
+                    Prediction.mixed(*late, states, variance, rate, behind),
+                    recent,
                 )
             )
         return Bearings(covariances, oscillation, (joints[0], joints[1]))
@@ -463,6 +492,7 @@ def _described(
     variance: float,
     near: Prediction,
     far: Prediction,
+    recent: tuple[float, ...],
 ) -> Bearing:
     """Return a bearing with the variances within and between its models."""
     position, speed = near.motion.position, near.motion.speed
@@ -472,7 +502,7 @@ def _described(
     ):
         square += weight * ((x - position) ** 2 + variance * pp)
         speeds += weight * ((v - speed) ** 2 + variance * vv)
-    return Bearing(states, variance, near, far, (square, speeds))
+    return Bearing(states, variance, near, far, (square, speeds), recent)
 
 
 def _place(stamps: Sequence[float], time: float) -> tuple[int, float]:

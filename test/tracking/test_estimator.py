@@ -383,6 +383,19 @@ def test_a_fast_start_is_followed_without_a_stop(rate):
         assert abs(estimator.estimate.bearing(t)[0] - path(t)) < 0.45
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_target_that_stops_is_not_predicted_on(seed):
+    """The mean error 0.1 s ahead, in the 0.6 s after a stop from 1 rad/s."""
+    rnd, estimator = random.Random(seed), TargetEstimator(EstimatorParameters())
+    missed = []
+    for k in range(156):
+        t = k / 60.0
+        estimator.add(t, Ray(min(t, 2.0) + rnd.gauss(0.0, 0.003), 0.0, 2.0), t)
+        if t >= 2.0:
+            missed.append(abs(estimator.estimate.bearing(t + 0.1)[0] - 2.0))
+    assert sum(missed) / len(missed) < 0.0163
+
+
 @pytest.mark.parametrize("gap", [0.2, 0.3, 0.33, 0.4])
 def test_two_false_detections_in_a_gap_are_no_motion(gap):
     estimator = TargetEstimator(EstimatorParameters())

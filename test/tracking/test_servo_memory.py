@@ -35,8 +35,8 @@ def test_a_head_that_knows_its_servos_tracks_well_at_once(head):
     _, first = follow(head, LATE)
     saved = first.law.to_save[head.pan_joint]
     assert saved.delay == pytest.approx(0.1, abs=0.03)
-    fresh, _ = follow(head, LATE, duration=1.5, start=(0.3, 0.0))
-    knowing, again = follow(head, LATE, saved, duration=1.5, start=(0.3, 0.0))
+    fresh, _ = follow(head, LATE, duration=1.5, start=(0.1, 0.0))
+    knowing, again = follow(head, LATE, saved, duration=1.5, start=(0.1, 0.0))
     assert knowing.rms < 0.9 * fresh.rms
     assert not again.law.take_contradicted()
 
