@@ -50,7 +50,7 @@ _TURNS: Array = np.array(
 first one is right."""
 _NEAR: Array = np.arange(-0.1, 0.151, 0.025)
 """Hypotheses of the stamp error for wrong mountings [s]."""
-_WRONG = 7.0  # a wrong mounting whose score is better by this is reported
+_WRONG = 10.0  # a wrong mounting whose score is better by this is reported
 _EXCLUDED = 10.0  # a wrong mounting whose score is worse by this is excluded
 
 _OTHERWISE = 0.02  # s; a larger change of the correction restarts the target estimator
