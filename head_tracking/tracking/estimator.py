@@ -240,12 +240,15 @@ class TargetEstimator:
     Attributes:
         parameters: may change at any time.
         lead_time: usual time from a point to the time for which it is predicted [s].
+        is_unsure: the places of the points are uncertain while the head moves; what the newest
+            ones tell is not used.
     """
 
     def __init__(self, parameters: EstimatorParameters, level: float = 0.0) -> None:
         self.parameters = parameters
         self._level = level
         self.lead_time = 0.1
+        self.is_unsure = False
         self._stamps: list[float] = []
         self._pans: list[float] = []
         self._tilts: list[float] = []
@@ -454,6 +457,7 @@ class TargetEstimator:
                 stamps,
                 (self._pans, self._tilts),
                 [(each.bearings, stamp - each.stamp) for each in judged],
+                is_unsure=self.is_unsure,
             )
         snapshots.append(_Snapshot(stamp, ray, bearings, distance))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:

@@ -91,12 +91,13 @@ class HeadCamera:
         fault: description of a wrong mounting; empty: none was found.
         waiting: rays to be scored: stamp [s] and point in camera axes [m].
         is_learning: whether points are scored.
+        is_unsure: whether the last point lies at the mean over the possible errors.
     """
 
     def __init__(
         self, head: PanTiltHead, readings: JointReadings, base: HeadBase | None = None
     ) -> None:
-        self.applied, self.fault, self.is_learning = 0.0, "", True
+        self.applied, self.fault, self.is_learning, self.is_unsure = 0.0, "", True, False
         self.waiting: deque[tuple[float, Vector3]] = deque()
         self._head, self._readings, self._base = head, readings, base
         self._came = self._judged = -math.inf
@@ -155,7 +156,8 @@ class HeadCamera:
             if self.is_learning:
                 self.waiting.append((stamp, ray))
                 self._judge()
-        if self.is_learning and self._is_uncertain and self._turned.any():
+        self.is_unsure = self.is_learning and self._is_uncertain and bool(self._turned.any())
+        if self.is_unsure:
             return stamp - self.applied, self._mean_place(stamp, ray)
         return self._placed(stamp, ray) if self.applied else (stamp, point)
 

@@ -354,6 +354,8 @@ class Bearings(NamedTuple):
         stamps: Sequence[float],
         points: tuple[Sequence[float], Sequence[float]],
         judged: Sequence[tuple[Bearings, float]],
+        *,
+        is_unsure: bool = False,
     ) -> Bearings:
         """Return the state after another point.
 
@@ -362,6 +364,7 @@ class Bearings(NamedTuple):
             points: pan and tilt of them [rad].
             judged: the states after two earlier points, and the times from these to now [s]; the
                 near prediction of the first and the far one of the second are scored now.
+            is_unsure: the models are not weighted by their newest predictions.
         """
         dt = stamps[-1] - stamps[-2]
         variances = self._noise(stamps, points)
@@ -376,7 +379,7 @@ class Bearings(NamedTuple):
         )
         share = min(1.0 - math.exp(-dt / _MEMORY), _LARGEST_SHARE)
         shares = share, 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
-        growth = _GROWING * min(near_ahead / dt, _MOST_STEPS) ** 2
+        growth = 0.0 if is_unsure else _GROWING * min(near_ahead / dt, _MOST_STEPS) ** 2
         joints = []
         for bearing, before, long_before, angles, variance in zip(
             self.joints, near.joints, far.joints, points, variances, strict=True

@@ -176,6 +176,7 @@ class Tracker:
             corrected, point = self.camera.corrected(stamp, point)
             came += corrected - stamp  # a correction, which may be wrong, makes no point too old
             stamp = corrected
+        self.estimator.is_unsure = moving and self.camera.is_unsure
         verdict = self._add(stamp, point, came)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
