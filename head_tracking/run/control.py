@@ -95,9 +95,6 @@ class Composition:
                 on_servos(servo_bus)
                 if all(other.name != FEEDS_BUFFER for other in plan.nodes):
                     TransformListener(self.buffer, servo_bus)
-                if plan.simulated and start_elsewhere is not None:
-                    joints = [servo.joint_name for servo in servo_bus.status().statistics.servos]
-                    TruePositionsOutput(servo_bus, joints, self._true_position)
 
     def stop(self) -> list[str]:
         """STOP; return a line for each joint."""
@@ -110,8 +107,12 @@ class Composition:
 
     def _start(self, spec: NodeSpec) -> None:
         if spec.process != CONTROL and self._start_elsewhere is not None:
-            self._elsewhere.add(spec.name)
             self._start_elsewhere(spec)
+            self._elsewhere.add(spec.name)
+            if "true_position" in spec.needs and self.true_position is not None:
+                servo_bus = self.nodes["servo_bus"]
+                joints = [servo.joint_name for servo in servo_bus.status().statistics.servos]
+                TruePositionsOutput(servo_bus, joints, self.true_position)
         else:
             self.nodes[spec.name] = spec.make(self._available)
             self._threads.start(self.nodes[spec.name])

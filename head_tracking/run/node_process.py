@@ -47,6 +47,9 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
     running: dict[str, tuple[Any, bool]] = {}
 
     def start(enabled: bool, **spec: Any) -> None:
+        if spec["name"] in running:  # it was late, and was requested again
+            report(spec["name"], *running[spec["name"]])
+            return
         try:
             node = NodeSpec(**spec).make(resources)
             check_parameters([node], names=False)

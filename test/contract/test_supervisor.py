@@ -105,6 +105,17 @@ def test_vision_is_restarted_when_it_is_killed_during_its_start(bench):
     assert run.end(signal.SIGINT) == 0, run.output
 
 
+@needs_opencv
+@pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
+def test_a_node_that_could_not_start_can_be_requested_again(bench):
+    ros = ("--ros-args", "-p", "viewer:port:=0", "-p", "visual_target:max_distance:=-1.0")
+    bench.start("head_tracking", "--sim", "--viewer", *ros)
+    for _ in range(2):
+        assert not bench.person.call("node_starter/visual_target").success
+    for _ in range(2):
+        assert bench.person.call("node_starter/simulated_camera").success
+
+
 @pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
 def test_the_page_is_restarted(bench):
     run = bench.start("head_tracking", "--sim", "--viewer", "--ros-args", "-p", "viewer:port:=0")
