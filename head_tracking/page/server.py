@@ -126,7 +126,7 @@ class Page:
         self._ending = threading.Event()
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
-        self._stopping = ThreadPoolExecutor(4, "stop")
+        self._stopping = ThreadPoolExecutor(40, "stop")  # all that wait for one STOP
         self._working = ThreadPoolExecutor(8, "command")
         self._reading = ThreadPoolExecutor(1, "recording")  # several would leave STOP no processor
         sys.setswitchinterval(_SWITCH)
