@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -18,6 +19,9 @@ class EndRequestedError(Exception):
     """The program was asked to end before everything had started."""
 
 
+_POLL = 0.05  # s within which `wait` notices a signal
+
+
 class StopSignal:
     """Records signals that end the program; the program ends its nodes before rclpy.
 
@@ -25,6 +29,7 @@ class StopSignal:
     """
 
     def __init__(self) -> None:
+        self._asked = False
         self._stopped = threading.Event()
         self._importing = False
         self._previous: dict[int, Any] = {}
@@ -41,7 +46,10 @@ class StopSignal:
             signal.signal(number, handler)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self.set()
+        # an Event would wait for ever if the signal interrupts its own `wait` or `set`
+        self._asked = True
+        if self._importing:
+            os._exit(0)
 
     @contextmanager
     def while_importing(self) -> Iterator[None]:
@@ -54,19 +62,23 @@ class StopSignal:
 
     def __call__(self) -> bool:
         """Return whether the program has been asked to end."""
-        return self._stopped.is_set()
+        return self._asked
 
     def set(self) -> None:
-        """Ask the program to end."""
+        """Ask the program to end; not from the handler of a signal."""
+        self._asked = True
         self._stopped.set()
         if self._importing:
             os._exit(0)
 
     def check(self) -> None:
         """Raise an EndRequestedError if the program has been asked to end."""
-        if self._stopped.is_set():
+        if self._asked:
             raise EndRequestedError
 
     def wait(self, seconds: float) -> bool:
         """Wait for at most this time; return whether the program has been asked to end."""
-        return self._stopped.wait(seconds)
+        end = time.monotonic() + seconds
+        while not self._asked and (left := end - time.monotonic()) > 0.0:
+            self._stopped.wait(min(left, _POLL))
+        return self._asked
