@@ -18,6 +18,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ReplyTimeoutError,
     ServoBus,
+    Torque,
     TorqueError,
 )
 from head_tracking.dynamixel.exceptions import (
@@ -319,6 +320,31 @@ def test_servo_that_kept_its_torque_holds_where_it_stands(
     assert port.servos[1]["Goal Position"] == 560
 
 
+def test_servo_that_lost_its_power_returns_relaxed(
+    port: FakePort, bus: ServoBus, clock: FakeClock
+) -> None:
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    lose_pan(bus, port)
+    port.servos[1] = FakeServo(1)
+    clock.pass_time(0.6)
+    readings = [bus.step() for _ in range(2)]
+    assert readings[-1].states["head_pan_joint"].goal is None
+    assert port.servos[1]["Torque Enable"] == 0
+    assert writes(port.log) == []
+
+
+def test_servo_that_was_relaxed_returns_relaxed(
+    port: FakePort, bus: ServoBus, clock: FakeClock
+) -> None:
+    lose_pan(bus, port)
+    port.servos[1].answers = True
+    port.servos[1]["Torque Enable"] = 1  # whoever did that
+    clock.pass_time(0.6)
+    bus.step()
+    assert port.servos[1]["Torque Enable"] == 0
+
+
 def test_another_servo_in_its_place_is_not_used_and_reported_once(
     port: FakePort, bus: ServoBus, clock: FakeClock
 ) -> None:
@@ -386,6 +412,23 @@ def test_port_without_any_of_the_servos_is_left_alone(
     clock.pass_time(0.3)
     bus.step()
     assert port.opened
+
+
+def test_torque_off_while_the_port_is_gone_is_remembered(
+    port: FakePort, bus: ServoBus, clock: FakeClock
+) -> None:
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.gone = True
+    bus.step()
+    with pytest.raises(TorqueError):
+        run(bus.switching_torque(None, False))
+    port.gone = False
+    clock.pass_time(0.3)
+    for _ in range(3):
+        bus.step()
+    assert port.servos[1]["Torque Enable"] == 0
+    assert bus.joint("head_pan_joint").torque is Torque.OFF_ON_REQUEST
 
 
 def test_port_that_goes_between_two_cycles_is_found_again(

@@ -1,10 +1,36 @@
 import time
 
+import pytest
+
 from head_tracking.dynamixel import (
+    DynamixelPort,
+    Goal,
     JointConfiguration,
+    ServoBus,
     ServoCalibration,
 )
 from head_tracking.simulation import SimulatedJoints
+
+JOINTS = (
+    JointConfiguration("pan", 3, controller="pan_controller"),
+    JointConfiguration("tilt", 5, controller="tilt_controller", init=600, min=800, max=300),
+)
+
+
+def test_the_driver_moves_a_reversed_joint():
+    with SimulatedJoints(JOINTS) as joints:
+        bus = ServoBus(DynamixelPort(joints.port_name, reply_timeout=0.2), JOINTS)
+        assert bus.connect() == "2 AX-12 servos: ids 3, 5"
+        bus.command({"tilt": Goal(0.6)})
+        deadline, fastest = time.monotonic() + 10, 0.0
+        while abs(joints.true_position("tilt") - 0.6) > 0.01:
+            measured = bus.step().states["tilt"]
+            fastest = max(fastest, measured.velocity)
+            assert time.monotonic() < deadline, measured
+        assert fastest > 0.3
+        assert bus.step().states["tilt"].position == pytest.approx(0.6, abs=0.015)
+        assert joints.true_position("pan") == pytest.approx(0.0, abs=1e-9)
+        assert bus.close() == ()
 
 
 def test_two_servos_of_a_joint_are_coupled():
