@@ -4,28 +4,30 @@ import subprocess
 import sys
 
 PROGRAM = """
-import inspect, signal, sys, threading
+import signal, sys
 from head_tracking.ros.kit.stop_signal import StopSignal
 
-lines, first = inspect.getsourcelines(threading.Event.wait)
-locked = first + next(i for i, line in enumerate(lines) if "= self._flag" in line)
-
 def interrupt(frame, event, argument):
-    if frame.f_code is threading.Event.wait.__code__ and frame.f_lineno == locked:
-        sys.settrace(None)
+    global left
+    left -= event == "line"
+    if left == 0:
         signal.raise_signal(signal.SIGINT)
-        return None
     return interrupt
 
-with StopSignal() as stop:
-    sys.settrace(interrupt)
-    while not stop.wait(0.01):
-        pass
+for line in range(1, 60):  # of `wait` and of what it calls
+    with StopSignal() as stop:
+        left = line
+        wait = stop.wait
+        sys.settrace(interrupt)
+        while not wait(0.001):
+            pass
+        sys.settrace(None)
+        assert stop() and wait(5.0)
 print("ended")
 """
 
 
-def test_a_signal_is_noticed_while_an_event_is_locked():
+def test_a_signal_is_noticed_in_every_line_of_the_wait_for_it():
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=60.0, check=True
     )

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
+import queue
 import signal
-import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, Final
 
@@ -19,9 +18,6 @@ class EndRequestedError(Exception):
     """The program was asked to end before everything had started."""
 
 
-_POLL = 0.05  # s within which `wait` notices a signal
-
-
 class StopSignal:
     """Records signals that end the program; the program ends its nodes before rclpy.
 
@@ -30,7 +26,8 @@ class StopSignal:
 
     def __init__(self) -> None:
         self._asked = False
-        self._stopped = threading.Event()
+        # a handler may interrupt this queue in its own `get` or `put`; an Event would lock then
+        self._woken: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._importing = False
         self._previous: dict[int, Any] = {}
 
@@ -46,10 +43,7 @@ class StopSignal:
             signal.signal(number, handler)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        # an Event would wait for ever if the signal interrupts its own `wait` or `set`
-        self._asked = True
-        if self._importing:
-            os._exit(0)
+        self.set()
 
     @contextmanager
     def while_importing(self) -> Iterator[None]:
@@ -65,9 +59,9 @@ class StopSignal:
         return self._asked
 
     def set(self) -> None:
-        """Ask the program to end; not from the handler of a signal."""
+        """Ask the program to end."""
         self._asked = True
-        self._stopped.set()
+        self._woken.put(None)
         if self._importing:
             os._exit(0)
 
@@ -78,7 +72,6 @@ class StopSignal:
 
     def wait(self, seconds: float) -> bool:
         """Wait for at most this time; return whether the program has been asked to end."""
-        end = time.monotonic() + seconds
-        while not self._asked and (left := end - time.monotonic()) > 0.0:
-            self._stopped.wait(min(left, _POLL))
+        with suppress(queue.Empty):
+            self._woken.put(self._woken.get(timeout=max(seconds, 0.0)))  # others may wait as well
         return self._asked
