@@ -182,7 +182,8 @@ class TargetEstimate:
             limits: highest speed [rad/s] and acceleration [rad/s^2] of pan and of tilt.
         """
         pan, tilt = map(Bearing.within, self.bearings, limits)
-        return replace(self, bearings=(pan, tilt))
+        is_same = pan is self.bearings[0] and tilt is self.bearings[1]
+        return self if is_same else replace(self, bearings=(pan, tilt))
 
     def speed_deviation(self, joint: int) -> float:
         """Return the standard deviation of one of the `velocities` [rad/s]."""
@@ -240,15 +241,13 @@ class TargetEstimator:
     Attributes:
         parameters: may change at any time.
         lead_time: usual time from a point to the time for which it is predicted [s].
-        is_unsure: the places of the points are uncertain while the head moves; what the newest
-            ones tell is not used.
     """
 
     def __init__(self, parameters: EstimatorParameters, level: float = 0.0) -> None:
         self.parameters = parameters
         self._level = level
         self.lead_time = 0.1
-        self.is_unsure = False
+        self._is_unsure = False
         self._stamps: list[float] = []
         self._pans: list[float] = []
         self._tilts: list[float] = []
@@ -275,14 +274,17 @@ class TargetEstimator:
         self._cut(0)
         self._estimate = None
 
-    def add(self, stamp: float, ray: Ray, now: float) -> Verdict:
+    def add(self, stamp: float, ray: Ray, now: float, *, is_unsure: bool = False) -> Verdict:
         """Add a point and return the result.
 
         Args:
             stamp: when the target was there [s].
             ray: pan, tilt and distance; pan may count full turns.
             now: the time [s].
+            is_unsure: its place is uncertain while the head moves; so what the newest points tell
+                is not used.
         """
+        self._is_unsure = is_unsure
         if not all(map(math.isfinite, (stamp, *ray))):
             return Verdict.NOT_FINITE
         if stamp > now + _FUTURE:
@@ -457,7 +459,7 @@ class TargetEstimator:
                 stamps,
                 (self._pans, self._tilts),
                 [(each.bearings, stamp - each.stamp) for each in judged],
-                is_unsure=self.is_unsure,
+                is_unsure=self._is_unsure,
             )
         snapshots.append(_Snapshot(stamp, ray, bearings, distance))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:

@@ -35,8 +35,8 @@ class MotionLimits:
 class JointMotion:
     """Plan the motion of a joint to a moving reference.
 
-    The reference velocity is fed forward. A position error decays like
-    a critically damped spring; a large one is reduced at a speed from which the joint can brake.
+    The reference velocity is fed forward. A position error decays like a critically damped
+    spring; a large one is reduced at a speed from which the joint can brake.
 
     Args:
         position: present position of the joint [rad].
@@ -282,7 +282,12 @@ class JointController:
         Args:
             most: highest acceleration by the parameters [rad/s^2].
         """
-        return _STEADY * min(most, _USED * self.servo.acceleration)
+        return _STEADY * min(most, self._usable)
+
+    @property
+    def _usable(self) -> float:
+        """The acceleration of the servo that is used [rad/s^2]."""
+        return _USED * self.servo.acceleration
 
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
         """Receive a reading [s], [rad], a time `elapsed` [s] after the last command."""
@@ -330,7 +335,7 @@ class JointController:
     ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
         known = servo.given.delay > 0.0 or servo.deviation < _UNSURE
-        hardest = min(_USED * servo.acceleration, math.inf if known else _CAUTIOUS)
+        hardest = min(self._usable, math.inf if known else _CAUTIOUS)
         speed = min(limits.speed, math.inf if known else _BRAKED * _CAUTIOUS)
         acceleration = min(limits.acceleration, hardest)
         able = MotionLimits(speed, acceleration, limits.jerk, limits.lead)  # of the shaft

@@ -282,10 +282,11 @@ class Bearing(NamedTuple):
 
     def within(self, limits: tuple[float, float]) -> Bearing:
         """Return the bearing with an oscillation within these limits; see `Motion.within`."""
-        near, far = self.near, self.far
+        near, far = self.near.motion.within(*limits), self.far.motion.within(*limits)
+        if near is self.near.motion and far is self.far.motion:
+            return self
         return self._replace(
-            near=near._replace(motion=near.motion.within(*limits)),
-            far=far._replace(motion=far.motion.within(*limits)),
+            near=self.near._replace(motion=near), far=self.far._replace(motion=far)
         )
 
 

@@ -176,8 +176,7 @@ class Tracker:
             corrected, point = self.camera.corrected(stamp, point)
             came += corrected - stamp  # a correction, which may be wrong, makes no point too old
             stamp = corrected
-        self.estimator.is_unsure = moving and self.camera.is_unsure
-        verdict = self._add(stamp, point, came)
+        verdict = self._add(stamp, point, came, is_unsure=moving and self.camera.is_unsure)
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
             self.machine.seen(now, new=new)
@@ -191,7 +190,7 @@ class Tracker:
                 self.machine.refused(verdict, now)
         return verdict
 
-    def _add(self, stamp: float, point: Vector3, now: float) -> Verdict:
+    def _add(self, stamp: float, point: Vector3, now: float, *, is_unsure: bool) -> Verdict:
         """Pass a point in the fixed frame to the estimator."""
         estimate, latest = self.estimator.estimate, self._readings.latest
         if estimate is not None:
@@ -205,7 +204,9 @@ class Tracker:
             x, y, z = (a - b for a, b in zip(point, place.translation, strict=True))
             point = self._upright.inverse() @ (x, y, z)
         ray = self.head.ray(point, pan, tilt)
-        return Verdict.TOO_CLOSE if ray is None else self.estimator.add(stamp, ray, now)
+        if ray is None:
+            return Verdict.TOO_CLOSE
+        return self.estimator.add(stamp, ray, now, is_unsure=is_unsure)
 
     def step(self, now: float) -> TrackingStep:
         """Return the command for now; none before the joints were measured."""
@@ -216,7 +217,7 @@ class Tracker:
         if again:
             self.estimator.reset()  # its points had wrong stamps
             for stamp, point in again:
-                self._add(stamp, point, stamp)
+                self._add(stamp, point, stamp, is_unsure=self.camera.is_unsure)
             self.machine.seen(now, new=False)
         if self.camera.fault:
             self.machine.off = self.camera.fault
