@@ -260,18 +260,18 @@ function showServos(servos) {
     const row = element(by("gauges"), "div", { class: "servo" });
     const name = element(row, "div");
     element(name, "div", { title: servo.joint }, (servo.joint || servo.controller).replace(/_(joint|controller)$/, "").replaceAll("_", " "));
-    element(name, "small", { class: servo.torque ? "holds" : "" }, servo.torque === null ? "torque unknown" : servo.torque ? "torque on" : "relaxed");
+    element(name, "small", { class: servo.torque ? "torque holds" : "torque" }, servo.torque === null ? "torque unknown" : servo.torque ? "torque on" : "relaxed");
     for (const [key, unit, full, scale] of GAUGES) gauge(row, Math.abs(scale * Number.parseFloat(servo.values[key])), unit, full);
   }
 }
 
 function gauge(parent, value, unit, full) {
   const known = Number.isFinite(value);
-  const svg = element(parent, "svg", { viewBox: "0 0 54 54", class: "gauge", role: "img", "aria-label": known ? `${value.toFixed(1)} ${unit}` : `${unit} unknown` });
-  element(svg, "circle", { cx: 27, cy: 27, r: 24 });
-  if (known) element(svg, "circle", { class: "value", cx: 27, cy: 27, r: 24, pathLength: 100, "stroke-dasharray": `${Math.min(100, (100 * value) / full)} 100`, transform: "rotate(-90 27 27)" });
-  element(svg, "text", { x: 27, y: 28 }, known ? String(Math.round(value * 10) / 10) : "–");
-  element(svg, "text", { x: 27, y: 39 }, unit);
+  const ring = element(parent, "div", { class: "gauge", role: "img", "aria-label": known ? `${value.toFixed(1)} ${unit}` : `${unit} unknown` });
+  ring.style.setProperty("--share", known ? `${Math.min(100, (100 * value) / full)}%` : "0%");
+  const inside = element(ring, "div");
+  element(inside, "b", {}, known ? String(Math.round(value * 10) / 10) : "–");
+  element(inside, "small", {}, unit);
 }
 
 window.headPage = new Page();

@@ -130,7 +130,8 @@ export class Tuning {
   add(key, one) {
     const row = element(this.group(one), "div", { class: "parameter", title: `${one.name}: ${one.hint}` });
     const id = `parameter-${key.replace(/[^a-z0-9]/gi, "-")}`;
-    element(row, "label", { for: id }, one.unit ? `${one.label} (${one.unit})` : one.label);
+    const isSwitch = typeof one.value === "boolean"; // its label is around it: a larger target
+    element(row, isSwitch ? "span" : "label", isSwitch ? { id: `${id}-name` } : { for: id }, one.unit ? `${one.label} (${one.unit})` : one.label);
     const known = { row, about: one };
     const set = async (input, value) => {
       if (known.about.careful && !(await this.ask(`${one.label}: ${known.about.value} becomes ${value}. This value protects the servos.`))) return known.show(known.about.value, true);
@@ -139,8 +140,8 @@ export class Tuning {
       if (!outcome.done) known.show(known.about.value, true);
     };
     let input;
-    if (typeof one.value === "boolean") {
-      input = element(element(row, "label", { class: "switch" }), "input", { id, type: "checkbox" });
+    if (isSwitch) {
+      input = element(element(row, "label", { class: "switch" }), "input", { id, type: "checkbox", "aria-labelledby": `${id}-name` });
       input.onchange = () => set(input, input.checked);
     } else if (one.choices.length) {
       input = element(row, "select", { id });
