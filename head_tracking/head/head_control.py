@@ -201,6 +201,7 @@ class HeadControl(Controller):
         epoch = self._owners.permit()
         if self.off is not None:
             self._loop.take_over(self.name, self.joints, epoch)
+            self.result = None
         self.watch()
 
     def disable(self, reason: Reason, detail: str = "") -> None:
@@ -440,7 +441,7 @@ class HeadControl(Controller):
                 return self.off or self.trouble
             self._forget_targets()
             self._end_motion(MotionEnd.PREEMPTED, "the head is recentred")
-            self.result = MotionResult(MotionEnd.SUCCEEDED, "recentring")
+            self.result = MotionResult(MotionEnd.SUCCEEDED, "sent to the centre")
             self.send(self.targets.recenter(joints))
         return None
 

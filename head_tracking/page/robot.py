@@ -152,14 +152,16 @@ class Robot:
             return Observation(self._now)
         controller = {Mode.OFF: "", Mode.POINT: POINTER}.get(mode, TRACKER)
         status = self.topics.status(controller)
-        # point_head keeps its target; head_tracker needs it again and again
-        target = self._targets.latest(math.inf if mode is Mode.POINT else _TARGET_AGE)
+        error = self.topics.error(controller) if controller and watched else None
+        # point_head keeps its target until it is recentred; head_tracker needs it again and again
+        is_kept = mode is Mode.POINT and (error is not None or not watched)
+        target = self._targets.latest(math.inf if is_kept else _TARGET_AGE)
         return observed(
             self._now,
             self.buffer,
             model,
             None if target is None else (target.target, target.point, target.stamp),
-            self.topics.error(controller) if controller and watched else None,
+            error,
             controller,
             status,
             self._frame_watch.silent(self.buffer.latest_stamps()),

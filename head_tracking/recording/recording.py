@@ -174,12 +174,14 @@ class Recording:
         return self.seen[max(0, index - 1)]
 
     def picture_at(self, time: float) -> RecordedPicture | None:
-        """Return the latest picture before a time [s] from the start; None without a recent one."""
+        """Return the latest picture before a time [s] from the start; None without a recent one.
+
+        Before the first picture it is the first one.
+        """
         stamp = self.seen[0].stamp + round(time * 1e9)
-        index = bisect.bisect_right(self.pictures, stamp, key=lambda one: one.stamp) - 1
-        if index < 0 or stamp - self.pictures[index].stamp > _PICTURE_AGE:
-            return None
-        return self.pictures[index]
+        index = max(0, bisect.bisect_right(self.pictures, stamp, key=lambda one: one.stamp) - 1)
+        found = self.pictures[index] if self.pictures else None
+        return None if found is None or abs(stamp - found.stamp) > _PICTURE_AGE else found
 
 
 class LastMinute:

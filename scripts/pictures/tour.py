@@ -46,6 +46,7 @@ def modes(page: Any) -> Iterator[str]:
     choose_mode(page, "nothing")
     yield "hands-off"
     page.locator("#drawn summary").dispatch_event("click")
+    page.locator("#drawn").scroll_into_view_if_needed()
     yield "view"
     page.locator("#drawn summary").dispatch_event("click")
 
@@ -60,6 +61,7 @@ def tabs(page: Any) -> Iterator[str]:
     page.locator("#experts").wait_for()
     yield "tune"
     page.evaluate("document.getElementById('experts').open = true")
+    page.evaluate("document.getElementById('experts').scrollIntoView()")
     yield "tune-experts"
     open_tab(page, "health")
     yield "health"

@@ -255,7 +255,7 @@ def test_the_target_is_dragged_where_the_head_shall_look(robot, viewer, page):
     assert page.evaluate("headPage.scene.camera.position.toArray()") == pytest.approx(view)
     assert viewer.robot.observe().target[2] > before[2] + 0.02
     there = viewer.robot.observe().target
-    drag(page, (x, y + 60), (x + 60, y + 60))  # beside the target the view turns
+    drag(page, (x - 60, y), (x - 120, y))  # beside the target the view turns
     assert page.evaluate("headPage.scene.camera.position.toArray()") != pytest.approx(view)
     assert viewer.robot.observe().target == there
 
@@ -404,6 +404,35 @@ def test_every_place_is_usable_in_windows_of_all_sizes(viewer, browser, width, h
     page.close()
 
 
+def test_what_is_chosen_is_seen_on_a_phone_and_each_tab_begins_at_its_top(viewer, browser):
+    page = open_page(browser, viewer.page.port, 390, 844)
+    for mode in ("nothing", "point"):
+        choose_mode(page, mode)
+        pressed = page.locator("#cards button[aria-pressed=true]").bounding_box()
+        assert 0 <= pressed["x"] <= 390 - pressed["width"]
+    page.mouse.move(200, 600)
+    page.mouse.wheel(0, 4000)
+    scrolled = "document.querySelector('main').scrollTop"
+    page.wait_for_function(f"{scrolled} > 100")
+    open_tab(page, "joints")
+    assert page.evaluate(scrolled) == 0
+    page.close()
+
+
+def test_the_live_tab_does_not_scroll_in_a_usual_window_even_during_a_replay(viewer, browser):
+    page = open_page(browser, viewer.page.port, 1280, 800)
+    open_tab(page, "record")
+    press(page, "Replay the last minute")
+    page.locator("#replaying").wait_for()
+    assert (
+        page.evaluate(
+            "(main => main.scrollHeight - main.clientHeight)(document.querySelector('main'))"
+        )
+        <= 0
+    )
+    page.close()
+
+
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_against_wcag_aa(viewer, browser, scheme, width):
@@ -494,6 +523,7 @@ def test_stop_relaxes_everything_and_the_page_says_so(robot, page):
     assert word(page) in ("stopped", "relaxed")
     page.locator("#resume").wait_for()
     press(page, "Resume")
+    assert page.locator("#toast").is_hidden()  # it says what has been relaxed
     wait_for(lambda: word(page) not in ("stopped", "relaxed"), PATIENCE)
 
 
@@ -585,6 +615,7 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(
         )
         wait_for(lambda pan=pans[wanted]: abs(pan_shown() - pan) < 3 * DEGREE, PATIENCE)
     assert word(page) == "replay"
+    assert "Live" not in page.locator("#fps").inner_text()
     press(page, "Centre")
     page.get_by_text("press Back to the robot first").first.wait_for()
     assert word(other) != "replay"

@@ -77,6 +77,22 @@ def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen
     wait_for(lambda: robot.true("head_pan_joint") < 0.0)
 
 
+def test_a_point_is_no_target_any_more_once_the_head_is_recentred(robot, seen):
+    assert seen.modes.set_mode(Mode.POINT).done
+    wait_for(lambda: robot.node.count_subscribers("target_point") >= 3)
+    assert seen.modes.look_at("base_link", (1.0, 0.6, 0.4)).done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.6)))
+    robot.at_rest(3.0)
+    wait_for(lambda: seen.observe().target is not None)
+    assert seen.modes.centre().done
+    wait_for(lambda: seen.observe().target is None)
+    before = seen.observe().detail
+    assert seen.modes.set_mode(Mode.OFF).done
+    assert seen.modes.set_mode(Mode.POINT).done
+    wait_for(lambda: seen.observe().detail not in ("", before))
+    assert seen.observe().target is None
+
+
 def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
     core = robot.composition.buffer.core
 

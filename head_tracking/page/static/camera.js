@@ -1,7 +1,7 @@
 // The camera picture with boxes: click to look there, drag to look around, tap a name to follow a person.
 import { button, by, element, write } from "./dom.js";
 
-const DRAG = 6, MOST_CROPPED = 1.25, DECODING = 1000; // pixels, ratio, ms: a picture that is replaced may never be decoded
+const DRAG = 6, MOST_CROPPED = 1.35, DECODING = 1000; // pixels, ratio, ms: a picture that is replaced may never be decoded
 
 export class CameraPicture {
   /**
@@ -48,7 +48,8 @@ export class CameraPicture {
     write(by("fps"), `Live · ${Math.round(this.times.length / 2)} fps`);
   }
 
-  async showBlob(blob) {
+  async showBlob(blob, text = "") {
+    if (text) write(by("fps"), text);
     const before = this.image.src;
     this.image.src = URL.createObjectURL(blob);
     await Promise.race([this.image.decode().catch(() => {}), new Promise((end) => setTimeout(end, DECODING))]);

@@ -42,9 +42,9 @@ class Page {
     this.joints = new Joints((joints) => this.steer.aim(joints));
     this.tuning = new Tuning();
     this.calibration = new Calibration((text, yes) => this.tuning.ask(text, yes));
-    this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob) : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
+    this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob, "recorded") : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
     this.recordings = new Recordings((opened) => { this.replay.open(opened); this.openTab("live"); });
-    by("resume").onclick = () => { by("resume").blur(); send("/head/resume"); };
+    by("resume").onclick = () => { by("resume").blur(); toast(""); send("/head/resume"); };
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
     this.makeTabs();
     this.makeTheme();
@@ -100,6 +100,7 @@ class Page {
       const home = by(name === other ? other : "live");
       if (by(card).parentNode !== home) home.prepend(by(card));
     }
+    document.querySelector("main").scrollTop = 0;
     if (name === "tune") this.tuning.refresh();
     if (name === "record") this.recordings.refresh();
     this.chooseCamera();

@@ -84,6 +84,9 @@ export class Steering {
       }
       card.setAttribute("aria-pressed", state.mode === mode);
       card.disabled = !possible;
+      if (state.mode !== mode || this.inView === mode) continue;
+      this.inView = mode; // on a phone the cards are wider than the page
+      by("cards").scrollLeft = card.offsetLeft + (card.offsetWidth - by("cards").clientWidth) / 2;
     }
     this.showOptions();
   }
