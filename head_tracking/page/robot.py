@@ -23,10 +23,10 @@ from head_tracking.page.head_modes import (
 from head_tracking.page.joint_control import JointControl
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.status import Status, head_status
-from head_tracking.page.stop import Stop
+from head_tracking.page.stop import Attempt, Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, observed
-from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices, Outcome
+from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
 from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.tf import Buffer, TransformListener
@@ -80,6 +80,7 @@ class Robot:
         self._no_head = ""
         self.mode = Mode.OFF
         self.stop = Stop(node)
+        self._disabling: tuple[Attempt, threading.Thread] | None = None
         self._polled = PolledNode(node, f"{node.get_name()}_polled", report)
         if buffer is None:
             buffer = Buffer(node=node)
@@ -179,14 +180,18 @@ class Robot:
             sought=str(self.mode) if is_sought else "",
         )
 
-    def stop_everything(self) -> Outcome:
-        """Relax all servos and disable what turns the head; return the result within 0.5 s."""
-        outcome = self.stop.stop()
-        threading.Thread(target=self._disable_modes, daemon=True).start()
-        return outcome
+    def stop_everything(self) -> Attempt:
+        """Begin to relax all servos, and then to disable what turns the head; never wait."""
+        attempt, disabling = self.stop.begin(), self._disabling
+        if disabling is None or disabling[0] is not attempt or not disabling[1].is_alive():
+            thread = threading.Thread(target=self._disable_modes, args=[attempt], daemon=True)
+            self._disabling = attempt, thread
+            thread.start()
+        return attempt
 
-    def _disable_modes(self) -> None:
+    def _disable_modes(self, attempt: Attempt) -> None:
         """Disable what turns the head, unless the bus ignores commands until `resume`."""
+        attempt.wait()
         deadline = time.monotonic() + _STOPPED
         while not self.stop.stopped and time.monotonic() < deadline:
             time.sleep(_POLL)

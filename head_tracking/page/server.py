@@ -32,6 +32,7 @@ from head_tracking.page.live import EncodedPicture, Live
 from head_tracking.page.replay import Replays
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage
+from head_tracking.page.stop import ANSWER, Attempt
 from head_tracking.page.tuning import PRESETS, Tuning
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.recording.recording import RecordingError
@@ -96,8 +97,9 @@ class PageParameters:
 class Page:
     """Serves the page from a thread of its own until it is closed.
 
-    Sampling and commands run in threads beside the event loop; STOP has threads that nothing else
-    uses. NiceGUI's wheel contains Starlette, three.js and the fonts; nothing else of it is used.
+    Sampling and commands run in threads beside the event loop, which itself begins each STOP and
+    awaits its end. NiceGUI's wheel contains Starlette, three.js and the fonts; nothing else of it
+    is used.
 
     Args:
         robot: is shown and steered.
@@ -126,7 +128,8 @@ class Page:
         self._ending = threading.Event()
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
-        self._stopping = ThreadPoolExecutor(40, "stop")  # all that wait for one STOP
+        self._stopping: tuple[Attempt, asyncio.Future[None]] | None = None
+        self._resuming = ThreadPoolExecutor(8, "resume")
         self._working = ThreadPoolExecutor(8, "command")
         self._reading = ThreadPoolExecutor(1, "recording")  # several would leave STOP no processor
         sys.setswitchinterval(_SWITCH)
@@ -169,7 +172,7 @@ class Page:
         """End the page; the robot goes on."""
         self._server.should_exit = True
         self._thread.join(_START + _END)
-        for threads in (self._stopping, self._working, self._reading):
+        for threads in (self._resuming, self._working, self._reading):
             threads.shutdown(wait=False, cancel_futures=True)
 
     @contextlib.asynccontextmanager
@@ -230,23 +233,28 @@ class Page:
         def last_minute(_: dict[str, Any]) -> Response:
             return _download(replays.last_minute())
 
-        at_once: dict[str, Answer] = {
-            "stop": lambda _: robot.stop_everything(),
-            "resume": lambda _: robot.stop.resume(),
-        }
         return [
+            Route("/head/stop", self._stop, methods=["POST"]),
+            self._route("POST", "resume", lambda _: robot.stop.resume(), self._resuming),
             Mount("/head/static", StaticFiles(directory=_STATIC)),
             Mount("/head/three", StaticFiles(directory=_wheel() / "elements" / "scene" / "dist")),
             Mount("/head/font", StaticFiles(directory=_wheel() / "static")),
             Route("/", lambda _: FileResponse(_STATIC / "page.html")),
             *(self._route("GET", *one, self._working) for one in get.items()),
             *(self._route("POST", *one, self._working) for one in post.items()),
-            *(self._route("POST", *one, self._stopping) for one in at_once.items()),
             self._route("GET", "last-minute.mcap", last_minute, self._reading),
             self._route("POST", "replay/open", open_recording, self._reading),
             Route("/head/replay/upload", self._upload, methods=["POST"]),
             WebSocketRoute("/head/live", self._watch),
         ]
+
+    async def _stop(self, _: Request) -> Response:
+        """Begin a STOP, or join the one in progress; no thread waits for its end."""
+        attempt = self._robot.stop_everything()
+        if self._stopping is None or self._stopping[0] is not attempt:
+            self._stopping = attempt, asyncio.wrap_future(attempt.ended)
+        await asyncio.wait([self._stopping[1]], timeout=ANSWER)
+        return JSONResponse(attempt.outcome._asdict())
 
     def _route(self, method: str, path: str, answer: Answer, threads: ThreadPoolExecutor) -> Route:
         """Return the route of requests that are answered in one of these threads."""

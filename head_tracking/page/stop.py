@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import Future, InvalidStateError, wait
+from contextlib import suppress
 from typing import Any
 
 from rclpy.node import Node
@@ -13,7 +15,7 @@ from head_tracking.ros.kit.others import Outcome, wait_for_answer
 from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import EVERY_CHANGE
 
-_ANSWER = 0.45  # s within which `stop` returns
+ANSWER = 0.45  # s after which who asks for STOP hears what is known
 _HANGS = 0.12  # s without an answer until the other service is called as well
 _RETRY = 0.25  # s between attempts
 _POLL = 0.01  # s
@@ -41,7 +43,7 @@ class Stop:
         )
         self._where = f"in the namespace {node.get_namespace()}"
         self._stopped: bool | None = None
-        self._attempt: _Attempt | None = None
+        self._attempt: Attempt | None = None
         self._lock = threading.Lock()
         node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
         self._own.start()
@@ -64,7 +66,7 @@ class Stop:
     @property
     def _trying(self) -> bool:
         attempt = self._attempt
-        return attempt is not None and not attempt.ended.is_set()
+        return attempt is not None and not attempt.ended.done()
 
     @property
     def outcome(self) -> Outcome | None:
@@ -72,19 +74,19 @@ class Stop:
         attempt = self._attempt
         return None if attempt is None else attempt.outcome
 
-    def stop(self) -> Outcome:
-        """Relax all servos; return the result within half a second, and retry afterwards.
-
-        While an attempt is in progress, its result is returned: many requests are one STOP.
-        """
+    def begin(self) -> Attempt:
+        """Begin to relax all servos, or join the attempt in progress; never wait."""
         with self._lock:
             self.count += 1
             attempt = self._attempt
-            if attempt is None or attempt.ended.is_set():
-                attempt = self._attempt = _Attempt(self._where)
+            if attempt is None or attempt.ended.done():
+                attempt = self._attempt = Attempt(self._where)
                 threading.Thread(target=self._try, args=[attempt], name="stop", daemon=True).start()
-        attempt.ended.wait(_ANSWER)
-        return attempt.outcome
+        return attempt
+
+    def stop(self) -> Outcome:
+        """Relax all servos; return the result within half a second, and retry afterwards."""
+        return self.begin().wait()
 
     def resume(self) -> Outcome:
         """Let the servos accept commands again."""
@@ -101,7 +103,7 @@ class Stop:
         with self._lock:
             attempt, self._attempt = self._attempt, None
         if attempt is not None:
-            attempt.ended.set()
+            attempt.end()
 
     def close(self) -> None:
         """End the thread."""
@@ -115,7 +117,7 @@ class Stop:
             self.count += bool(message.data and not self._stopped)
         self._stopped = bool(message.data)
 
-    def _try(self, attempt: _Attempt) -> None:
+    def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
 
         def call(client: Any) -> bool:
@@ -128,7 +130,7 @@ class Stop:
             return True
 
         was_called = False
-        while not attempt.ended.is_set():
+        while not attempt.ended.done():
             attempt.answered.clear()
             try:
                 is_answered = call(self._stop) and attempt.answered.wait(_HANGS)
@@ -137,26 +139,43 @@ class Stop:
                 if not self._own.node.context.ok():
                     return
                 was_called = False
-            attempt.ended.wait(_RETRY if was_called else _POLL)  # until a service is discovered
+            attempt.wait(_RETRY if was_called else _POLL)  # until a service is discovered
         for client, future in pending:
             client.remove_pending_request(future)
 
 
-class _Attempt:
-    """One STOP and its result; it ends when that is confirmed, or with `resume`."""
+class Attempt:
+    """One STOP; it ends when every servo is confirmed relaxed, or with `resume`.
+
+    Attributes:
+        ended: is done when it has ended.
+        answered: is set by each answer of a service.
+        outcome: the result so far.
+    """
 
     def __init__(self, where: str) -> None:
-        self.ended, self.answered = threading.Event(), threading.Event()
+        self.ended: Future[None] = Future()
+        self.answered = threading.Event()
         self.outcome = Outcome(
             False, f"NOT confirmed: no servo_bus {where} has answered; the page keeps trying"
         )
 
+    def wait(self, timeout: float = ANSWER) -> Outcome:
+        """Wait until it has ended, for some time [s] at most; return the result so far."""
+        wait([self.ended], timeout)
+        return self.outcome
+
+    def end(self) -> None:
+        """End it; may be called twice."""
+        with suppress(InvalidStateError):
+            self.ended.set_result(None)
+
     def on_answer(self, future: Any) -> None:
         """Note the answer of a service."""
-        if future.cancelled() or future.exception() is not None or self.ended.is_set():
+        if future.cancelled() or future.exception() is not None or self.ended.done():
             return
         answer = future.result()
         self.outcome = Outcome(bool(answer.success), str(answer.message))
         if answer.success:
-            self.ended.set()
+            self.end()
         self.answered.set()

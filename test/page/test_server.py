@@ -22,6 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from head_tracking.page import server
 from head_tracking.page.server import Page, PageParameters
+from head_tracking.page.stop import Attempt
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.kit.others import Outcome
 
@@ -43,9 +44,12 @@ class _Robot:
     def model(self) -> Any:
         raise RuntimeError("the robot fails")
 
-    def stop_everything(self) -> Outcome:
+    def stop_everything(self) -> Attempt:
         self.stops += 1
-        return Outcome(True, "relaxed")
+        attempt = Attempt("here")
+        attempt.outcome = Outcome(True, "relaxed")
+        attempt.end()
+        return attempt
 
     def _set_mode(self, mode: Any, frame: str) -> Outcome:
         self.asked.release()

@@ -3,9 +3,11 @@
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import Any
 
+import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from rclpy.node import Node
@@ -54,7 +56,7 @@ def test_a_bus_without_stop_is_relaxed_and_what_turned_the_head_switched_off(sta
     bus, tracker = start(BusStandIn(offers=("relax",))), start(ControllerStandIn("head_tracker"))
     robot = page()
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
-    assert robot.stop_everything().done
+    assert robot.stop_everything().wait().done
     assert set(bus.calls) == {"relax"}
     wait_for(lambda: not tracker.on)  # such a bus obeys the next command
 
@@ -122,6 +124,31 @@ def test_a_stop_during_a_stop_joins_it_and_a_later_one_is_sent(start, page):
     calls = bus.calls.count("stop")
     assert robot.stop.stop().done
     assert bus.calls.count("stop") > calls  # a later one is asked for again
+
+
+def test_many_requests_of_stop_are_one_attempt_and_no_thread_waits_for_each(
+    start: Callable[[Any], Any], threads: NodeThreads, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = start(BusStandIn(offers=("relax",)))
+    bus.confirms = set()
+    node, go_on = view(threads), threading.Event()
+    monkeypatch.setattr(node.robot.modes, "set_mode", lambda _: go_on.wait(60.0))
+
+    def press(_: int) -> dict[str, Any]:
+        """Without a body that could be parsed."""
+        asked = {"content": b"[", "headers": {"X-Head-Tracking": "page"}, "timeout": 60.0}
+        return httpx.post(f"http://127.0.0.1:{node.page.port}/head/stop", **asked).json()
+
+    before = node.robot.stop.count
+    with ThreadPoolExecutor(30, "press") as browsers:
+        assert not any(answer["done"] for answer in browsers.map(press, range(30)))
+        assert node.robot.stop.count == before + 30
+        names = [one.name for one in threading.enumerate()]
+    assert sum("stop" in name or "_disable_modes" in name for name in names) <= 3
+    bus.confirms = {"head_pan_joint", "head_tilt_joint"}
+    wait_for(lambda: node.robot.stop.outcome.done)
+    assert press(0)["done"]
+    go_on.set()
 
 
 def test_a_mode_is_chosen_after_resume_only(start, page):
@@ -209,7 +236,7 @@ def test_two_robots_in_one_graph_have_a_page_each(start, page):
 
     wait_for(told)
     left, right = pages["left"], pages["right"]
-    assert left.stop_everything().done
+    assert left.stop_everything().wait().done
     wait_for(lambda: left.stop.stopped)
     assert not right.stop.stopped
     assert right.modes.mode() is Mode.TRACK
@@ -220,7 +247,7 @@ def test_a_page_above_other_robots_is_none_of_theirs(start, page):
     buses = [start(BusStandIn(namespace)) for namespace in ("", "left")]
     robot = page()
     wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
-    assert robot.stop_everything().done
+    assert robot.stop_everything().wait().done
     assert buses[0].calls
     assert not buses[1].calls
 
