@@ -129,6 +129,7 @@ class Page:
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
         self._stopping: tuple[Attempt, asyncio.Future[None]] | None = None
+        self._saving: asyncio.Future[bytes] | None = None
         self._resuming = ThreadPoolExecutor(8, "resume")
         self._working = ThreadPoolExecutor(8, "command")
         self._reading = ThreadPoolExecutor(1, "recording")  # several would leave STOP no processor
@@ -230,9 +231,6 @@ class Page:
                 return replays.open_file(self._recording(str(fields["name"])))
             return replays.open_last_minute()
 
-        def last_minute(_: dict[str, Any]) -> Response:
-            return _download(replays.last_minute())
-
         return [
             Route("/head/stop", self._stop, methods=["POST"]),
             self._route("POST", "resume", lambda _: robot.stop.resume(), self._resuming),
@@ -242,7 +240,7 @@ class Page:
             Route("/", lambda _: FileResponse(_STATIC / "page.html")),
             *(self._route("GET", *one, self._working) for one in get.items()),
             *(self._route("POST", *one, self._working) for one in post.items()),
-            self._route("GET", "last-minute.mcap", last_minute, self._reading),
+            Route("/head/last-minute.mcap", self._save),
             self._route("POST", "replay/open", open_recording, self._reading),
             Route("/head/replay/upload", self._upload, methods=["POST"]),
             WebSocketRoute("/head/live", self._watch),
@@ -255,6 +253,17 @@ class Page:
             self._stopping = attempt, asyncio.wrap_future(attempt.ended)
         await asyncio.wait([self._stopping[1]], timeout=ANSWER)
         return JSONResponse(attempt.outcome._asdict())
+
+    async def _save(self, _: Request) -> Response:
+        """Send the last minute; whoever asks while it is being encoded is sent the same."""
+        if self._saving is None:
+            loop = asyncio.get_running_loop()
+            self._saving = loop.run_in_executor(self._reading, self._replays.last_minute)
+            self._saving.add_done_callback(lambda _: setattr(self, "_saving", None))
+        try:
+            return _download(await asyncio.shield(self._saving))
+        except RecordingError as error:
+            return _refused(error, 404)
 
     def _route(self, method: str, path: str, answer: Answer, threads: ThreadPoolExecutor) -> Route:
         """Return the route of requests that are answered in one of these threads."""
