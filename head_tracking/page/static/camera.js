@@ -43,6 +43,7 @@ export class CameraPicture {
   async show(data) {
     this.stamp = new DataView(data).getBigInt64(0, true).toString();
     await this.showBlob(new Blob([data.slice(8)], { type: "image/jpeg" }));
+    if (!this.image.src) return; // cleared meanwhile
     const now = performance.now();
     this.times = [...this.times.filter((time) => now - time < 2000), now];
     write(by("fps"), `Live · ${Math.round(this.times.length / 2)} fps`);
