@@ -28,6 +28,7 @@ class Motion:
         """Return joints, target and wanted joint positions for JSON [rad, m, s]."""
         return {
             "stamp": live.stamp * 1e-9,
+            "target_stamp": number(None if live.target_stamp is None else live.target_stamp * 1e-9),
             "joints": [number(live.joints.get(name)) for name in self._names],
             "target": None if live.target is None else list(map(number, live.target)),
             "wanted": list(map(number, self._wanted_gaze(live))),

@@ -1,5 +1,5 @@
 // A strip chart of the last 30 seconds, drawn ten times a second while it is seen.
-const SECONDS = 30, LEFT = 44, BOTTOM = 24, STEP = 0.07; // s, pixels
+const SECONDS = 30, LATEST = 1, LEFT = 44, BOTTOM = 24, STEP = 0.07; // s, pixels
 
 export class Chart {
   constructor(canvas) {
@@ -10,12 +10,12 @@ export class Chart {
 
   clear() { this.points = []; }
 
-  /** Add head and wanted values [degrees] at a time [s]. */
-  add(stamp, values) {
+  /** Add head values at a time [s], and wanted ones at the target's [degrees]; a target that stays has an old one. */
+  add(stamp, targetStamp, values) {
     if (!Number.isFinite(stamp)) return;
     if (this.points.length && stamp < this.points.at(-1).stamp) this.points = [];
     if (this.points.length && stamp < this.points.at(-1).stamp + STEP) return;
-    this.points.push({ stamp, values });
+    this.points.push({ stamp, seen: Math.min(stamp, Math.max(targetStamp, stamp - LATEST)), values });
     while (this.points[0].stamp < stamp - SECONDS) this.points.shift();
     if (performance.now() < this.due || !this.canvas.clientWidth) return;
     this.due = performance.now() + 100;
@@ -58,9 +58,9 @@ export class Chart {
       pen.setLineDash(number < 2 ? [] : [4, 4]);
       pen.beginPath();
       let down = false;
-      for (const { stamp, values } of this.points) {
+      for (const { stamp, seen, values } of this.points) {
         const value = values[number];
-        if (Number.isFinite(value)) pen[down ? "lineTo" : "moveTo"](x(stamp), y(value));
+        if (Number.isFinite(value)) pen[down ? "lineTo" : "moveTo"](x(number < 2 ? stamp : seen), y(value));
         down = Number.isFinite(value);
       }
       pen.stroke();

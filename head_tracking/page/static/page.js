@@ -11,7 +11,7 @@ const SILENT = 3000; // ms without a state until the page shows "disconnected"
 const STEPS = [
   ["This is your head", "The page shows its camera picture and the robot in 3D. Click into the picture, and the head looks there."],
   ["This is STOP: try it", "STOP, or the key Esc, relaxes all servos at once. Nothing moves again until you press Resume."],
-  ["Let it follow you", "Choose Face, and the head follows the nearest person. Hands off ends that."],
+  ["Let it follow you", "Choose Face, and the head follows a person. Hands off ends that."],
 ];
 
 const GAUGES = [ // the value in the servo's diagnostics, unit, full scale, factor
@@ -195,7 +195,7 @@ class Page {
     const [pan, tilt] = [angle(this.shownRobot?.pan), angle(this.shownRobot?.tilt)];
     this.scene.show(state.joints ?? [], state.target, state.predicted, state.stamp);
     this.camera.mark(state.boxes ?? []);
-    this.chart.add(state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees));
+    this.chart.add(state.stamp, state.target_stamp ?? state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees));
     this.steer.showPad(pan, tilt, state.wanted);
     if (!this.replay.opened) this.joints.follow(state.joints ?? []);
     const values = by("angles").querySelectorAll("dd");

@@ -8,7 +8,7 @@ const ICONS = {
   frame: "M5 19V5m0 14h14M5 19l8-8m-8-6-2 2m2-2 2 2m10 10 2 2-2 2",
 };
 const CARDS = {
-  face: ["Face", "the nearest person", "face"], ball: ["Ball", "the coloured one", "ball"], marker: ["Marker", "on the wall", "marker"],
+  face: ["Face", "stays with a person", "face"], ball: ["Ball", "the coloured one", "ball"], marker: ["Marker", "on the wall", "marker"],
   point: ["Point", "turn to it once", "point"], track: ["Track", "stay on a point", "track"], path: ["Path", "circle, square, eight", "path"],
   "follow a frame": ["Frame", "wherever it goes", "frame"], nothing: ["Hands off", "leave it alone", "nothing"],
   "fictitious target": ["Simulated", "the moving point", "point"], target_mux: ["Mux", "what target_mux selects", "track"], "what the camera finds": ["Camera", "what it finds", "face"],
