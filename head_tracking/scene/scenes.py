@@ -83,11 +83,11 @@ def _rolling(distance: float, height: float, frequency: float) -> dict[str, Thin
 
 
 def _people(distance: float, **swing: float) -> dict[str, Thing]:
-    """Return a person who walks, one who crosses behind the first, and one who sits."""
+    """Return a person who walks, one who crosses behind the first, and one who sits outside the first view."""
     return {
         "face": face(_moving(distance)),
         "second face": face(_moving(distance + 0.7, bob=0.0, **swing), TALL_DARK),
-        "third face": sitter((3.0, -1.15, 0.3), FAIR),
+        "third face": sitter((2.7, -1.9, 0.3), FAIR),
     }
 
 
