@@ -31,6 +31,8 @@ def main() -> int:
     with open_browser() as browser, SimulatedRun("--viewer") as run:
         page = open_page(browser, run.port, *SIZE)
         first_sight(page)
+        page.get_by_text("Centre", exact=True).click()  # where the people are
+        page.wait_for_timeout(3e3)
         face(page)
         page.wait_for_timeout(1e3 * SETTLING)
         sizes.append(take(page, folder / "viewer.png"))
