@@ -83,7 +83,7 @@ def _rolling(distance: float, height: float, frequency: float) -> dict[str, Thin
 
 
 def _people(distance: float, **swing: float) -> dict[str, Thing]:
-    """Return a person who walks, one who crosses behind the first, and one who sits outside the first view."""
+    """Return a person who walks, one who crosses behind, and one who sits beside the first view."""
     return {
         "face": face(_moving(distance)),
         "second face": face(_moving(distance + 0.7, bob=0.0, **swing), TALL_DARK),
