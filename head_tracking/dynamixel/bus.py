@@ -41,6 +41,7 @@ from head_tracking.dynamixel.state import (
     ServoStatistics,
 )
 
+_TRIES: Final = 6  # as to identify a servo: a busy machine may miss replies
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
 
@@ -314,7 +315,7 @@ class ServoBus:
     def _identify_at_once(self, servo: Servo) -> None:
         try:
             run(servo.identify())
-            servo.read_feedback(3)
+            servo.read_feedback(_TRIES)
         except CorruptReplyError as cause:
             raise CorruptReplyError(f"{cause}; {advice(servo)}") from cause
 
