@@ -84,10 +84,6 @@ class Stop:
                 threading.Thread(target=self._try, args=[attempt], name="stop", daemon=True).start()
         return attempt
 
-    def stop(self) -> Outcome:
-        """Relax all servos; return the result within half a second, and retry afterwards."""
-        return self.begin().wait()
-
     def resume(self) -> Outcome:
         """Let the servos accept commands again."""
         self.cancel()

@@ -165,7 +165,7 @@ def word(seen: Any) -> str:
 def test_a_stop_relaxes_the_servos_until_resume_and_nothing_goes_on_by_itself(robot, seen):
     assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
     wait_for(lambda: word(seen) == "on target")
-    assert seen.stop_everything().done
+    assert seen.stop_everything().wait().done
     wait_for(lambda: word(seen) == "stopped" and seen.modes.mode() is Mode.OFF)
     assert not seen.joints.set_torque("", True).done
     robot.lead_pan(-0.5)  # by a hand, away from the target
@@ -214,7 +214,7 @@ def test_without_hardware_the_page_says_where_the_joints_are():
             assert seen.joints.move({"head_pan_joint": 0.4}).done
             wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
             assert seen.observe().joints["head_tilt_joint"] == 0.0
-            assert not seen.stop_everything().done
+            assert not seen.stop_everything().wait().done
             assert seen.modes.set_mode(Mode.TRACK, "") == (False, seen.stop.refusal)
             assert not seen.stop.resume().done
             assert not seen.modes.centre().done

@@ -39,7 +39,7 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, pa
     bus = start(BusStandIn())
     bus.confirms = {"head_pan_joint"}
     robot = page()
-    outcome = robot.stop.stop()
+    outcome = robot.stop.begin().wait()
     assert not outcome.done
     assert outcome.text == "head_pan_joint relaxed, head_tilt_joint NOT confirmed"
     wait_for(lambda: bus.calls.count("stop") > 2)
@@ -69,14 +69,14 @@ def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start, pa
     with closing(NodeThreads()) as elsewhere:
         elsewhere.start(bus)
         wait_for(robot.stop._stop.service_is_ready)
-        assert robot.stop.stop().done
+        assert robot.stop.begin().wait().done
         assert bus.calls == ["stop"]
         assert "relax" in other.calls
 
 
 def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start, page):
     robot = page()
-    outcome = robot.stop.stop()
+    outcome = robot.stop.begin().wait()
     assert not outcome.done
     assert "NOT confirmed" in outcome.text
     bus = start(BusStandIn())
@@ -87,10 +87,10 @@ def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
     bus = start(BusStandIn())
     bus.confirms = set()
     robot = page()
-    assert not robot.stop.stop().done
+    assert not robot.stop.begin().wait().done
     bus.say_stopped(False)  # resumed by somebody else
     wait_for(lambda: robot.stop.outcome is None)
-    robot.stop.stop()
+    robot.stop.begin().wait()
     robot.stop.cancel()
     assert robot.stop.outcome is None
 
@@ -102,7 +102,7 @@ def test_a_stop_ends_what_the_page_sends_for_good(start, page, by_page):
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     assert robot.modes.follow_path(Path([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1).done
     assert robot.modes.mode() is Mode.PATH
-    assert robot.stop.stop().done if by_page else bus.say_stopped(True) is None
+    assert robot.stop.begin().wait().done if by_page else bus.say_stopped(True) is None
     wait_for(lambda: robot.stop.stopped)
     assert "Resume first" in robot.modes.look_at("base_link", (1.0, 0.0, 1.0)).text  # a drag
     bus.say_stopped(False)
@@ -115,14 +115,14 @@ def test_a_stop_during_a_stop_joins_it_and_a_later_one_is_sent(start, page):
     bus = start(BusStandIn())
     bus.confirms = set()
     robot = page()
-    assert not robot.stop.stop().done
+    assert not robot.stop.begin().wait().done
     first = {one for one in threading.enumerate() if one.name == "stop"}
-    assert not robot.stop.stop().done
+    assert not robot.stop.begin().wait().done
     assert first == {one for one in threading.enumerate() if one.name == "stop"}
     bus.confirms = {"head_pan_joint", "head_tilt_joint"}
     wait_for(lambda: robot.stop.outcome.done)
     calls = bus.calls.count("stop")
-    assert robot.stop.stop().done
+    assert robot.stop.begin().wait().done
     assert bus.calls.count("stop") > calls  # a later one is asked for again
 
 
@@ -158,7 +158,7 @@ def test_a_mode_is_chosen_after_resume_only(start, page):
     wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
     wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     bus.confirms = set()
-    assert not robot.stop.stop().done  # it is tried again and again, which a choice does not end
+    assert not robot.stop.begin().wait().done  # it is tried on; a choice does not end that
     for mode in (Mode.POINT, Mode.TRACK):
         assert robot.modes.set_mode(mode) == (False, robot.stop.refusal)
     assert (tracker.asked, pointer.asked) == ([], [])
@@ -209,7 +209,7 @@ def test_stop_does_not_wait_for_other_requests(start, page):
     robot = page()
     robot._requests.node.create_timer(0.01, lambda: time.sleep(60.0))
     wait_for(robot.stop._stop.service_is_ready)
-    assert robot.stop.stop().done
+    assert robot.stop.begin().wait().done
     assert "stop" in bus.calls
 
 

@@ -134,7 +134,7 @@ def test_no_message_ends_the_page(threads, viewer):
         stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
     )
     assert told(viewer)
-    wait_for(lambda: viewer.robot.stop_everything().done, PATIENCE)
+    wait_for(lambda: viewer.robot.stop_everything().wait().done, PATIENCE)
     assert "stop" in bus.calls
     stranger.destroy_node()
 
