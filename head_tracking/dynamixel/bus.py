@@ -31,7 +31,7 @@ from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
-from head_tracking.dynamixel.servo import Servo, Version, answering, run
+from head_tracking.dynamixel.servo import MOST_TRIES, Servo, Version, answering, run
 from head_tracking.dynamixel.state import (
     BusReading,
     BusStatistics,
@@ -41,7 +41,6 @@ from head_tracking.dynamixel.state import (
     ServoStatistics,
 )
 
-_TRIES: Final = 6  # as to identify a servo: a busy machine may miss replies
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
 
@@ -315,7 +314,7 @@ class ServoBus:
     def _identify_at_once(self, servo: Servo) -> None:
         try:
             run(servo.identify())
-            servo.read_feedback(_TRIES)
+            servo.read_feedback(MOST_TRIES)
         except CorruptReplyError as cause:
             raise CorruptReplyError(f"{cause}; {advice(servo)}") from cause
 

@@ -39,6 +39,7 @@ _T = TypeVar("_T")
 EEPROM_PAUSE: Final = 0.025
 """Pause after a write to EEPROM, s: a servo replies, and then is deaf for about 6 ms per byte."""
 
+MOST_TRIES: Final = 6  # where a servo is identified: a busy machine may miss replies
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
 _REVERSE: Final = 1  # bit of Drive Mode
 _WATCHDOG_UNIT: Final = 0.02  # s
@@ -299,7 +300,7 @@ class Servo:
         own = [] if model.offset is None else [model.offset.name]
         for span in _spans(model.control_table, (*model.position_limits, *model.modes, *own)):
             try:
-                values = self.read(span, 2 * _TRIES)  # a busy machine may miss replies
+                values = self.read(span, MOST_TRIES)
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
                 raise ServoSetupError(

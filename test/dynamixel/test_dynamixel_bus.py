@@ -27,7 +27,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoNotFoundError,
     ServoSetupError,
 )
-from head_tracking.dynamixel.protocol import ErrorBits, Status
+from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -90,26 +90,15 @@ def test_connect_gives_silent_servos_a_second_chance() -> None:
 
 
 def test_connect_asks_again_for_reads_that_a_busy_machine_missed() -> None:
-    port = FakePort()
-    port.failures[2].extend([None, *[ReplyTimeoutError("late")] * 4])  # after the ping
-    bus, _ = make(port)
-    assert bus.connect() == "2 AX-12 servos: ids 1, 2"
-
-
-def test_connect_asks_again_for_feedback_that_a_busy_machine_missed() -> None:
-    class Late(FakePort):
-        left = 4
-
-        def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Status:
-            if feedback(servo_id) == ("read", 2, address, length) and self.left:
-                self.left -= 1
-                raise ReplyTimeoutError("late")
-            return super().read(servo_id, address, length, protocol)
-
-    port = Late()
-    bus, _ = make(port)
-    assert bus.connect() == "2 AX-12 servos: ids 1, 2"
-    assert not port.left
+    usual = FakePort()
+    make(usual)[0].connect()
+    asked = [packet for packet in usual.log if packet[1] == 2]
+    for first in (1, asked.index(feedback(2))):  # after the ping; the feedback
+        port = FakePort()
+        port.failures[2].extend([*[None] * first, *[ReplyTimeoutError("late")] * 4])
+        bus, _ = make(port)
+        assert bus.connect() == "2 AX-12 servos: ids 1, 2"
+        assert not port.failures[2]
 
 
 @pytest.mark.parametrize(
