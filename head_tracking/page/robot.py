@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -33,7 +32,6 @@ from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms import RobotModel, RobotModelError, TransformException
 
 _DISCOVERY_PERIOD = 1.0  # s
-_TARGET_AGE = 2.0  # s
 _PATIENCE = 2.0  # s
 _GONE = 60.0  # s: a frame, such as a person's, that was updated longer ago is left out
 _STOPPED = 0.5  # s in which a bus with `stop` publishes that it is stopped
@@ -153,16 +151,13 @@ class Robot:
             return Observation(self._now)
         controller = {Mode.OFF: "", Mode.POINT: POINTER}.get(mode, TRACKER)
         status = self.topics.status(controller)
-        error = self.topics.error(controller) if controller and watched else None
-        # point_head keeps its target until it is recentred; head_tracker needs it again and again
-        is_kept = mode is Mode.POINT and (error is not None or not watched)
-        target = self._targets.latest(math.inf if is_kept else _TARGET_AGE)
+        target = self._targets.latest()
         return observed(
             self._now,
             self.buffer,
             model,
             None if target is None else (target.target, target.point, target.stamp),
-            error,
+            self.topics.error(controller) if controller and watched else None,
             controller,
             status,
             self._frame_watch.silent(self.buffer.latest_stamps()),

@@ -19,7 +19,7 @@ from head_tracking.transforms import (
     Vector3,
 )
 
-_PICTURE_AGE = 2_000_000_000  # ns
+_PICTURE_AGE = _TARGET_AGE = 2_000_000_000  # ns
 _PICTURE_PERIOD = 200_000_000  # ns between pictures of the last minute, which need memory
 ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
 """The topic on which each controller publishes its error."""
@@ -77,6 +77,8 @@ def observed(
 ) -> Observation:
     """Return the robot at a moment.
 
+    The controller's status has whether there is a target. Without that, an old one is left out.
+
     Args:
         now: the moment [ns].
         buffer: has the robot's frames.
@@ -91,7 +93,9 @@ def observed(
     for frame in set(buffer.frames()).difference(model.children_of_joints, without, [model.root]):
         with contextlib.suppress(TransformException):
             frames[frame] = buffer.lookup_transform(model.root, frame).transform
-    sent, point, stamp = ("", None, None) if target is None else target
+    is_recent = target is not None and abs(now - target[2]) <= _TARGET_AGE
+    has_target = status.get("target", "true" if is_recent else "false") == "true"
+    sent, point, stamp = target if target is not None and has_target else ("", None, None)
     return Observation(
         now,
         known_joints(buffer, model),

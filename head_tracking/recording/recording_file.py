@@ -53,7 +53,7 @@ _LARGEST = 200_000_000  # bytes of one chunk, decompressed
 _PERIOD = 0.04  # s between observations
 _MOST = 20_000  # observations: a longer recording has fewer per second
 _MOST_MOMENTS = 200
-_TARGET_AGE, _ERROR_AGE = 2_000_000_000, 1_000_000_000  # ns
+_ERROR_AGE = 1_000_000_000  # ns
 _PATIENCE = 1.0  # s until a target's transform is recorded
 _LATE = 1_000_000_000  # ns: a target that is later than this was stamped by another clock
 _START = 1_000_000_000  # ns in which latched messages come, which are no events
@@ -309,15 +309,12 @@ class _Reading:
         status = statuses.get(controller, {})
         if self._value("stopped"):
             status = {"state": "stopped"}
-        target = self._transformed_target()
-        if target and controller != "point_head" and self._now - target[2] > _TARGET_AGE:
-            target = None
         error = self._value(ERRORS.get(controller, ""), self._now - _ERROR_AGE)
         seen = observed(
             self._now,
             self._buffer,
             model,
-            target,
+            self._transformed_target(),
             error,
             controller,
             status,
@@ -461,9 +458,9 @@ def write_recording(recording: Recording) -> bytes:
                 continue
             if seen.error is not None:
                 bag.write(error_channel, stamp, {"data": seen.error})
-            values = [
-                {"key": key, "value": getattr(seen, key)} for key in ("state", "detail", "refusal")
-            ]
+            fields = {key: getattr(seen, key) for key in ("state", "detail", "refusal")}
+            fields["target"] = "false" if seen.target is None else "true"
+            values = [{"key": key, "value": value} for key, value in fields.items()]
             message = {"name": node, "message": seen.text, "values": values}
             bag.write(status_channel, stamp, message)
         before = seen.controller

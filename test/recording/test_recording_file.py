@@ -36,6 +36,8 @@ TYPES = {
     "/tf": "tf2_msgs/msg/TFMessage",
     "target_point": "geometry_msgs/msg/PointStamped",
     "head_tracker/enabled": "std_msgs/msg/Bool",
+    "head_tracker/status": "diagnostic_msgs/msg/DiagnosticStatus",
+    "point_head/status": "diagnostic_msgs/msg/DiagnosticStatus",
     "stopped": "std_msgs/msg/Bool",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/rosout": "rcl_interfaces/msg/Log",
@@ -156,6 +158,20 @@ def test_a_target_is_placed_with_the_joints_as_they_were_when_it_was_seen(kinect
     messages.sort(key=lambda one: one[0])
     x, y, _ = read(bag(messages)).at(1.7).target
     assert math.atan2(y, x) == pytest.approx(math.sin(1.0), abs=0.03)
+
+
+@pytest.mark.parametrize("node", ["head_tracker", "point_head"])
+@pytest.mark.parametrize("has_target", [True, False])
+def test_a_target_is_shown_while_the_controller_has_it(kinectbot, node, has_target):
+    field = {"key": "target", "value": "true" if has_target else "false"}
+    messages = [
+        *moving(kinectbot, 5.0),
+        (0.5, f"{node}/status", {"name": node, "values": [field]}),
+        (1.0, "target_point", {"header": header(0, "base_link"), "point": xyz((1.0, 0.0, 0.0))}),
+    ]
+    recording = read(bag(sorted(messages, key=lambda one: one[0])))
+    for time in (1.5, 4.5):
+        assert (recording.at(time).target is not None) is has_target
 
 
 def test_what_happened_is_found_on_the_time_line(kinectbot):

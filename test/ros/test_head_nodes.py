@@ -8,6 +8,7 @@ from waiting import wait_for
 
 from head_tracking.head.obstacle import Reason
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import Rotation, Transform
 
 WITHOUT_HEAD = '<robot name="arm"><link name="shoulder"/></robot>'
@@ -86,6 +87,19 @@ def test_a_missing_model_is_reported(make, kinectbot):
     head.target = LEFT
     head.until("idle", Reason.NO_MODEL)
     head.until_logged("robot_description")
+
+
+@pytest.mark.parametrize("node", [HeadTrackerNode, PointHeadNode])
+def test_the_status_has_whether_there_is_a_target(make, node):
+    head = make(node)
+    wait_for(lambda: head.fields.get("target") == "false")
+    head.target = LEFT
+    wait_for(lambda: head.fields["target"] == "true")
+    head.target = None
+    head.travel.clear()
+    wait_for(lambda: len(head.travel) > 5)  # what was sent has come
+    assert head.node.control.recenter() is None
+    wait_for(lambda: head.fields["target"] == "false")
 
 
 def test_targets_with_stamps_in_the_future_are_refused(make):

@@ -212,6 +212,7 @@ class HeadNode(ClosingNode):
                 "enabled": "true" if off is None else "false",
                 "stopped": "true" if control.is_stopped else "false",
                 "slow": "true" if control.is_cautious else "false",
+                "target": "false" if control.targets.miss is None else "true",
                 "reason": "" if obstacle is None else obstacle.reason.value,
                 "disabled because": "" if off is None else str(off),
                 "trouble": "" if trouble is None else str(trouble),

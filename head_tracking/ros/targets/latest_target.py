@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from typing import NamedTuple
 
@@ -62,15 +61,13 @@ class LatestTarget:
             self._placer = TargetPlacer(self._buffer, frame, _TIMEOUT)
             self._latest = None
 
-    def latest(self, keep: float = math.inf) -> TransformedTarget | None:
-        """Return the latest target, unless it is older than `keep` [s]."""
+    def latest(self) -> TransformedTarget | None:
+        """Return the latest target; None: none has come."""
         now = self._now
         with self._lock:
             placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
         if placed is not None:
             self._latest = TransformedTarget(now, *placed)
-        if self._latest is None or abs(now - self._latest.placed) * 1e-9 > keep:
-            return None
         return self._latest
 
     @property
