@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rclpy.node import Node
@@ -32,12 +32,14 @@ class Servo:
         joint: the joint; empty while it is not known.
         torque: whether torque is on; None: not known.
         refuses: whether it refuses commands until torque is enabled.
+        values: of its diagnostics, by name.
     """
 
     controller: str
     joint: str
     torque: bool | None
     refuses: bool = False
+    values: Mapping[str, str] = field(default_factory=dict)
 
 
 class JointControl:
@@ -95,17 +97,15 @@ class JointControl:
             name.removesuffix(".joint_name"): str(joint)
             for name, joint in self._robot.parameters.fixed("_controller.joint_name").items()
         }
-        torques = {
-            one.values.get("joint"): Torque(one.values["torque"])
-            for one in self._robot.topics.health()
-            if one.values.get("torque") in _TORQUES
-        }
+        health = {one.values.get("joint"): dict(one.values) for one in self._robot.topics.health()}
         found = []
         for controller in self._controllers:
             joint = joints.get(controller, "")
-            torque = torques.get(joint)
+            values = health.get(joint, {})
+            torque = Torque(values["torque"]) if values.get("torque") in _TORQUES else None
             is_on = None if torque is None else torque is Torque.ON
-            found.append(Servo(controller, joint, is_on, torque is not None and torque.refuses))
+            refuses = torque is not None and torque.refuses
+            found.append(Servo(controller, joint, is_on, refuses, values))
         return tuple(found)
 
     def move(self, positions: Mapping[str, float]) -> Outcome:

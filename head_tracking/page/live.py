@@ -205,7 +205,7 @@ class Live:
         return {"predicted": self._predicted}
 
     def _boxes(self) -> dict[str, Any]:
-        """Return boxes in the picture: of what is followed, and of people's faces."""
+        """Return boxes in the default picture: of what is followed, and of people's faces."""
         latest, oldest = self._robot.buffer.latest_stamps(), self.observation.stamp - _HIDDEN
         people = {
             name: transform
@@ -216,7 +216,7 @@ class Live:
         region = self._robot.topics.region() if mode in FOUND_IN_PICTURES else None
         picture = self.latest_picture() if people or region is not None else None
         if picture is None or self._model is None:
-            return {"boxes": []}
+            return {"boxes": [], "boxes_of": ""}
         camera, boxes = self._camera(picture), []
         pose = frame_pose(self._robot.buffer, self._model.root, picture.frame_id, picture.stamp)
         if region is not None:
@@ -232,13 +232,12 @@ class Live:
                 if face is not None:
                     label, distance = name.replace("_", " "), math.hypot(*point)
                     boxes.append(_box(name, label, face, camera, distance))
-        return {"boxes": boxes}
+        return {"boxes": boxes, "boxes_of": picture.topic}
 
     def _slow(self) -> dict[str, Any]:
         robot, live = self._robot, self.observation
         self._start_camera()
         status, outcome, health = robot.status(live), robot.stop.outcome, robot.topics.health()
-        values = {one.values.get("joint"): dict(one.values) for one in health}
         servos = robot.joints.servos()
         waiting = [] if self._model is not None else ["Waiting for robot_description."]
         if self._model is not None and robot.joints.free:
@@ -257,7 +256,7 @@ class Live:
             "stop": "" if outcome is None else outcome.text,
             "notices": [*waiting, *self._notices, *robot.notices()],
             "warnings": list(robot.topics.warnings()),
-            "servos": [asdict(servo) | {"values": values.get(servo.joint, {})} for servo in servos],
+            "servos": [asdict(servo) for servo in servos],
             "movable": movable,
             "free": robot.joints.free,
             "can_recover": robot.joints.can_recover,
@@ -291,8 +290,10 @@ class Live:
 
     def _encode(self, topic: str) -> EncodedPicture | None:
         picture, before = self.latest_picture(topic), self._encoded.get(topic)
-        if picture is None or (before is not None and before.number == picture.number):
-            return before if picture is not None else None
+        if picture is None:
+            return None
+        if before is not None and before.number == picture.number:
+            return before
         data = picture.jpeg(_WIDEST)
         if data is None:
             return None

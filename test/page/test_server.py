@@ -9,7 +9,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -128,6 +128,87 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, page:
         tab.locator("#stop").dispatch_event("click")
         wait_for(lambda: robot.stops > before, 20.0)
     robot.go_on.set()
+
+
+class _LateMeshes:
+    """Meshes without triangles, which come when the robot goes on."""
+
+    def __init__(self, robot: _Robot) -> None:
+        self._robot = robot
+
+    def __getitem__(self, number: int) -> bytes:
+        self._robot.asked.release()
+        self._robot.go_on.wait(60.0)
+        return bytes(84)
+
+
+def robot_with(meshes: range) -> dict[str, Any]:
+    """A robot for the browser with these meshes on its only link."""
+    shape = {"link": "base", "place": [0, 0, 0, 0, 0, 0, 1], "rgba": [1, 1, 1, 1], "kind": "mesh"}
+    shapes = [{**shape, "mesh": f"/head/mesh/{number}"} for number in meshes]
+    return {"name": "r", "root": "base", "independent": [], "joints": [], "shapes": shapes}
+
+
+def test_stop_does_not_wait_for_meshes_and_late_ones_are_left_out(
+    robot: _Robot, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page._live, "meshes", _LateMeshes(robot))
+    robot.go_on.clear()
+    with visited(page) as tab:
+        tab.wait_for_function("window.headPage")
+        show, before = "robot => { headPage.scene.setRobot(robot); }", robot.stops
+        tab.evaluate(show, robot_with(range(8)))
+        tab.locator("#stop").dispatch_event("click")
+        wait_for(lambda: robot.stops > before, 20.0)
+        tab.evaluate(show, robot_with(range(8, 9)))
+        for _ in range(2):
+            assert robot.asked.acquire(timeout=30.0)
+        robot.go_on.set()
+        tab.wait_for_function("headPage.scene.root.children.some(one => one.isMesh)")
+        tab.wait_for_timeout(500)  # in which the meshes of the first robot come
+        meshes = "headPage.scene.root.children.filter(one => one.isMesh).length"
+        assert tab.evaluate(meshes) == 1
+
+
+_SHOW_ABOUT = """error => headPage.showAbout({
+  error, word: "holding", text: "", stop: "", mode: "nothing", modes: [], target_text: "",
+  can_resume: false, images: ["/one/image", "/other/image"], can_start_camera: false, frames: [],
+  servos: [], movable: [], free: true, notices: [], warnings: [], failing: {}, recording: false,
+  recorder: "", faults: [{ text: "overload", advice: "", command: "recover" }], can_recover: true,
+  health: [{ name: "servo_bus", level: "ok", message: `${error}`, values: { load: `${error}` } }],
+  calibration: { runs: false, text: "", rows: [] },
+})"""
+_LABELS = """camera => {
+  document.getElementById("source").value = camera;
+  const box = { frame: "person_1", label: "person", box: [0.1, 0.1, 0.2, 0.2], distance: 2 };
+  headPage.show({ boxes: [box], boxes_of: "/one/image" });
+  return document.getElementById("labels").children.length;
+}"""
+
+
+def test_what_changes_meanwhile_takes_no_click_and_no_focus(page: Page) -> None:
+    with visited(page) as tab:
+        tab.wait_for_function("window.headPage?.about")
+        tab.locator("#tab-health").click()
+        tab.evaluate(_SHOW_ABOUT, 1)
+        tab.locator("#statuses summary").focus()
+        tab.locator("#faults button").hover()
+        with tab.expect_request("**/head/do/recover"):
+            tab.evaluate(_SHOW_ABOUT, 2)
+            assert tab.evaluate("document.activeElement.tagName") == "SUMMARY"
+            tab.mouse.down()
+            tab.evaluate(_SHOW_ABOUT, 3)
+            tab.mouse.up()
+        assert tab.locator("#statuses dd").text_content() == "3"
+
+
+def test_boxes_are_shown_in_the_picture_that_they_belong_to(page: Page) -> None:
+    with visited(page) as tab:
+        tab.wait_for_function("window.headPage?.about")
+        tab.evaluate(_SHOW_ABOUT, 1)
+        cameras = {"": 1, "/one/image": 1, "/other/image": 0, "none": 0}
+        for camera, boxes in cameras.items():
+            assert tab.evaluate(_LABELS, camera) == boxes
 
 
 _NO_WEBGL = """
@@ -291,6 +372,18 @@ def test_uploads_beyond_a_number_wait_until_one_ends(page: Page) -> None:
         assert last.recv(100).startswith(b"HTTP/1.1 400")
     for one in opened:
         one.close()
+
+
+def test_uploads_that_do_not_go_on_are_refused(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a browser that has lost its network: others may upload then."""
+    monkeypatch.setattr(server, "_SILENT", 1.0)
+    head = b"POST /head/replay/upload HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Head-Tracking: page\r\n"
+    with ExitStack() as opened:
+        for _ in range(server._UPLOADS + 1):
+            last = socket.create_connection(("127.0.0.1", page.port), 30.0)
+            opened.enter_context(last)
+            last.sendall(head + b"Content-Length: 4\r\n\r\n")
+        assert last.recv(100).startswith(b"HTTP/1.1 400")
 
 
 def test_the_last_minute_is_encoded_once_for_all_who_ask_meanwhile(

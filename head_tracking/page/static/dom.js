@@ -23,14 +23,30 @@ export function button(parent, text, act, attributes = {}) {
 /** Set a text only if it changes: screen readers announce each change. */
 export function write(node, text) { if (node.textContent !== text) node.textContent = text; }
 
+/**
+ * Show items in the rows of a list. A row stays while its key does: one that is built anew loses a click and the focus.
+ * @param {(row: Element, item: any) => void} build fills a new row.
+ * @param {(row: Element, item: any) => void} update shows what the key does not have.
+ */
+export function rows(list, name, items, build, update = () => {}, keyOf = JSON.stringify) {
+  const known = new Map([...list.children].map((row) => [row.key, row]));
+  for (const [number, item] of items.entries()) {
+    const key = keyOf(item);
+    let row = known.get(key);
+    if (!known.delete(key)) {
+      row = element(list, name);
+      build(row, item);
+      row.key = key;
+    }
+    if (list.children[number] !== row) list.insertBefore(row, list.children[number]);
+    update(row, item);
+  }
+  for (const row of [...list.children].slice(items.length)) row.remove();
+}
+
 /** Offer options in a menu; the choice stays while it is still offered. */
 export function offer(menu, options, chosen = menu.value) {
-  const wanted = JSON.stringify(options);
-  if (menu.offered !== wanted) {
-    menu.offered = wanted;
-    menu.replaceChildren();
-    for (const [value, text] of options) element(menu, "option", { value }, text);
-  }
+  rows(menu, "option", options, (option, [value, text]) => Object.assign(option, { value, textContent: text }));
   if (options.some(([value]) => value === chosen)) menu.value = chosen;
 }
 

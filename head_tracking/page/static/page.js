@@ -1,7 +1,7 @@
 // The page: the live websocket, STOP and the tabs.
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
-import { abort, button, by, command, degrees, element, offer, send, toast, write } from "./dom.js";
+import { abort, by, command, degrees, element, offer, rows, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
 import { NoScene, RobotScene } from "./scene.js";
@@ -45,6 +45,7 @@ class Page {
     this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob, "recorded") : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
     this.recordings = new Recordings((opened) => { this.replay.open(opened); this.openTab("live"); });
     by("resume").onclick = () => { by("resume").blur(); toast(""); send("/head/resume"); };
+    by("simulate").onclick = () => command("camera");
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
     this.makeTabs();
     this.makeTheme();
@@ -194,13 +195,11 @@ class Page {
     const angle = (name) => state.joints?.[names.indexOf(name)] ?? NaN;
     const [pan, tilt] = [angle(this.shownRobot?.pan), angle(this.shownRobot?.tilt)];
     this.scene.show(state.joints ?? [], state.target, state.predicted, state.stamp);
-    this.camera.mark(state.boxes ?? []);
+    this.camera.mark(["", state.boxes_of].includes(by("source").value) ? state.boxes ?? [] : []); // they belong to one camera
     this.chart.add(state.stamp, state.target_stamp ?? state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees));
     this.steer.showPad(pan, tilt, state.wanted);
     if (!this.replay.opened) this.joints.follow(state.joints ?? []);
-    const values = by("angles").querySelectorAll("dd");
-    if (!values.length) for (const name of ["pan", "tilt"]) { const part = element(by("angles"), "div"); element(part, "dt", {}, name); element(part, "dd", { id: name }); }
-    else [pan, tilt].forEach((value, number) => write(values[number], Number.isFinite(value) ? `${degrees(value).toFixed(1)}°` : "–"));
+    for (const [id, value] of [["pan", pan], ["tilt", tilt]]) write(by(id), Number.isFinite(value) ? `${degrees(value).toFixed(1)}°` : "–");
     this.showWord();
   }
 
@@ -222,16 +221,14 @@ class Page {
 
   /** Show modes, servos and health: they change four times a second at most. */
   showAbout(about) {
-    showFailing({ ...about.failing, ...this.failing });
     if (!about.word) { // the server could not sample the state: an older one must not be shown
       this.about = { word: "fault", text: "the state of the robot can't be shown" };
+      showFailing({ ...about.failing, ...this.failing });
       return this.showWord();
     }
     this.about = about;
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
-    if (JSON.stringify(about) === this.slow) return;
-    this.slow = JSON.stringify(about);
     const parts = {
       modes: () => this.steer.show(about),
       torques: () => this.joints.show(about),
@@ -245,25 +242,18 @@ class Page {
       try { show(); } catch (error) { this.failing[part] = error.message; }
     }
     showFailing({ ...about.failing, ...this.failing });
-    this.showNoPicture(!about.images.length && about.can_start_camera);
-  }
-
-  showNoPicture(canStart) {
-    by("nopicture").replaceChildren();
-    element(by("nopicture"), "span", {}, "No picture");
-    if (canStart) button(by("nopicture"), "Simulate the camera", () => command("camera"));
+    by("simulate").hidden = about.images.length > 0 || !about.can_start_camera;
   }
 }
 
 function showServos(servos) {
-  by("gauges").replaceChildren();
-  for (const servo of servos) {
-    const row = element(by("gauges"), "div", { class: "servo" });
+  rows(by("gauges"), "div", servos, (row, servo) => {
+    row.className = "servo";
     const name = element(row, "div");
     element(name, "div", { title: servo.joint }, (servo.joint || servo.controller).replace(/_(joint|controller)$/, "").replaceAll("_", " "));
     element(name, "small", { class: servo.torque ? "torque holds" : "torque" }, servo.torque === null ? "torque unknown" : servo.torque ? "torque on" : "relaxed");
     for (const [key, unit, full, scale] of GAUGES) gauge(row, Math.abs(scale * Number.parseFloat(servo.values[key])), unit, full);
-  }
+  });
 }
 
 function gauge(parent, value, unit, full) {

@@ -43,6 +43,14 @@ function geometryOf({ kind, size }) {
   return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
 }
 
+async function meshOf(shape) {
+  if (shape.kind === "coloured") return (await new GLTFLoader().loadAsync(shape.mesh)).scene;
+  const geometry = shape.kind === "mesh" ? await new STLLoader().loadAsync(shape.mesh) : geometryOf(shape);
+  const [red, green, blue, alpha] = shape.rgba;
+  const color = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
+  return new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ color, roughness: 0.7, transparent: alpha < 1, opacity: alpha }));
+}
+
 export class RobotScene {
   /** @param {(point: number[]) => void} onPoint receives a point to look at [m]. */
   constructor(place, onPoint) {
@@ -147,8 +155,8 @@ export class RobotScene {
   setRobot(robot) {
     this.robot = robot;
     this.root.clear();
-    this.links = { [robot.root]: this.root };
-    const link = (name) => (this.links[name] ??= new THREE.Group());
+    const links = (this.links = { [robot.root]: this.root });
+    const link = (name) => (links[name] ??= new THREE.Group());
     this.joints = robot.joints.map((joint) => {
       const origin = new THREE.Group();
       put(origin, joint.origin);
@@ -156,39 +164,27 @@ export class RobotScene {
       origin.add(link(joint.child));
       return { ...joint, origin, axis: new THREE.Vector3(...joint.axis), node: link(joint.child) };
     });
-    const loader = new STLLoader();
-    for (const shape of robot.shapes) {
-      const [red, green, blue, alpha] = shape.rgba;
-      const colour = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
-      const material = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.7, transparent: alpha < 1, opacity: alpha });
-      const add = (geometry) => {
-        const mesh = new THREE.Mesh(geometry, material);
-        put(mesh, shape.place);
-        link(shape.link).add(mesh);
-        this.added();
-      };
-      if (shape.kind === "coloured") {
-        new GLTFLoader().load(shape.mesh, ({ scene }) => {
-          put(scene, shape.place);
-          link(shape.link).add(scene);
-          this.added();
-        });
-      } else if (shape.kind === "mesh") loader.load(shape.mesh, add);
-      else add(geometryOf(shape));
-    }
+    this.addShapes(robot.shapes, links);
     this.screen = null;
     if (robot.camera) this.addGaze(robot, link(robot.camera));
-    this.axes = Object.entries(this.links).map(([link, node]) => node.add(new THREE.AxesHelper(0.08).add(nameOf(link))).children.at(-1));
+    this.axes = Object.entries(links).map(([link, node]) => node.add(new THREE.AxesHelper(0.08).add(nameOf(link))).children.at(-1));
     for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
     this.shown = "";
     this.framed = this.moved = false;
   }
 
-  /** A mesh was loaded: frame the whole robot again, unless the user has moved the view. */
-  added() {
-    if (!this.moved) this.framed = false;
-    this.shown = "";
-    this.request();
+  /** Add the shapes one after the other: a browser has six connections to a server, and STOP needs one. */
+  async addShapes(shapes, links) {
+    for (const shape of shapes) {
+      const added = await meshOf(shape).catch(() => null); // one that can't be loaded is left out
+      if (this.links !== links) return; // another robot is shown meanwhile
+      if (!added) continue;
+      put(added, shape.place);
+      links[shape.link].add(added);
+      if (!this.moved) this.framed = false; // frame the whole robot again
+      this.shown = "";
+      this.request();
+    }
   }
 
   addGaze(robot, camera) {

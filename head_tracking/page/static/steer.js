@@ -1,5 +1,5 @@
 // Mode cards with their options, and the pad for pan and tilt.
-import { button, by, command, element, latestOnly, offer, write } from "./dom.js";
+import { button, by, command, element, latestOnly, offer, rows, write } from "./dom.js";
 
 const ICONS = {
   face: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm-3 7v1m6-1v1m-6.5 4a5 5 0 0 0 7 0", ball: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm0 0v18M3 12h18M6 5.5c4 3.5 4 9.5 0 13m12-13c-4 3.5-4 9.5 0 13",
@@ -13,6 +13,7 @@ const CARDS = {
   "follow a frame": ["Frame", "wherever it goes", "frame"], nothing: ["Hands off", "leave it alone", "nothing"],
   "fictitious target": ["Simulated", "the moving point", "point"], target_mux: ["Mux", "what target_mux selects", "track"], "what the camera finds": ["Camera", "what it finds", "face"],
 };
+const USUAL = ["face", "ball", "marker", "point", "path", "nothing"]; // the other cards are there where they are possible
 export const titleOf = (mode) => CARDS[mode]?.[0] ?? mode;
 const SHAPES = [["circle", "Circle"], ["square", "Square"], ["figure of eight", "Figure of eight"], ["points", "Points of my own"]];
 const reach = ([low, high]) => Math.max(-low, high, 0.01);
@@ -72,20 +73,21 @@ export class Steering {
     this.mode = state.mode;
     offer(this.frame, state.frames.map((name) => [name, name]), this.frame.value || (state.frames.includes("base_link") ? "base_link" : state.frames[0]));
     write(by("target"), ["point", "track"].includes(state.mode) ? state.target_text : "");
-    for (const [mode, [title, text, icon]] of Object.entries(CARDS)) {
-      const possible = state.modes.includes(mode), rare = !["face", "ball", "marker", "point", "path", "nothing"].includes(mode);
-      let card = by("cards").querySelector(`[data-mode="${mode}"]`);
-      if (rare && !possible && mode !== state.mode) { card?.remove(); continue; }
-      if (!card) {
-        card = button(by("cards"), "", () => this.choose(mode), { "data-mode": mode });
-        element(element(card, "svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }), "path", { d: ICONS[icon] });
-        element(card, "b", {}, title);
-        element(card, "span", {}, text);
-      }
+    const cards = Object.keys(CARDS).filter((mode) => USUAL.includes(mode) || state.modes.includes(mode) || mode === state.mode);
+    rows(by("cards"), "button", cards, (card, mode) => {
+      const [title, text, icon] = CARDS[mode];
+      card.dataset.mode = mode;
+      card.onclick = () => this.choose(mode);
+      element(element(card, "svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }), "path", { d: ICONS[icon] });
+      element(card, "b", {}, title);
+      element(card, "span", {}, text);
+    }, (card, mode) => {
       card.setAttribute("aria-pressed", state.mode === mode);
-      card.disabled = !possible;
-      if (state.mode !== mode || this.inView === mode) continue;
-      this.inView = mode; // on a phone the cards are wider than the page
+      card.disabled = !state.modes.includes(mode);
+    });
+    if (this.inView !== state.mode) { // on a phone the cards are wider than the page
+      this.inView = state.mode;
+      const card = by("cards").querySelector("[aria-pressed=true]");
       by("cards").scrollLeft = card.offsetLeft + (card.offsetWidth - by("cards").clientWidth) / 2;
     }
     this.showOptions();

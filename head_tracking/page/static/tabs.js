@@ -1,5 +1,5 @@
 // The tabs Joints, Tune, Health and Record.
-import { button, by, command, degrees, element, get, hold, isHeld, offer, radians, send, toast, write } from "./dom.js";
+import { button, by, command, degrees, element, get, hold, isHeld, offer, radians, rows, send, toast, write } from "./dom.js";
 
 const REFRESH = 1000; // ms
 const isSlide = (joint) => joint.type === "prismatic";
@@ -58,21 +58,15 @@ export class Joints {
     if (relaxed.length) hints.push(`Relaxed: ${relaxed.join(", ")}. Their sliders follow your hand.`);
     if (state.servos.some((servo) => servo.refuses)) hints.push("Enable torque to move joints from here.");
     write(by("hint"), hints.join(" "));
-    const names = JSON.stringify(state.servos.map((servo) => servo.controller));
-    if (this.names !== names) {
-      this.names = names;
-      by("torques").replaceChildren();
-      for (const { controller } of state.servos) {
-        const label = element(by("torques"), "label", { class: "switch" });
-        const box = element(label, "input", { type: "checkbox", "data-controller": controller });
-        element(label, "span", {}, controller.replace(/_controller$/, ""));
-        box.onchange = () => { hold(box); box.blur(); command("torque", { controller, on: box.checked }); };
-      }
-    }
-    for (const { controller, torque } of state.servos) {
-      const box = by("torques").querySelector(`[data-controller="${controller}"]`);
+    rows(by("torques"), "label", state.servos, (label, { controller }) => {
+      label.className = "switch";
+      const box = element(label, "input", { type: "checkbox", "data-controller": controller });
+      element(label, "span", {}, controller.replace(/_controller$/, ""));
+      box.onchange = () => { hold(box); box.blur(); command("torque", { controller, on: box.checked }); };
+    }, (label, { torque }) => {
+      const box = label.firstChild;
       if (torque !== null && !isHeld(box)) box.checked = torque;
-    }
+    }, ({ controller }) => controller);
   }
 }
 
@@ -109,13 +103,13 @@ export class Tuning {
   }
 
   makePresets(presets) {
-    if (by("presets").children.length) return;
-    for (const [name, values] of Object.entries(presets)) {
-      const card = button(by("presets"), "", async () => { await this.report(command("preset", { name })); this.refresh(); }, { "data-preset": name });
+    rows(by("presets"), "button", Object.entries(presets), (card, [name, values]) => {
+      card.dataset.preset = name;
+      card.onclick = async () => { await this.report(command("preset", { name })); this.refresh(); };
       element(card, "b", {}, name[0].toUpperCase() + name.slice(1));
       const numbers = Object.entries(values).map(([what, value]) => `${what.replaceAll("_", " ")} ${value}${what.endsWith("acceleration") ? "°/s²" : "°/s"}`);
       element(card, "span", {}, numbers.join(", ") || "the values that the page found first");
-    }
+    });
   }
 
   group(one) {
@@ -204,16 +198,14 @@ export class Calibration {
     };
   }
 
-  show({ runs, text, rows }) {
+  show({ runs, text, rows: found }) {
     by("calibrator").disabled = runs;
     write(by("calibrating"), text);
-    by("calibrated").replaceChildren();
-    for (const [name, change, deviation] of rows) {
-      const row = element(by("calibrated"), "tr");
+    rows(by("calibrated"), "tr", found, (row, [name, change, deviation]) => {
       element(row, "th", { scope: "row" }, name);
       element(row, "td", {}, change);
       element(row, "td", {}, deviation);
-    }
+    });
   }
 }
 
@@ -240,32 +232,30 @@ export function showFailing(failing) {
 
 export function showHealth(state) {
   by("alarm").hidden = !state.faults.length;
-  by("faults").replaceChildren();
-  if (!state.faults.length) element(by("faults"), "li", { class: "ok" }, "No faults.");
-  for (const { text, advice, command: remedy } of state.faults) {
-    const row = element(by("faults"), "li", { class: "error" });
-    element(row, "strong", {}, text);
-    element(row, "span", {}, advice);
-    if (remedy === "recover" && state.can_recover) button(row, "Clear faults", () => command(remedy));
-  }
-  const open = new Set([...by("statuses").querySelectorAll("details[open]")].map((one) => one.dataset.name));
-  by("statuses").replaceChildren();
-  for (const one of state.health) {
-    const row = element(by("statuses"), "li", { class: one.level });
-    element(row, "b", {}, one.level);
-    element(row, "strong", {}, one.name);
-    element(row, "span", {}, one.message);
-    if (!Object.keys(one.values).length) continue;
-    const details = element(row, "details", { "data-name": one.name });
-    details.open = open.has(one.name);
+  rows(by("faults"), "li", state.faults.length ? state.faults : [null], (row, fault) => {
+    if (!fault) return write(row, "No faults.");
+    row.className = "error";
+    element(row, "strong", {}, fault.text);
+    element(row, "span", {}, fault.advice);
+    if (fault.command && state.can_recover) button(row, "Clear faults", () => command(fault.command));
+  }, undefined, (fault) => JSON.stringify([fault, state.can_recover]));
+  rows(by("statuses"), "li", state.health, (row, { name, values }) => {
+    for (const part of ["b", "strong", "span"]) element(row, part);
+    write(row.children[1], name);
+    if (!Object.keys(values).length) return;
+    const details = element(row, "details");
     element(details, "summary", {}, "Values");
-    const list = element(details, "dl");
-    for (const [name, value] of Object.entries(one.values)) { const part = element(list, "div"); element(part, "dt", {}, name); element(part, "dd", {}, value); }
-  }
-  by("notices").replaceChildren();
+    element(details, "dl");
+  }, (row, { level, message, values }) => {
+    row.className = level;
+    write(row.children[0], level);
+    write(row.children[2], message);
+    const list = row.querySelector("dl");
+    if (list) rows(list, "div", Object.entries(values), (part, [name, value]) => { element(part, "dt", {}, name); element(part, "dd", {}, value); });
+  }, ({ name, values }) => JSON.stringify([name, Object.keys(values).length > 0]));
   const failing = Object.entries(state.failing).map(([part, why]) => `${part} can't be shown: ${why}`);
-  for (const line of [...failing, ...state.notices, ...state.warnings]) element(by("notices"), "li", {}, line);
-  if (!by("notices").children.length) element(by("notices"), "li", {}, "None.");
+  const lines = [...failing, ...state.notices, ...state.warnings];
+  rows(by("notices"), "li", lines.length ? lines : ["None."], (row, line) => write(row, line));
 }
 
 export class Recordings {
