@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +9,7 @@ from head_tracking.page.head_modes import CAMERA, Mode
 from head_tracking.page.live import Live
 from head_tracking.page.path import Path, path_ahead
 from head_tracking.page.robot import Robot
-from head_tracking.page.tuning import Tuning
+from head_tracking.page.tuning import Tuning, finite
 from head_tracking.ros.kit.others import Outcome
 
 Fields = dict[str, Any]
@@ -32,7 +31,7 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
         "look": lambda of: _look(robot, live, of),
         "path": lambda of: _follow_path(robot, of),
         "aim": lambda of: joints.move(
-            {str(name): _finite(value) for name, value in dict(of["joints"]).items()}
+            {str(name): finite(value) for name, value in dict(of["joints"]).items()}
         ),
         "centre": lambda _: modes.centre(),
         "camera": lambda _: modes.start(CAMERA),
@@ -70,7 +69,7 @@ def _follow_path(robot: Robot, of: Fields) -> Outcome:
     """Look along a shape before the camera, or along points in the model's root."""
     speed = _between(of, "speed", 0.001, 10.0)
     if "points" in of:
-        points = [(_finite(x), _finite(y), _finite(z)) for x, y, z in of["points"]]
+        points = [(finite(x), finite(y), finite(z)) for x, y, z in of["points"]]
         return robot.modes.follow_path(Path(points), speed)
     model, head = robot.model(), robot.head()
     if model is None or head is None:
@@ -84,12 +83,4 @@ def _between(of: Fields, name: str, low: float, high: float) -> float:
     number = float(of[name])
     if not low <= number <= high:
         raise ValueError(f"{name} is {number}; allowed is {low:g} to {high:g}.")
-    return number
-
-
-def _finite(value: Any) -> float:
-    """Return a number of a request; raise ValueError if it is not finite."""
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{number} is not a finite number.")
     return number

@@ -21,6 +21,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, RegionOfInterest
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Bool, Float64
 
+from head_tracking.page.head_modes import CONTROLLERS, SENDERS
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
 from head_tracking.ros.kit.images import camera_of, picture_of
@@ -33,7 +34,6 @@ from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError
 
-_CAN_BE_DISABLED = (*ERRORS, "fictitious_target", "visual_target", "target_mux", "frame_target")
 _MOST_WARNINGS = 6
 _FRESH = 1.0  # s
 _SILENT = 3.5  # s: diagnostics come once a second
@@ -49,7 +49,6 @@ _CALIBRATION_PERIOD = 1.0  # s
 _LATEST = QoSProfile(depth=1)
 _REGION = "visual_target/roi"
 _QUALITY, _JPEG = 80, b"\xff\xd8\xff"  # of JPEG; its first bytes
-_FRAMES = (0xC0, 0xC1, 0xC2)  # segments of a JPEG that have its size
 _IMAGE, _COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 _CAMERA_KINDS = (_IMAGE, _COMPRESSED_IMAGE, _CAMERA_INFO)
@@ -135,9 +134,9 @@ class OtherTopics:
         self._images: tuple[str, ...] = ()
         self._pictures: dict[str, Picture | None] = {}
         self._discovery_due = 0.0
-        for name in _CAN_BE_DISABLED:
+        for name in (*CONTROLLERS, *SENDERS):
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
-        for name in ERRORS:
+        for name in CONTROLLERS:
             self._subscribe(node, DiagnosticStatus, f"{name}/status", LATCHED)
         self._owners: Mapping[str, str] = {}
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
@@ -355,10 +354,5 @@ def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
     """Return width and height [pixels]; None if a compressed image is damaged."""
     if not isinstance(message, CompressedImage):
         return int(message.width), int(message.height)
-    data, at = message.data, 2
-    while bytes(data[:3]) == _JPEG and at + 9 <= len(data):  # the segments: ISO 10918-1, B.1
-        if data[at + 1] in _FRAMES:
-            return data[at + 7] << 8 | data[at + 8], data[at + 5] << 8 | data[at + 6]
-        at += 2 + (data[at + 2] << 8 | data[at + 3])
-    image = image_of(message)
+    image = image_of(message)  # Pillow decodes one in colour or grey when it needs its pixels
     return None if image is None else image.size

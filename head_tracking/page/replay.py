@@ -15,7 +15,7 @@ from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording, write_recording
 from head_tracking.transforms import RobotModelError, parse_robot_model
 
-_MOST = 6  # open recordings; then the oldest is closed
+_MOST = 6  # open recordings; then the one that was not used for the longest time is closed
 
 
 class OpenRecording(NamedTuple):
@@ -27,7 +27,7 @@ class OpenRecording(NamedTuple):
 
 
 class Replays:
-    """The open recordings; for any thread. A key that is not open raises KeyError.
+    """The open recordings; for any thread. A key that is not open raises RecordingError.
 
     Args:
         robot: the present robot.
@@ -67,7 +67,7 @@ class Replays:
 
     def at(self, key: str, time: float) -> dict[str, Any]:
         """Return what was seen at a time [s] from the start, as a state for the browser."""
-        one = self._open[key]
+        one = self._used(key)
         seen = one.recording.at(time)
         return {
             "type": "state",
@@ -79,12 +79,20 @@ class Replays:
 
     def picture(self, key: str, time: float) -> bytes | None:
         """Return the latest JPEG or PNG before a time [s]; None without one."""
-        found = self._open[key].recording.picture_at(time)
+        found = self._used(key).recording.picture_at(time)
         return None if found is None else found.data
 
     def meshes(self, key: str) -> tuple[bytes, ...]:
         """Return the meshes of the recorded robot."""
-        return self._open[key].robot.meshes
+        return self._used(key).robot.meshes
+
+    def _used(self, key: str) -> OpenRecording:
+        with self._lock:
+            one = self._open.pop(key, None)
+            if one is None:
+                raise RecordingError("This recording was closed for others: open it again.")
+            self._open[key] = one
+        return one
 
     def _present(self) -> Recording:
         model = self._robot.model()

@@ -43,6 +43,7 @@ _STATIC = Path(__file__).with_name("static")
 _LARGEST_REQUEST = 64 * 1024  # bytes
 _LARGEST_RECORDING = 256 * 1024 * 1024  # bytes that may be uploaded
 _UPLOADS = 3  # at a time; others wait
+_SILENT = 30.0  # s without a part of the body until a request is refused
 _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
 _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
@@ -55,10 +56,12 @@ _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of 
 
 _AT_ONCE = ("/head/stop", "/head/resume")
 
+_WRONG_FIELDS = (ArithmeticError, LookupError, TypeError, ValueError)
+
 Answer = Callable[[dict[str, Any]], Any]
 """Returns the answer to a request by its fields: a Response, an Outcome, or what JSON can hold.
 
-Raises ArithmeticError, LookupError, TypeError or ValueError if the fields are wrong.
+Raises one of `_WRONG_FIELDS` if the fields are wrong.
 """
 
 
@@ -135,7 +138,11 @@ class Page:
         self._reading = ThreadPoolExecutor(1, "recording")  # several would leave STOP no processor
         sys.setswitchinterval(_SWITCH)
         self._socket = _listening(parameters.host, parameters.port)
-        app = Starlette(routes=self._routes(), lifespan=self._lifespan)
+        app = Starlette(
+            routes=self._routes(),
+            lifespan=self._lifespan,
+            exception_handlers=dict.fromkeys(_WRONG_FIELDS, _refuse),
+        )
         self._access = Access(app, parameters.host, parameters.token)
         self._server = uvicorn.Server(
             uvicorn.Config(
@@ -260,22 +267,14 @@ class Page:
             loop = asyncio.get_running_loop()
             self._saving = loop.run_in_executor(self._reading, self._replays.last_minute)
             self._saving.add_done_callback(lambda _: setattr(self, "_saving", None))
-        try:
-            return _download(await asyncio.shield(self._saving))
-        except RecordingError as error:
-            return _refused(error, 404)
+        return _download(await asyncio.shield(self._saving))
 
     def _route(self, method: str, path: str, answer: Answer, threads: ThreadPoolExecutor) -> Route:
         """Return the route of requests that are answered in one of these threads."""
 
         async def respond(request: Request) -> Response:
-            try:
-                fields = {**request.query_params, **await _fields(request), **request.path_params}
-                return await _respond(threads, answer, fields)
-            except _TooLargeError as error:
-                return _refused(error, 413)
-            except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-                return _refused(error, 404 if method == "GET" else 400)
+            fields = {**request.query_params, **await _fields(request), **request.path_params}
+            return await _respond(threads, answer, fields)
 
         return Route(f"/head/{path}", respond, methods=[method])
 
@@ -313,16 +312,11 @@ class Page:
         """Open a recording that a browser sends, up to a size that is counted while it comes."""
         async with self._uploads:
             with tempfile.TemporaryFile() as file:
-                try:
-                    loop, limit = asyncio.get_running_loop(), _LARGEST_RECORDING
-                    async for chunk in _chunks(request, limit):
-                        await loop.run_in_executor(self._working, file.write, chunk)
-                    file.seek(0)
-                    return await _respond(self._reading, self._replays.open_file, file)
-                except _TooLargeError as error:
-                    return _refused(error, 413)
-                except RecordingError as error:
-                    return _refused(error, 400)
+                loop = asyncio.get_running_loop()
+                async for chunk in _chunks(request, _LARGEST_RECORDING):
+                    await loop.run_in_executor(self._working, file.write, chunk)
+                file.seek(0)
+                return await _respond(self._reading, self._replays.open_file, file)
 
     async def _watch(self, browser: WebSocket) -> None:
         """Send states and pictures to a browser. A slow one skips those it has no time for."""
@@ -406,9 +400,20 @@ class _TooLargeError(ValueError):
 
 
 async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:
-    """Yield the body of a request in parts; raise _TooLargeError beyond a size [bytes]."""
-    size = 0
-    async for chunk in request.stream():
+    """Yield the body of a request in parts.
+
+    Raises:
+        _TooLargeError: it has more than `limit` [bytes].
+        ValueError: the next part does not come.
+    """
+    size, parts = 0, aiter(request.stream())
+    while True:
+        try:
+            chunk = await asyncio.wait_for(anext(parts), _SILENT)
+        except StopAsyncIteration:
+            return
+        except asyncio.TimeoutError:
+            raise ValueError(f"Nothing has come for {_SILENT:g} s.") from None
         size += len(chunk)
         if size > limit:
             raise _TooLargeError(f"At most {limit} bytes are allowed.")
@@ -435,8 +440,11 @@ async def _respond(threads: ThreadPoolExecutor, answer: Callable[[Any], Any], of
     return JSONResponse(found._asdict() if isinstance(found, Outcome) else found)
 
 
-def _refused(error: Exception, status: int) -> Response:
+async def _refuse(request: Request, error: Exception) -> Response:
+    """Return the answer to a request with wrong fields, or too many bytes."""
     text = f"{error.args[0]!r} is missing." if isinstance(error, KeyError) else str(error)
+    is_too_large = isinstance(error, _TooLargeError)
+    status = 413 if is_too_large else 404 if request.method == "GET" else 400
     return JSONResponse({"done": False, "text": text}, status)
 
 

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from head_tracking.page.head_modes import CONTROLLERS
 from head_tracking.ros.kit.others import OtherParameters, Outcome, Setting
 from head_tracking.tracking import LAWS
 
@@ -43,8 +44,6 @@ PRESETS: Mapping[str, Mapping[str, float]] = {
     },
 }  # fmt: skip
 """Values in degrees. Other parameters keep the values that the page found first."""
-
-_PRESET_NODES = ("head_tracker", "point_head")
 
 
 class Tuning:
@@ -83,7 +82,7 @@ class Tuning:
         wanted = [
             (one, found.get((one.node, one.name), one.value))
             for one in self._settings()
-            if not names or (_base(one.node) in _PRESET_NODES and one.name in names)
+            if not names or (_base(one.node) in CONTROLLERS and one.name in names)
         ]
         return self._set_all([(one, value) for one, value in wanted if one.value != value])
 
@@ -101,7 +100,7 @@ class Tuning:
             [
                 (one, min(max(math.radians(PRESETS[preset][one.name]), one.minimum), one.maximum))
                 for one in self._settings()
-                if _base(one.node) in _PRESET_NODES and one.name in PRESETS[preset]
+                if _base(one.node) in CONTROLLERS and one.name in PRESETS[preset]
             ]
         )
 
@@ -126,7 +125,7 @@ def described(setting: Setting) -> dict[str, Any]:
     if factor != 1.0 and 1.0 < high - low < math.inf:  # rounded towards the inside
         step = 10.0 ** max(_decimals(max(abs(low), abs(high))), 0)
         low, high = math.ceil(step * low) / step, math.floor(step * high) / step
-        value = min(max(value, low), high)
+        value = min(max(value, low), high) if isinstance(value, (int, float)) else value
     return {
         "node": setting.node,
         "name": setting.name,
@@ -152,10 +151,12 @@ def label(setting: Setting) -> str:
 
 
 def shown_value(setting: Setting) -> Any:
-    """Return the value of a parameter for the page: angles in degrees, lists as text."""
+    """Return the value of a parameter for the page: angles in degrees, lists and nan as text."""
     value = setting.value
     if isinstance(value, list):
         return ", ".join(f"{number:g}" for number in value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)  # JSON has no such number
     factor = _factor(setting)
     return value if factor == 1.0 else round(value * factor, _decimals(value * factor))
 
@@ -173,14 +174,14 @@ def sent_value(setting: Setting, shown: Any) -> Any:
         ValueError: it does not fit the type.
     """
     if isinstance(setting.value, list):
-        return [_number(word) for word in str(shown).replace(",", " ").split()]
+        return [finite(word) for word in str(shown).replace(",", " ").split()]
     if isinstance(setting.value, bool):
         if not isinstance(shown, bool):
             raise ValueError(f"{setting.name} must be true or false, not {shown!r}.")
         return shown
     if isinstance(setting.value, str):
         return str(shown)
-    number = _number(shown)
+    number = finite(shown)
     if isinstance(setting.value, int):
         if number != round(number):
             raise ValueError(f"{setting.name} must be a whole number, not {shown!r}.")
@@ -188,7 +189,8 @@ def sent_value(setting: Setting, shown: Any) -> Any:
     return number / _factor(setting)
 
 
-def _number(shown: Any) -> float:
+def finite(shown: Any) -> float:
+    """Return a number of a request; raise ValueError if it is none, or not finite."""
     try:
         number = float(shown)
     except (TypeError, ValueError):

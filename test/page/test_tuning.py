@@ -1,5 +1,6 @@
 """Parameters in the page's units, and presets."""
 
+import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -55,6 +56,14 @@ def test_angles_are_degrees_on_the_page_and_radians_for_the_node():
     whole = setting("motor.max", 1023, "ticks")
     assert sent_value(whole, 1000) == 1000
     assert sent_value(setting("center", [0.0, 1.0], "m"), "1, 2 3") == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("unit", ["", "rad"])
+def test_a_parameter_that_is_no_number_yet_hides_no_other(value, unit):
+    one = Setting("/node", "name", value, "", 0.0, 1.0, unit=unit)
+    assert json.loads(json.dumps(described(one), allow_nan=False))["value"] == str(value)
+    assert shown_value(replace(one, value=sent_value(one, "0.5"))) == 0.5
 
 
 @pytest.mark.parametrize(
