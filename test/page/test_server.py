@@ -9,7 +9,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -97,7 +97,7 @@ def test_stop_does_not_wait_for_commands_that_hang(robot: _Robot, client: httpx.
 
 
 @contextmanager
-def visited(page: Page, script: str = "") -> Iterator[Any]:
+def visited(page: Page | _Link, script: str = "") -> Iterator[Any]:
     """The page in a browser, in which a script ran first; without a browser the test is skipped."""
     try:
         chromium()
@@ -128,6 +128,52 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, page:
         tab.locator("#stop").dispatch_event("click")
         wait_for(lambda: robot.stops > before, 20.0)
     robot.go_on.set()
+
+
+class _Link:
+    """A network between a browser and the page. One that is down loses what is sent, silently."""
+
+    def __init__(self, page: Page) -> None:
+        self._page, self.is_down, self._opened = page, threading.Event(), 0
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listening.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._listening.accept()
+                far = socket.create_connection(("127.0.0.1", self._page.port))
+                for ends in ((near, far), (far, near)):
+                    args = (*ends, self.is_down)
+                    threading.Thread(target=self._pass, args=args, daemon=True).start()
+
+    def _pass(self, one: socket.socket, other: socket.socket, is_down: threading.Event) -> None:
+        with one, suppress(OSError):
+            while data := one.recv(1 << 16):
+                if not is_down.is_set():
+                    other.sendall(data)
+            other.shutdown(socket.SHUT_RDWR)
+
+    def fail(self, *, for_ever: bool) -> None:
+        """Lose what is sent, by the connections so far or by all."""
+        self.is_down.set()
+        if not for_ever:
+            self.is_down = threading.Event()
+
+    def close(self) -> None:
+        self._listening.close()
+
+
+def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(page: Page) -> None:
+    with closing(_Link(page)) as link, visited(link) as tab:
+        tab.wait_for_function("window.headPage?.about && !headPage.silent")
+        link.fail(for_ever=False)
+        tab.wait_for_function("headPage.silent")
+        tab.wait_for_function("!headPage.silent")
+        link.fail(for_ever=True)
+        tab.locator("#stop").dispatch_event("click")
+        tab.locator("#toast").wait_for()
 
 
 class _LateMeshes:
@@ -184,6 +230,22 @@ _LABELS = """camera => {
   headPage.show({ boxes: [box], boxes_of: "/one/image" });
   return document.getElementById("labels").children.length;
 }"""
+
+
+def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, page: Page) -> None:
+    with visited(page) as tab:
+        tab.wait_for_function("window.headPage?.about")
+        asked: list[str] = []
+        tab.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
+        replay = {"key": "1", "duration": 1.0, "moments": [], "pictures": False}
+        replay["robot"] = robot_with(range(0))
+        tab.evaluate("opened => headPage.replay.open(opened)", replay)
+        before = robot.stops
+        for button in ("torque-on", "centre", "reset", "recorder", "stop"):
+            tab.locator(f"#{button}").dispatch_event("click")
+        wait_for(lambda: robot.stops > before, 20.0)
+        assert "stop" in asked
+        assert not {"torque", "centre", "reset", "record"} & set(asked)
 
 
 def test_what_changes_meanwhile_takes_no_click_and_no_focus(page: Page) -> None:

@@ -1,5 +1,5 @@
 // Helpers for the page's elements, and requests to its server.
-const SVG = "http://www.w3.org/2000/svg", PERIOD = 50; // ms
+const SVG = "http://www.w3.org/2000/svg", PERIOD = 50, HOUR = 3.6e6; // ms
 
 export const by = (id) => document.getElementById(id);
 export const degrees = (radians) => (radians * 180) / Math.PI;
@@ -67,10 +67,10 @@ export function abort() {
 }
 
 /** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown. */
-export async function send(path, body = {}, method = "POST") {
+export async function send(path, body = {}, method = "POST", patience = HOUR) {
   const { signal } = pending;
   try {
-    const answer = await fetch(path, { method, signal, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
+    const answer = await fetch(path, { method, signal: AbortSignal.any([signal, AbortSignal.timeout(patience)]), headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
     const isJson = (answer.headers.get("Content-Type") ?? "").includes("json");
     const outcome = isJson ? await answer.json() : { done: false, text: await answer.text() };
     if (outcome.done === false) toast(outcome.text, 12);
@@ -82,7 +82,17 @@ export async function send(path, body = {}, method = "POST") {
   }
 }
 export const get = (path) => send(path, null, "GET");
-export const command = (name, body) => send(`/head/do/${name}`, body);
+
+let refusal = "";
+
+/** Refuse commands from now on, for a reason; empty: send them. */
+export function refuse(why) { refusal = why; }
+
+/** Send a command to the robot, unless commands are refused. */
+export function command(name, body) {
+  if (refusal) toast(refusal);
+  return refusal ? Promise.resolve({ done: false, text: refusal }) : send(`/head/do/${name}`, body);
+}
 
 /** Return a function that sends values one after the other, 20 a second at most. Meanwhile only the latest is kept. */
 export function latestOnly(send) {

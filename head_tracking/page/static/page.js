@@ -7,7 +7,7 @@ import { Replay } from "./replay.js";
 import { NoScene, RobotScene } from "./scene.js";
 import { Steering, titleOf } from "./steer.js";
 
-const SILENT = 3000; // ms without a state until the page shows "disconnected"
+const SILENT = 3000, DEAD = 10000; // ms without a state until the page shows "disconnected", and connects again
 const STEPS = [
   ["This is your head", "The page shows its camera picture and the robot in 3D. Click into the picture, and the head looks there."],
   ["This is STOP: try it", "STOP, or the key Esc, relaxes all servos at once. Nothing moves again until you press Resume."],
@@ -34,10 +34,10 @@ class Page {
       this.failing = this.lacking = { robot: error.message };
     }
     this.chart = new Chart(by("lines"));
-    this.steer = new Steering(() => this.canSteer());
+    this.steer = new Steering();
     this.camera = new CameraPicture(
       (u, v, stamp) => this.steer.send("look", { u, v, stamp, topic: by("source").value, take_over: true }),
-      (frame) => this.steer.command("mode", { mode: "follow a frame", frame }),
+      (frame) => command("mode", { mode: "follow a frame", frame }),
     );
     this.joints = new Joints((joints) => this.steer.aim(joints));
     this.tuning = new Tuning();
@@ -51,19 +51,13 @@ class Page {
     this.makeTheme();
     this.makeView();
     this.connect();
-    setInterval(() => { if (this.socket.readyState === WebSocket.OPEN && performance.now() - this.heard > SILENT && !document.hidden) this.setSilent("no state has come for 3 s"); }, 500);
+    setInterval(() => this.checkSilent(), 500);
     if (!localStorage.getItem("head-welcomed")) this.welcome(0);
-  }
-
-  /** Return whether commands may be sent: none during a replay. */
-  canSteer() {
-    if (this.replay.opened) toast("A recording is shown in this browser: press Back to the robot first.");
-    return !this.replay.opened;
   }
 
   async stop() {
     abort();
-    const { text } = await send("/head/stop");
+    const { text } = await send("/head/stop", {}, "POST", SILENT);
     if (text) toast(text, 12);
   }
 
@@ -141,7 +135,7 @@ class Page {
   connect() {
     const socket = (this.socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/head/live`));
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => this.chooseCamera();
+    socket.onopen = () => { this.heard = performance.now(); this.chooseCamera(); };
     socket.onmessage = async ({ data }) => {
       this.heard = performance.now();
       this.setSilent("");
@@ -162,6 +156,16 @@ class Page {
       this.setSilent(code === 4008 ? reason : "the page's server does not answer; trying again");
       setTimeout(() => this.connect(), 1000);
     };
+  }
+
+  /** Show that no states come, and open another connection after a while: a dead one does not close by itself. */
+  checkSilent() {
+    if (this.socket.readyState !== WebSocket.OPEN || document.hidden) return;
+    const silence = performance.now() - this.heard;
+    if (silence > SILENT) this.setSilent("no state has come for 3 s");
+    if (silence < DEAD) return;
+    Object.assign(this.socket, { onmessage: null, onclose: null }).close();
+    this.connect();
   }
 
   /** Show why no states are received; only STOP can be used until then. Empty: they are received. */

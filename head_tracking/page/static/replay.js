@@ -1,5 +1,5 @@
 // The replay of a recording in this browser; other browsers still show the robot.
-import { by, element, get, latestOnly, offer, write } from "./dom.js";
+import { by, element, get, latestOnly, offer, refuse, write } from "./dom.js";
 
 const PERIOD = 66, MOST_MARKS = 200; // ms
 
@@ -21,6 +21,7 @@ export class Replay {
 
   open(opened) {
     this.opened = opened;
+    refuse("A recording is shown in this browser: press Back to the robot first.");
     this.at = 0;
     by("replaying").hidden = false;
     by("time").max = opened.duration;
@@ -35,6 +36,7 @@ export class Replay {
   close() {
     this.play(false);
     this.opened = null;
+    refuse("");
     by("replaying").hidden = true;
     this.change(null);
   }

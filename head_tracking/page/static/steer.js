@@ -20,21 +20,17 @@ const reach = ([low, high]) => Math.max(-low, high, 0.01);
 const within = (value, [low, high]) => Math.min(Math.max(value, low), high);
 
 export class Steering {
-  /** @param {() => boolean} canSteer returns whether commands may be sent. */
-  constructor(canSteer) {
-    this.canSteer = canSteer;
+  constructor() {
     this.points = [];
     this.joints = {}; // of the pad and the sliders, not sent yet
     this.send = latestOnly((name, body) => {
       this.joints = {};
-      return this.command(name, body);
+      return command(name, body);
     });
     this.makeOptions();
     this.makePad();
-    by("centre").onclick = () => this.command("centre");
+    by("centre").onclick = () => command("centre");
   }
-
-  command(name, body) { return this.canSteer() ? command(name, body) : { done: false }; }
 
   setRobot(robot) { this.robot = robot; }
 
@@ -58,15 +54,15 @@ export class Steering {
   /** Send the options of the mode. */
   async go() {
     const speed = Number(this.speed.value);
-    if (this.mode === "follow a frame") await this.command("mode", { mode: this.mode, frame: this.frame.value });
-    else if (this.mode !== "path") await this.command("look", { point: this.xyz.map((input) => Number(input.value)), frame: this.frame.value, wait: true });
-    else if (this.shape.value === "points") await this.command("path", { points: this.points, speed });
-    else await this.command("path", { shape: this.shape.value, size: Number(this.size.value), speed });
+    if (this.mode === "follow a frame") await command("mode", { mode: this.mode, frame: this.frame.value });
+    else if (this.mode !== "path") await command("look", { point: this.xyz.map((input) => Number(input.value)), frame: this.frame.value, wait: true });
+    else if (this.shape.value === "points") await command("path", { points: this.points, speed });
+    else await command("path", { shape: this.shape.value, size: Number(this.size.value), speed });
   }
 
   choose(mode) {
     if (mode === "path") { this.mode = mode; return this.go(); }
-    return this.command("mode", { mode, frame: this.frame.value });
+    return command("mode", { mode, frame: this.frame.value });
   }
 
   show(state) {
