@@ -285,7 +285,8 @@ def test_stop_works_in_a_browser_without_3d(robot: _Robot, page: Page) -> None:
         before = robot.stops
         tab.locator("#stop").dispatch_event("click")
         wait_for(lambda: robot.stops > before, 20.0)
-        tab.wait_for_selector("#robot .failing", state="attached")
+        tab.locator("nav button[data-tab=joints]").dispatch_event("click")
+        tab.wait_for_selector("#joints > #robot > .failing", state="attached")
 
 
 def test_stop_needs_the_mark_of_the_page(robot: _Robot, page: Page) -> None:

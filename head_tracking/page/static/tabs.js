@@ -223,7 +223,7 @@ const CARDS = {
 export function showFailing(failing) {
   for (const [card, parts] of Object.entries(CARDS)) {
     const text = parts.filter((part) => part in failing).map((part) => `${part} can't be shown: ${failing[part]}`).join("\n");
-    let note = by(card).querySelector(".failing");
+    let note = by(card).querySelector(":scope > .failing");
     if (!text) { note?.remove(); continue; }
     note ??= element(by(card), "p", { class: "failing", role: "alert" });
     write(note, text);
