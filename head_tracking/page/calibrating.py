@@ -76,7 +76,7 @@ class CameraCalibration:
             raise ValueError(f"The marker's edge is {marker_size} m; allowed are 0.005 to 2 m.")
         if self._robot.stop.refusal:
             return Outcome(False, self._robot.stop.refusal)
-        if self._robot.head() is None:
+        if self._robot.head is None:
             return Outcome(False, "The model has no head.")
         if any(one.name.endswith(": calibration") for one in self._robot.topics.health()):
             text = "This run uses a calibration: start it without --calibration to calibrate anew."
@@ -158,7 +158,7 @@ class _PointedHead:
     def joints(self) -> Mapping[str, float]:
         """The measured positions of pan and tilt [rad]."""
         self._robot.poll()
-        head = self._robot.head()
+        head = self._robot.head
         assert head is not None
         found = {
             name: self.frames.latest_joint_position(name)
@@ -178,7 +178,7 @@ class _PointedHead:
         """
         robot = self._robot
         self._limit_speed(max_velocity)
-        head = robot.head()
+        head = robot.head
         assert head is not None
         found = self.frames.lookup_transform(head.base_frame, frame, LATEST).transform
         gaze = head.gaze(found @ point, *self.joints.values())

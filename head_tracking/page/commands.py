@@ -71,7 +71,7 @@ def _follow_path(robot: Robot, of: Fields) -> Outcome:
     if "points" in of:
         points = [(finite(x), finite(y), finite(z)) for x, y, z in of["points"]]
         return robot.modes.follow_path(Path(points), speed)
-    model, head = robot.model(), robot.head()
+    model, head = robot.model(), robot.head
     if model is None or head is None:
         return Outcome(False, "The robot has no head for which to make a path.")
     path = path_ahead(model, head, str(of["shape"]), _between(of, "size", 0.001, 10.0))

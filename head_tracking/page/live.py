@@ -6,7 +6,7 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict
 from functools import partial
 from typing import Any, NamedTuple
@@ -60,6 +60,8 @@ class Live:
     Attributes:
         robot_text: the robot as JSON; empty while there is no model.
         slow_text: what changes slowly, as JSON.
+        state_text: the rest, as JSON.
+        pictures: the latest pictures by topic; empty: of the default topic.
         meshes: of that robot.
         failing: parts that can't be shown, each with the reason.
         last_minute: what has been sampled.
@@ -81,11 +83,10 @@ class Live:
         self._path: TargetPath | None = None
         self._predicted: list[Any] = []
         self._prediction_due = self._slow_due = 0.0
-        self._encoded: dict[str, EncodedPicture] = {}
         self._notices: list[str] = []
         self._camera_requested = False
-        self.robot_text = ""
-        self.slow_text = ""
+        self.robot_text = self.slow_text = self.state_text = ""
+        self.pictures: Mapping[str, EncodedPicture] = {}
         self.meshes: tuple[bytes, ...] = ()
         self.failing: dict[str, str] = {}
         self.last_minute = LastMinute(_RECORDED)
@@ -97,10 +98,8 @@ class Live:
         self._attempt("robot", self._follow_model)
         self._attempt("motion", lambda: self._observe(watched))
 
-    def sample(self, topics: Collection[str] = ()) -> tuple[str, dict[str, EncodedPicture]]:
-        """Return the robot as JSON, and the latest pictures of topics.
-
-        A part that fails is named in `failing`.
+    def sample(self, topics: Collection[str] = ()) -> None:
+        """Update the texts and pictures. A part that fails is named in `failing`.
 
         Args:
             topics: of the pictures; empty texts: the default topic.
@@ -115,9 +114,10 @@ class Live:
             self._slow_due = now + _SLOW_PERIOD
             slow = self._attempt("state", self._slow) or {}
             self._attempt("page", lambda: self._encode_slow(slow))
-        text = self._attempt("values", lambda: json.dumps(state, allow_nan=False)) or "{}"
+        encode = partial(json.dumps, state, allow_nan=False)
+        self.state_text = self._attempt("values", encode) or "{}"
         pictures = {one: self._attempt("picture", partial(self._encode, one)) for one in topics}
-        return text, {topic: picture for topic, picture in pictures.items() if picture is not None}
+        self.pictures = {one: each for one, each in pictures.items() if each is not None}
 
     def describe(
         self, model: RobotModel, head: PanTiltHead | None, meshes_at: str
@@ -178,7 +178,7 @@ class Live:
             return
         self._model = model  # once: a model that fails is reported and not tried again
         self._path = None
-        head = self._robot.head()
+        head = self._robot.head
         self._motion = Motion(model, head)
         if head is not None:
             at_zero = dict.fromkeys(model.independent_joints, 0.0)
@@ -268,13 +268,17 @@ class Live:
                 asdict(one) | {"level": one.level.name.lower()}
                 for one in sorted(health, key=lambda one: _ORDER[one.level])
             ],
-            "frames": list(robot.buffer.frames()),
+            "frames": sorted({*live.frames, *self._links()}),
             "images": sorted(robot.topics.images(), key=_rank),
             "can_start_camera": robot.modes.can_start(CAMERA),
             "recording": robot.recorder.file is not None,
             "recorder": robot.recorder.status,
             "calibration": self.calibration.progress._asdict(),
         }
+
+    def _links(self) -> Collection[str]:
+        model = self._model
+        return () if model is None else (model.root, *model.children_of_joints)
 
     def _encode_slow(self, slow: dict[str, Any]) -> None:
         about = {"type": "about", **slow, "failing": dict(self.failing)}
@@ -289,7 +293,7 @@ class Live:
         threading.Thread(target=lambda: robot.modes.start(CAMERA), daemon=True).start()
 
     def _encode(self, topic: str) -> EncodedPicture | None:
-        picture, before = self.latest_picture(topic), self._encoded.get(topic)
+        picture, before = self.latest_picture(topic), self.pictures.get(topic)
         if picture is None:
             return None
         if before is not None and before.number == picture.number:
@@ -297,11 +301,10 @@ class Live:
         data = picture.jpeg(_WIDEST)
         if data is None:
             return None
-        stamp = picture.stamp.to_bytes(8, "little", signed=True)
-        encoded = self._encoded[topic] = EncodedPicture(picture.number, stamp + data)
         if not topic:
             self.last_minute.add_picture(data)
-        return encoded
+        stamp = picture.stamp.to_bytes(8, "little", signed=True)
+        return EncodedPicture(picture.number, stamp + data)
 
     def _camera(self, picture: Picture) -> Camera:
         camera = self._robot.topics.camera(picture)

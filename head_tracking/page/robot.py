@@ -52,6 +52,7 @@ class Robot:
 
     Attributes:
         buffer: the robot's frames.
+        head: of the model; None: it has none.
         stop: STOP and resume; independent of the rest.
         graph: which other nodes exist.
         services: of other nodes.
@@ -74,7 +75,7 @@ class Robot:
         self._node = node
         self._head_parameters = head_parameters
         self._model: RobotModel | None = None
-        self._head: PanTiltHead | None = None
+        self.head: PanTiltHead | None = None
         self._no_head = ""
         self.mode = Mode.OFF
         self.stop = Stop(node)
@@ -118,7 +119,7 @@ class Robot:
         """Return the robot's model, and update its head when the model has changed."""
         model = self.buffer.model
         if model is not self._model and model is not None:
-            self._head, self._no_head = self.head_of(model)
+            self.head, self._no_head = self.head_of(model)
             self._targets.place_in(model.root)
             self._model = model
         return model
@@ -129,10 +130,6 @@ class Robot:
             return self._head_parameters.head(model), ""
         except (RobotModelError, TransformException) as error:
             return None, f"No head is shown: {error}"
-
-    def head(self) -> PanTiltHead | None:
-        """Return the head; None if the model has none."""
-        return self._head
 
     def notices(self) -> tuple[str, ...]:
         """Return what is unusual about the set-up."""
@@ -200,7 +197,7 @@ class Robot:
 
     def silent_joints(self) -> tuple[str, ...]:
         """Return joints of the head whose measurements should come and do not."""
-        head = self._head
+        head = self.head
         joints = () if head is None or self.joints.free else (head.pan_joint, head.tilt_joint)
         latest = {joint: self.buffer.latest_joint_position(joint) for joint in joints}
         return self._joint_watch.silent(

@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from head_tracking.page.access import Access, Message, Receive, Scope, Send
 from head_tracking.page.commands import commands
-from head_tracking.page.live import EncodedPicture, Live
+from head_tracking.page.live import Live
 from head_tracking.page.replay import Replays
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage
@@ -126,8 +126,7 @@ class Page:
         self._replays = Replays(robot, live)
         self._limit, self._period = parameters.max_browsers, 1.0 / parameters.rate
         self._browsers: dict[WebSocket, _Watcher] = {}
-        self._state, self._sampled = "", asyncio.Event()
-        self._pictures: dict[str, EncodedPicture] = {}
+        self._sampled = asyncio.Event()
         self._ending = threading.Event()
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
@@ -199,15 +198,15 @@ class Page:
             start, watchers = time.monotonic(), list(self._browsers.values())
             if watchers:
                 topics = {one.topic for one in watchers if one.topic is not None}
-                loop.call_soon_threadsafe(self._offer, *self._live.sample(topics))
+                self._live.sample(topics)
+                loop.call_soon_threadsafe(self._offer)
             else:
                 self._live.observe()
             period = self._period if watchers else _UNWATCHED
             pause = max(start + period - time.monotonic(), 0.1 * period)
 
-    def _offer(self, state: str, pictures: dict[str, EncodedPicture]) -> None:
+    def _offer(self) -> None:
         """Let all browsers have the latest sample."""
-        self._state, self._pictures = state, pictures
         self._sampled.set()
         self._sampled = asyncio.Event()
 
@@ -339,20 +338,20 @@ class Page:
                 await sending
 
     async def _send(self, browser: WebSocket, watcher: _Watcher) -> None:
-        robot, slow, number = "", "", (-1, "")
+        live, robot, slow, number = self._live, "", "", (-1, "")
         while True:
             await self._sampled.wait()
-            if robot != self._live.robot_text:
-                robot = self._live.robot_text
+            if robot != live.robot_text:
+                robot = live.robot_text
                 await browser.send_text(robot)
-            if slow != self._live.slow_text:
-                slow = self._live.slow_text
+            if slow != live.slow_text:
+                slow = live.slow_text
                 await browser.send_text(slow)
-            await browser.send_text(self._state)
+            await browser.send_text(live.state_text)
             topic = watcher.topic
             if not watcher.ready or topic is None:
                 continue
-            picture = self._pictures.get(topic)
+            picture = live.pictures.get(topic)
             if picture is not None and (picture.number, topic) != number:
                 number, watcher.ready = (picture.number, topic), False
                 await browser.send_bytes(picture.data)

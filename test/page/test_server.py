@@ -248,6 +248,19 @@ def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, page: Page) ->
         assert not {"torque", "centre", "reset", "record"} & set(asked)
 
 
+def test_parameters_are_not_asked_for_again_before_the_answer(page: Page) -> None:
+    with visited(page) as tab:
+        tab.wait_for_function("window.headPage?.about")
+        asked = """async () => {
+          let asked = 0;
+          window.fetch = () => new Promise(() => { asked += 1; }); // it does not come
+          for (let times = 0; times < 5; times += 1) headPage.tuning.refresh();
+          await new Promise((end) => setTimeout(end, 300));
+          return asked;
+        }"""
+        assert tab.evaluate(asked) == 1
+
+
 def test_what_changes_meanwhile_takes_no_click_and_no_focus(page: Page) -> None:
     with visited(page) as tab:
         tab.wait_for_function("window.headPage?.about")

@@ -357,7 +357,7 @@ def test_joints_are_moved_one_by_one_and_all_together(robot, viewer, page):
     commands = robot.hear("joint_commands", JointState)
     press(page, "Randomise")
     wait_for(lambda: commands, PATIENCE)
-    sent, head = dict(zip(commands[0].name, commands[0].position, strict=True)), viewer.robot.head()
+    sent, head = dict(zip(commands[0].name, commands[0].position, strict=True)), viewer.robot.head
     for joint, limits in zip(HEAD, (head.pan_limits, head.tilt_limits), strict=True):
         assert limits.lower <= sent[joint] <= limits.upper
         wait_for(lambda joint=joint: abs(robot.true(joint) - sent[joint]) < 2 * DEGREE, PATIENCE)

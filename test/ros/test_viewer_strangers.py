@@ -158,6 +158,9 @@ def test_frames_of_people_who_are_gone_are_left_out(gone_soon, viewer):
         return set(robot.observe().frames)
 
     wait_for(lambda: seen() == {"wall", "person_3"}, PATIENCE)
+    offered = set(told(viewer)["frames"])
+    assert {"wall", "base_link"} <= offered
+    assert not {"person_0", "person_4"} & offered
     robot.buffer.set_transform(2 * 10**9, "base_link", "person_1", place)  # comes back
     assert seen() == {"wall", "person_1", "person_3"}
 

@@ -1,5 +1,5 @@
 // The tabs Joints, Tune, Health and Record.
-import { button, by, command, degrees, element, get, hold, isHeld, offer, radians, rows, send, toast, write } from "./dom.js";
+import { button, by, command, degrees, element, get, hold, isHeld, latestOnly, offer, radians, rows, send, toast, write } from "./dom.js";
 
 const REFRESH = 1000; // ms
 const isSlide = (joint) => joint.type === "prismatic";
@@ -73,6 +73,7 @@ export class Joints {
 export class Tuning {
   constructor() {
     this.inputs = new Map();
+    this.refresh = latestOnly(() => this.load());
     by("reset").onclick = async () => { await this.report(command("reset")); this.refresh(); };
     setInterval(() => { if (!by("tune").hidden && !document.hidden) this.refresh(); }, REFRESH);
   }
@@ -85,7 +86,7 @@ export class Tuning {
     return outcome;
   }
 
-  async refresh() {
+  async load() {
     const answer = await get("/head/parameters");
     if (!answer.parameters) return;
     this.makePresets(answer.presets);
