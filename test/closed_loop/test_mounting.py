@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped
 from lockstep import World
 from rclpy.time import Time
+from runs import around, circle
 
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.tracking import (
@@ -23,16 +24,8 @@ WIDE = (3.0, 3.0)  # rad: a head that turns the wrong way keeps its target in vi
 ON_HEAD = Conditions(duration=2.0, noise=0.002, delay=0.1, on_head=True, field=WIDE)
 
 
-def around(bearing, level=0.4):
-    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), level
-
-
 def still(t):
-    return around(0.3)
-
-
-def circle(t):
-    return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
+    return around(0.3, 0.4)
 
 
 class Watched:
@@ -122,7 +115,7 @@ def test_a_target_that_runs_from_the_head_is_not_taken_for_that(head, gain, spel
             while late[0][0] < t - 0.15:
                 late.popleft()
             fled[0] = gain * late[0][1]
-        return around(0.3 + fled[0])
+        return around(0.3 + fled[0], 0.4)
 
     run(head, path, ((1, 0), (0, 1)), watched, replace(ON_HEAD, duration=4.0))
     assert watched.named is None

@@ -6,21 +6,16 @@ from dataclasses import replace
 import pytest
 from closed_loop import ClosedLoop, Conditions
 from plant import Pair, PlainServo
-from runs import tracker
+from runs import LEVEL, around, sine, tracker
 
 from head_tracking.tracking import Learning
 
-
-def around(pan, tilt=0.0):
-    return 2.0 * math.cos(pan), 2.0 * math.sin(pan), 0.08 - 2.0 * math.tan(tilt)
-
-
-def swing(t):
-    return around(0.5 * math.sin(math.pi * t))
+swing = sine(0.5)
 
 
 def both(t):
-    return around(0.4 * math.sin(math.pi * t), 0.15 * math.sin(math.pi * t + 1.0))
+    tilt = 0.15 * math.sin(math.pi * t + 1.0)
+    return around(0.4 * math.sin(math.pi * t), LEVEL - 2.0 * math.tan(tilt))
 
 
 def run(head, path, conditions, law="predictive"):

@@ -1,11 +1,11 @@
 """A head behind a late trajectory controller, instead of our servo bus."""
 
-import math
 from itertools import pairwise
 
 import pytest
 from closed_loop import ClosedLoop, Conditions
 from plant import Streamed
+from runs import sine
 
 from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import (
@@ -16,17 +16,12 @@ from head_tracking.tracking import (
 )
 
 
-def sine(t):
-    bearing = 0.5 * math.sin(math.pi * t)
-    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.08
-
-
 @pytest.mark.parametrize(("dead_time", "most"), [(0.05, 0.02), (0.1, 0.025), (0.2, 0.06)])
 def test_a_target_is_followed_through_a_late_controller_for_good(head, dead_time, most):
     servos = Streamed(dead_time, stream=lambda: SetpointStream(0.02, 0.0))
     conditions = Conditions(duration=30.0, noise=0.002, servos=servos)
     tracker = Tracker(head, LAWS["predictive"](head, 0.02))
-    recording = ClosedLoop(sine, conditions).run(tracker).recording
+    recording = ClosedLoop(sine(0.5), conditions).run(tracker).recording
     assert recording.between(3.0).rms < most
     assert recording.between(20.0).rms < most
 

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from ideal_head import IdealHead
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import (
@@ -67,10 +68,7 @@ class Rig:
         )
         self.placer = TargetPlacer(self.buffer, self.head.base_frame, 1.0)
         self.now = START
-        self.positions = [0.0, 0.0]
-        self.goals = [0.0, 0.0]
-        self.speeds = [0.0, 0.0]
-        self.pending = []
+        self.ideal = IdealHead(self.tracker, START / SECOND, late=2, tick=TICK)
         self.commands = []
 
     def offer(self, frame, age, point):
@@ -79,28 +77,16 @@ class Rig:
 
     def step(self):
         self.now += PERIOD
-        measured = [round(position / TICK) * TICK for position in self.positions]
-        joints = {"head_pan_joint": measured[0], "head_tilt_joint": measured[1]}
+        now = self.ideal.now = self.now * 1e-9
+        pan, tilt = self.ideal.measure()
+        joints = {"head_pan_joint": pan, "head_tilt_joint": tilt}
         self.buffer.set_joint_positions(self.now, joints)
-        now = self.now * 1e-9
-        self.tracker.joints_read(now, (measured[0], measured[1]))
         for target, point in self.placer.place(now, joints):
             self.tracker.target_seen(target.stamp * 1e-9 if target.stamp else now, point, now)
         command = self.tracker.step(now).command
         self.commands.append(command)
-        self._obey(command)
+        self.ideal.obey(command)
         return command
-
-    def _obey(self, command):
-        self.pending.append(command)
-        if len(self.pending) > 2:
-            late = self.pending.pop(0)
-            if late is not None:
-                self.goals, self.speeds = [late.pan, late.tilt], [late.pan_speed, late.tilt_speed]
-        for index in range(2):
-            way = self.goals[index] - self.positions[index]
-            move = min(abs(way), self.speeds[index] * PERIOD / SECOND)
-            self.positions[index] += math.copysign(move, way)
 
 
 def inside(head, command, fastest):
@@ -132,9 +118,9 @@ def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, 
     for command in rig.commands:
         if command is not None:
             inside(rig.head, command, fastest)
-    rested = list(rig.positions)
+    rested = rig.ideal.positions
     last = [rig.step() for _ in range(25)]
-    assert rig.positions == pytest.approx(rested, abs=1e-9)
+    assert rig.ideal.positions == pytest.approx(rested, abs=1e-9)
     assert len(set(last)) == 1
 
 

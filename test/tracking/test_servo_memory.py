@@ -1,12 +1,12 @@
 """What was learned of the servos is kept from one run to the next."""
 
-import math
 import time
 from dataclasses import replace
 
 import pytest
 from closed_loop import ClosedLoop, Conditions
 from plant import PlainServo
+from runs import sine
 
 from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.share import state_folder
@@ -16,19 +16,13 @@ VALUES = ServoValues(delay=0.1, deviation=0.015, dead_band=0.002)
 LATE = PlainServo(dead_time=0.1)
 
 
-def around(pan):
-    return 2.0 * math.cos(pan), 2.0 * math.sin(pan), 0.08
-
-
-def swing(t):
-    return around(0.5 * math.sin(math.pi * t))
-
-
 def follow(head, servo, saved=None, duration=8.0, start=(0.0, 0.0)):
     tracker = Tracker(head, LAWS["predictive"](head, 0.02))
     tracker.law.expect({head.pan_joint: saved} if saved else {})
     conditions = Conditions(duration=duration, noise=0.002, delay=0.05, servos=servo, start=start)
-    return ClosedLoop(swing, replace(conditions, field=(3.0, 3.0))).run(tracker).recording, tracker
+    return ClosedLoop(sine(0.5), replace(conditions, field=(3.0, 3.0))).run(
+        tracker
+    ).recording, tracker
 
 
 def test_a_head_that_knows_its_servos_tracks_well_at_once(head):

@@ -1,34 +1,31 @@
+"""Traces of a pursuit: their figures, and the report of them."""
+
 import math
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from head_tracking.tracking import Sample, Trace
+from head_tracking.tracking import Sample, Trace, lag, picture, table
 
 
-def swing(seconds=10.0, lag=0.1):
-    times = np.arange(0.0, seconds, 0.004)
-    return Trace(
-        [
-            Sample(
-                t,
-                (math.sin(t), 0.0),
-                (math.sin(t - lag), 0.0),
-                abs(math.sin(t) - math.sin(t - lag)),
-            )
-            for t in times.tolist()
-        ]
-    )
+def swing(behind=0.1, seconds=8.0, period=0.02, rate=2.0):
+    trace = Trace()
+    for k in range(int(seconds / period)):
+        t = k * period
+        wanted, pan = math.sin(rate * t), math.sin(rate * (t - behind))
+        trace.add(Sample(t, (wanted, 0.1), (pan, 0.1), abs(wanted - pan)))
+    return trace
 
 
 def test_figures_of_a_swing():
-    recording = swing()
-    assert recording.rms == pytest.approx(2 * math.sin(0.05) / math.sqrt(2), rel=0.1)
-    assert recording.maximum == pytest.approx(2 * math.sin(0.05), rel=0.01)
-    assert recording.jerk() == pytest.approx(2 / math.pi, rel=0.1)
-    speeds = recording.velocities(recording.wanted)
-    assert speeds[:, 0] == pytest.approx(np.cos(recording.times), abs=0.01)
-    assert recording.within(0.2) == 1.0
+    trace = swing(seconds=10.0, period=0.004, rate=1.0)
+    assert trace.rms == pytest.approx(2 * math.sin(0.05) / math.sqrt(2), rel=0.1)
+    assert trace.maximum == pytest.approx(2 * math.sin(0.05), rel=0.01)
+    assert trace.jerk() == pytest.approx(2 / math.pi, rel=0.1)
+    speeds = trace.velocities(trace.wanted)
+    assert speeds[:, 0] == pytest.approx(np.cos(trace.times), abs=0.01)
+    assert trace.within(0.2) == 1.0
 
 
 def test_when_it_settled():
@@ -38,3 +35,25 @@ def test_when_it_settled():
     assert Trace(samples).settled(0.2) == 3
     assert Trace(samples).settled(0.05) == math.inf
     assert Trace(samples).settled(0.9) == 0
+
+
+@pytest.mark.parametrize("behind", [-0.05, 0.0, 0.1, 0.3])
+def test_how_far_the_head_is_behind(behind):
+    assert lag(swing(behind)) == pytest.approx(behind, abs=0.006)
+
+
+def test_the_table_has_the_figures():
+    text = table(swing(), [0.04, 0.06], 29.97, markdown=True)
+    assert "| target | 30.0 points/s, 50 ms old |" in text
+    assert f"{1e3 * swing().rms:.1f} mrad" in text
+    assert "| head behind its target | 100 ms |" in text
+    assert "2.00 rad/s for a target at 2.00" in text
+
+
+def test_the_picture_is_svg_with_all_curves():
+    root = ElementTree.fromstring(picture(swing(), "head & target"))
+    names = [element.tag.split("}")[1] for element in root]
+    assert names.count("polyline") == 9
+    text = " ".join(element.text or "" for element in root.iter())
+    for word in ("head & target", "pan, °", "error, °", "tilt, rad/s"):
+        assert word in text

@@ -26,6 +26,9 @@ def model():
 
 
 def test_what_follows_a_measured_joint_is_added_in_any_order(model):
+    assert model.independent_joints == ("first",)
+    turned, _, _ = model.transform("a", "d", {"first": 0.1}).rotation.as_rpy()
+    assert turned == pytest.approx(0.1 + 0.2 + 1.6)
     states = JointStates(model, {}).complete({"first": JointState(0.5, 1.0, 0.2)})
     assert is_same(states["first"], JointState(0.5, 1.0, 0.2))
     assert is_same(states["second"], JointState(1.0, 2.0))

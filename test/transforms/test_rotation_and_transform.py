@@ -17,27 +17,13 @@ unit_vectors = st.tuples(angles, st.floats(-1, 1)).map(
 )
 rotations = st.builds(Rotation.from_axis_angle, unit_vectors, angles)
 points = st.tuples(*[st.floats(-100, 100)] * 3)
-
-
-def same(a: Rotation, b: Rotation, tolerance: float = 1e-9) -> bool:
-    return (a.inverse() @ b).angle() < tolerance * 100 or np.allclose(
-        a.as_matrix(), b.as_matrix(), atol=tolerance
-    )
+vectors = st.tuples(*[st.floats(-10, 10)] * 3)
+transforms = st.builds(Transform.from_xyz_rpy, vectors, vectors)
 
 
 @given(rotations, points)
 def test_apply_is_the_matrix(a, p):
     assert np.allclose(a @ p, a.as_matrix() @ np.array(p), atol=1e-9)
-
-
-@given(rotations, rotations, points)
-def test_composition_applies_one_after_the_other(a, b, p):
-    assert np.allclose((a @ b) @ p, a @ (b @ p), atol=1e-9)
-
-
-@given(rotations)
-def test_matrix_round_trip(a):
-    assert np.allclose(Rotation.from_matrix(a.as_matrix()).as_matrix(), a.as_matrix(), atol=1e-12)
 
 
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
@@ -95,3 +81,36 @@ def test_a_quaternion_from_outside_is_normalised():
 def test_an_invalid_quaternion_is_refused(quaternion):
     with pytest.raises(InvalidArgumentException):
         Rotation.from_quaternion_xyzw(quaternion)
+
+
+# Transforms
+
+
+@given(transforms, transforms, vectors)
+def test_composition_is_the_product_of_matrices(a, b, p):
+    assert np.allclose((a @ b).as_matrix(), a.as_matrix() @ b.as_matrix(), atol=1e-9)
+    assert np.allclose((a @ b) @ p, a @ (b @ p), atol=1e-9)
+
+
+@given(transforms)
+def test_the_inverse_undoes(a):
+    assert np.allclose((a @ a.inverse()).as_matrix(), np.eye(4), atol=1e-9)
+    assert np.allclose((a.inverse() @ a).as_matrix(), np.eye(4), atol=1e-9)
+
+
+@given(transforms)
+def test_matrix_round_trip(a):
+    assert np.allclose(Transform.from_matrix(a.as_matrix()).as_matrix(), a.as_matrix(), atol=1e-9)
+
+
+@given(transforms, transforms)
+def test_interpolation_ends_and_middle(a, b):
+    assert np.allclose(a.interpolate(b, 0.0).as_matrix(), a.as_matrix(), atol=1e-9)
+    assert np.allclose(a.interpolate(b, 1.0).as_matrix(), b.as_matrix(), atol=1e-9)
+    middle = np.array(a.interpolate(b, 0.5).translation)
+    assert np.allclose(middle, (np.array(a.translation) + np.array(b.translation)) / 2)
+
+
+def test_a_transform_takes_points_from_source_to_target():
+    T_base_camera = Transform((0.0, 0.0, 1.0), Rotation.from_rpy(0, 0, np.pi / 2))
+    assert np.allclose(T_base_camera @ (1, 0, 0), (0, 1, 1))
