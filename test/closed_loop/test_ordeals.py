@@ -19,7 +19,7 @@ def error(head, path, conditions, start=3.0, law="predictive"):
     return loop.run(tracker(head, law)).recording.between(start).rms
 
 
-@pytest.mark.parametrize("law", ["speed", "position"])
+@pytest.mark.parametrize("law", ["predictive", "speed", "position"])
 @pytest.mark.parametrize("late", [-0.12, 0.05])
 @pytest.mark.parametrize("path", [still, swing])
 def test_stamps_that_are_wrong_make_no_head_swing(head, law, late, path):
