@@ -1,5 +1,5 @@
 // Helpers for the page's elements, and requests to its server.
-const SVG = "http://www.w3.org/2000/svg", PERIOD = 50, HOUR = 3.6e6; // ms
+const SVG = "http://www.w3.org/2000/svg", PERIOD = 50; // ms
 
 export const by = (id) => document.getElementById(id);
 export const degrees = (radians) => (radians * 180) / Math.PI;
@@ -58,27 +58,29 @@ export function toast(text, seconds = 6) {
   toast.timer = setTimeout(() => { node.hidden = true; }, 1000 * seconds);
 }
 
-let pending = new AbortController();
+const pending = new Set();
 
 /** Give up the requests that wait: a browser has six connections to a server, and STOP needs one. */
-export function abort() {
-  pending.abort();
-  pending = new AbortController();
-}
+export function abort() { for (const request of pending) request.abort(); }
 
-/** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown. */
-export async function send(path, body = {}, method = "POST", patience = HOUR) {
-  const { signal } = pending;
+/** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown, and no answer within `patience` [ms; 0: wait]. */
+export async function send(path, body = {}, method = "POST", patience = 0) {
+  const request = new AbortController();
+  let isLate = false;
+  const timer = patience && setTimeout(() => { isLate = true; request.abort(); }, patience);
+  pending.add(request);
   try {
-    const answer = await fetch(path, { method, signal: AbortSignal.any([signal, AbortSignal.timeout(patience)]), headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
+    const answer = await fetch(path, { method, signal: request.signal, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
     const isJson = (answer.headers.get("Content-Type") ?? "").includes("json");
     const outcome = isJson ? await answer.json() : { done: false, text: await answer.text() };
     if (outcome.done === false) toast(outcome.text, 12);
     return outcome;
   } catch {
-    if (signal.aborted) return { done: false, text: "" };
-    toast("The page's server does not answer. Use the power switch of the servos if they must stop.", 12);
+    if (isLate || !request.signal.aborted) toast("The page's server does not answer. Use the power switch of the servos if they must stop.", 12);
     return { done: false, text: "" };
+  } finally {
+    clearTimeout(timer);
+    pending.delete(request);
   }
 }
 export const get = (path) => send(path, null, "GET");
