@@ -44,7 +44,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(gathering, "_SPEED", 2.0)
 
 
-@pytest.mark.parametrize(("target", "degrees"), [("marker", 0.7), ("face", 2.0), ("room", 1.4)])
+@pytest.mark.parametrize(("target", "degrees"), [("marker", 0.7), ("face", 0.4), ("room", 1.4)])
 def test_a_wrong_mounting_is_corrected(quick, tmp_path, target, degrees):
     output, picture = tmp_path / "camera.yaml", tmp_path / "camera.png"
     arguments = ["camera", "--sim", "--yes", "--target", target, "--output", str(output)]
@@ -245,18 +245,22 @@ def test_the_model_of_a_camera_must_fit_its_images():
         head.calibrate(images, marker=MARKER, model=camera_with_view(640, 480, math.radians(60.0)))
 
 
-def test_points_of_the_room_are_the_same_in_each_image():
+@pytest.mark.parametrize(
+    ("target", "scene", "pixels"), [("room", "empty", 8.0), ("face", "still face", 0.7)]
+)
+def test_a_point_is_the_same_in_each_image(target, scene, pixels):
+    """Wherever it is in the image: a wide lens stretches a face at the edge."""
     camera = camera_with_view(640, 480, math.radians(60.0))
-    renderer = Renderer(make_scene("empty", np.random.default_rng(1)), camera)
+    renderer = Renderer(make_scene(scene, np.random.default_rng(1)), camera)
     ahead = Rotation.from_matrix([(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
-    observe, first, images = observer("room", None), {}, 0
+    observe, first, images = observer(target, None), {}, 0
     for pitch, yaw in product(np.radians((0.0, -16.0, 16.0)), np.radians((0.0, -22.0, 22.0))):
         turned = Rotation.from_rpy(0.02, float(pitch), float(yaw)) @ ahead
-        picture = renderer.render(Transform((0.0, 0.0, 0.4), turned), 0.0, depth=False).picture
+        picture = renderer.render(Transform((0.0, 0.2, 0.7), turned), 0.0, depth=False).picture
         found = observe(Frame(0, camera, Picture(picture)))
         first = first or {n: turned.apply((*camera.ray(p[0]), 1.0)) for n, p in found.items()}
         images += bool(found)
         for number, points in found.items():
             expected = camera.pixel(turned.inverse().apply(first[number]))
-            assert math.dist(expected, points[0]) < 8.0
+            assert math.dist(expected, points[0]) < pixels
     assert images > 5
