@@ -29,8 +29,8 @@ SIMULATED_MOUNTING: Final = Transform(
 _EPILOG = """\
 Fix the marker 1 to 3 m away, where the camera sees it; or stand still there (--target face), or let
 it see the room (--target room). The head turns slowly for at most 90 s.
-Ctrl-C ends the calibration and relaxes the servos.
-exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed; 130 Ctrl-C
+Ctrl-C or SIGTERM ends the calibration: the servos are relaxed, and no file is written.
+exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed; 130 Ctrl-C; 143 SIGTERM
 """
 
 
@@ -45,23 +45,27 @@ def _calibrate(options: argparse.Namespace) -> int:
 
     marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
     open_head = Head.simulated if options.sim else partial(Head.open, options.port)
-    with open_head(robot=options.robot) as head:
-        images = (
-            _simulated_images(head, options.target) if options.sim else pictures(options.camera)
-        )
-        source = iter(images)
-        height, width = next(source)[1].shape[:2]  # there is a camera
-        Terminal(assume_yes=options.yes).confirm(
-            "The head will look around. Is its range free of obstacles?"
-        )
-        calibration = head.calibrate(
-            source,
-            target=options.target,
-            marker=marker,
-            model=camera_with_view(width, height, math.radians(options.view)),
-            focal_length=options.focal_length,
-            report=lambda text: print(text, file=sys.stderr),
-        )
+    try:
+        with open_head(robot=options.robot) as head:
+            images = (
+                _simulated_images(head, options.target) if options.sim else pictures(options.camera)
+            )
+            source = iter(images)
+            height, width = next(source)[1].shape[:2]  # there is a camera
+            Terminal(assume_yes=options.yes).confirm(
+                "The head will look around. Is its range free of obstacles?"
+            )
+            calibration = head.calibrate(
+                source,
+                target=options.target,
+                marker=marker,
+                model=camera_with_view(width, height, math.radians(options.view)),
+                focal_length=options.focal_length,
+                report=lambda text: print(text, file=sys.stderr),
+            )
+    except KeyboardInterrupt:
+        print("calibrate: ended; the servos are relaxed, and no file is written", file=sys.stderr)
+        raise
     for name, change, deviation in summary(calibration):
         print(f"{name:<22} {change:>18}  +- {deviation}")
     print(

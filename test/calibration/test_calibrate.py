@@ -1,6 +1,9 @@
 """The head looks around a marker by itself, with a simulated camera that is mounted wrong."""
 
 import math
+import signal
+import subprocess
+import sys
 import time
 from collections import deque
 from dataclasses import replace
@@ -9,6 +12,7 @@ from itertools import islice, product
 import cv2
 import numpy as np
 import pytest
+from waiting import wait_for
 
 from head_tracking import Head
 from head_tracking.calibration import Calibration, calibrated, gathering
@@ -74,6 +78,42 @@ def test_no_marker_in_view_is_a_failure(tmp_path):
     output = tmp_path / "camera.yaml"
     arguments = ["camera", "--sim", "--yes", "--marker-id", "3", "--output", str(output)]
     assert calibrate.main(arguments) == FAILED
+    assert not output.exists()
+
+
+ON_A_PORT = """
+import sys
+from head_tracking import Head, vision
+from head_tracking.cli import calibrate
+from head_tracking.scene import film
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
+model = load_robot_model(robot_file("kinectbot"))
+still = dict.fromkeys(model.joints, 0.0)
+camera = model.transform("base_link", "camera_optical_frame", still)
+vision.pictures = lambda _: film("still marker", lambda stamp: camera)
+Head.open = lambda port, robot: Head(port, model, reply_timeout=0.2)
+sys.exit(calibrate.main(["camera", "--yes", "--port", sys.argv[1], "--output", sys.argv[2]]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(tmp_path, number):
+    joints, output = configured_head(()).servos, tmp_path / "camera.yaml"
+    with SimulatedJoints(joints) as servos:
+        program = subprocess.Popen(
+            ["env", "--default-signal", sys.executable, "-c", ON_A_PORT, servos.port_name, output],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        pan = joints[0].joint_name
+        wait_for(lambda: abs(servos.true_position(pan)) > 0.05 or program.poll() is not None)
+        program.send_signal(number)
+        _, errors = program.communicate(timeout=60.0)
+        torque = servos.port.use(lambda bus: [bus[id].register("Torque Enable") for id in (1, 2)])
+    assert program.returncode == 128 + number, errors
+    assert errors.splitlines()[-1].startswith("calibrate: ")
+    assert torque == [0, 0]
     assert not output.exists()
 
 
