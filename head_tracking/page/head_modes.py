@@ -35,6 +35,8 @@ _PATIENCE = 10.0  # s
 _BUSY = 1.0  # s that a target waits for a change of the mode
 _REFUSAL = 0.8  # s in which a controller refuses a target
 _POLL = 0.02  # s
+_RECENT = 1.0  # s
+_MOST_SENT = 64  # targets that may still arrive
 
 P = ParamSpec("P")
 
@@ -149,6 +151,8 @@ class HeadModes:
         self._services.know(Trigger, *(f"node_starter/{name}" for name in startable))
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
         self._sending: _Sending | None = None
+        self._sent: tuple[Target, ...] = ()
+        self._begun = self._others_sent = -math.inf
         self._send_lock = threading.Lock()
         self._timer = node.create_timer(_SEND_PERIOD, self._send_next)
         self._timer.cancel()
@@ -187,10 +191,25 @@ class HeadModes:
             return f"{' and '.join(controllers)} both control the head"
         senders = [name for name in SENDERS if self._is_enabled(name)]
         if self._sending is not None:
+            if not senders and time.monotonic() - self._others_sent < _RECENT:
+                senders.append(f"another program ({' or '.join(self._others())})")
             senders.append("this page")
         if self._is_enabled(TRACKER) and len(senders) > 1:
             return f"{' and '.join(senders)} all send targets"
         return ""
+
+    def hear(self, target: Target) -> None:
+        """Note who sends a target that has come: a page on this robot has the same name."""
+        now = time.monotonic()
+        if target not in self._sent and now > self._begun + _RECENT:  # earlier ones come late
+            self._others_sent = now
+
+    def _others(self) -> list[str]:
+        """Return the names of unknown nodes that can send targets; one may be another page."""
+        publishers = self._node.get_publishers_info_by_topic(self._targets.topic_name)
+        names = [one.node_name for one in publishers if one.node_name not in SENDERS]
+        names.remove(self._node.get_name())
+        return names
 
     @_answered
     def look_at(self, frame: str, point: Vector3, *, wait: bool = False) -> str:
@@ -407,6 +426,7 @@ class HeadModes:
         with self._send_lock:
             is_idle, self._sending = self._timer.is_canceled(), _Sending(mode, target, stops)
             if is_idle:
+                self._begun = time.monotonic()
                 self._timer.reset()
         if is_idle:
             self._send_next()
@@ -451,6 +471,7 @@ class HeadModes:
                 return
             target = sending.target()
             if target is not None:
+                self._sent = (*self._sent[1 - _MOST_SENT :], target)
                 self._targets.publish(target_message(target))
             if sending.mode is Mode.POINT:
                 self._sending = None

@@ -27,7 +27,7 @@ from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Observation, observed
 from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
-from head_tracking.ros.targets.latest_target import LatestTarget
+from head_tracking.ros.targets.latest_target import LatestTarget, TransformedTarget
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms import RobotModel, RobotModelError, TransformException
 
@@ -90,6 +90,7 @@ class Robot:
         requests = self._requests.node
         self.graph, self.services = Graph(node), OtherServices(requests)
         self._targets = LatestTarget(self._polled, self.buffer)
+        self._heard: TransformedTarget | None = None
         self.topics = OtherTopics(node, self._polled, self.graph)
         self.parameters = OtherParameters(
             requests, self.graph, (node.get_name(), "run_monitor", "node_starter")
@@ -149,6 +150,9 @@ class Robot:
         controller = {Mode.OFF: "", Mode.POINT: POINTER}.get(mode, TRACKER)
         status = self.topics.status(controller)
         target = self._targets.latest()
+        if target is not None and target is not self._heard:
+            self._heard = target
+            self.modes.hear(target.target)
         return observed(
             self._now,
             self.buffer,

@@ -294,3 +294,20 @@ def test_two_senders_or_two_controllers_are_named(start, page):
     assert robot.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
     assert camera.on is False, "one sender only"
     assert robot.notices() == ()
+
+
+def test_two_pages_that_both_send_targets_name_each_other(start, page):
+    start(ControllerStandIn("head_tracker"))
+    pages = [page(), page()]
+    for number, robot in enumerate(pages):
+        wait_for(lambda robot=robot: robot.modes.mode() is Mode.TRACK, PATIENCE)
+        assert robot.modes.look_at("base_link", (1.0, 0.1 * number, 0.5)).done
+        wait_for(lambda robot=robot: robot.observe().target is not None)
+        assert robot.notices() == ()
+
+    def notices() -> list[str]:
+        return ["".join(robot.observe() and robot.notices()) for robot in pages]
+
+    wait_for(lambda: all("(viewer)" in one for one in notices()), PATIENCE)
+    pages[0].modes.stop_sending()
+    wait_for(lambda: notices() == ["", ""], PATIENCE)
