@@ -91,6 +91,8 @@ class Robot:
         self.graph, self.services = Graph(node), OtherServices(requests)
         self._targets = LatestTarget(self._polled, self.buffer)
         self._heard: TransformedTarget | None = None
+        self._before: TransformedTarget | None = None
+        self._is_refused = False
         self.topics = OtherTopics(node, self._polled, self.graph)
         self.parameters = OtherParameters(
             requests, self.graph, (node.get_name(), "run_monitor", "node_starter")
@@ -151,8 +153,12 @@ class Robot:
         status = self.topics.status(controller)
         target = self._targets.latest()
         if target is not None and target is not self._heard:
+            self._before = self._before if self._is_refused else self._heard
             self._heard = target
             self.modes.hear(target.target)
+        self._is_refused = mode is Mode.POINT and bool(status.get("refusal"))
+        if self._is_refused:  # the head keeps the target before
+            target = self._before
         return observed(
             self._now,
             self.buffer,

@@ -186,6 +186,18 @@ def test_a_refusal_by_the_node_that_turns_the_head_is_no_success(robot, seen, mo
     wait_for(lambda: word(seen) == "refused")
 
 
+def test_a_refused_point_is_not_shown_as_the_target_of_the_head(robot, seen):
+    assert seen.modes.set_mode(Mode.POINT).done
+    wait_for(lambda: seen.modes.mode() is Mode.POINT)
+    for y in (0.3, -0.3):
+        assert seen.modes.look_at("base_link", (1.0, y, 0.5)).done
+        wait_for(lambda y=y: (seen.observe().target or (0.0, 0.0))[1] == pytest.approx(y))
+        for refused in ((-1.0, 0.0, 0.5), (-1.0, 0.1, 0.5)):
+            assert not seen.modes.look_at("base_link", refused, wait=True).done
+            wait_for(lambda: word(seen) == "refused")
+            assert seen.observe().target[1] == pytest.approx(y)
+
+
 def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen):
     def setting(name: str) -> Any:
         return next(one for one in seen.parameters.settings() if one.name == name)
