@@ -220,9 +220,13 @@ class LastMinute:
     def recording(self, urdf: str = "") -> Recording:
         """Return what is kept as a recording of the robot with this model.
 
+        A moment tells where the pictures begin, if that is late.
+
         Raises:
             RecordingError: there are none.
         """
         with self._lock:
             seen, pictures = tuple(self._seen), tuple(self._pictures)
-        return Recording(seen, urdf, pictures=pictures)
+        late = pictures[0].stamp - seen[0].stamp if pictures else 0
+        begin = Moment(late * 1e-9, "the pictures begin: no browser has watched before")
+        return Recording(seen, urdf, (begin,) if late > _PICTURE_AGE else (), pictures=pictures)

@@ -44,7 +44,9 @@ def test_a_recording_begins_with_its_first_picture_unless_that_comes_late():
         last_minute.add(seen(0.0))
         last_minute.add(seen(first))
         last_minute.add_picture(b"picture")
-        assert (last_minute.recording().picture_at(0.0) is not None) is is_shown
+        recording = last_minute.recording()
+        assert (recording.picture_at(0.0) is not None) is is_shown
+        assert [moment.time for moment in recording.moments] == ([] if is_shown else [first])
 
 
 def test_a_jump_back_in_time_starts_anew():
