@@ -425,10 +425,13 @@ class Head:
         """Measure the pose of the camera; see `head_tracking.calibration.gathering`."""
         from head_tracking.calibration.gathering import calibrate_camera
 
-        return calibrate_camera(
+        epoch = self._permit()
+        calibration = calibrate_camera(
             self, camera, target=target, marker=marker, frame=frame, model=model,
             focal_length=focal_length, report=report,
         )  # fmt: skip
+        self._permit(epoch)  # else it was stopped or relaxed before the end
+        return calibration
 
     def learn(
         self,

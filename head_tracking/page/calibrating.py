@@ -47,7 +47,7 @@ class Progress(NamedTuple):
 
 
 class CameraCalibration:
-    """Calibrates the camera on request; a STOP or another mode ends that.
+    """Calibrates the camera on request; a STOP, another mode or a relaxed servo ends that.
 
     Args:
         robot: has the camera.
@@ -121,6 +121,7 @@ class CameraCalibration:
             focal_length=lens is None,
             report=self._report,
         )
+        head.check()
         found = calibration.estimates
         file = state_folder("calibration") / f"{calibration.robot}.yaml"
         calibration.save(file)
@@ -155,15 +156,16 @@ class _PointedHead:
         return self._robot.buffer
 
     @property
+    def _joint_names(self) -> tuple[str, str]:
+        head = self._robot.head
+        assert head is not None  # `begin` has checked it
+        return head.pan_joint, head.tilt_joint
+
+    @property
     def joints(self) -> Mapping[str, float]:
         """The measured positions of pan and tilt [rad]."""
         self._robot.poll()
-        head = self._robot.head
-        assert head is not None
-        found = {
-            name: self.frames.latest_joint_position(name)
-            for name in (head.pan_joint, head.tilt_joint)
-        }
+        found = {name: self.frames.latest_joint_position(name) for name in self._joint_names}
         if None in found.values():
             raise CalibrationEndedError("no measurements of the joints are received")
         return {name: each[1] for name, each in found.items() if each is not None}
@@ -173,8 +175,7 @@ class _PointedHead:
 
         Raises:
             UnreachableError: the head cannot point there; nothing has moved.
-            CalibrationEndedError: by STOP or another mode, or because the head does not come to
-                rest.
+            CalibrationEndedError: as `check`, or because the head does not come to rest.
         """
         robot = self._robot
         self._limit_speed(max_velocity)
@@ -216,7 +217,7 @@ class _PointedHead:
     def _limit_speed(self, max_velocity: float) -> None:
         """Limit the speed of the head [rad/s]."""
         modes, begun = self._robot.modes, time.monotonic()
-        self._check_mode()
+        self.check()
         if self._normal_speed is not None:
             return
         while (speed := modes.value(POINTER, "max_velocity")) is None:  # it has just been started
@@ -244,19 +245,22 @@ class _PointedHead:
                 yield picture.stamp * 1e-9, np.ascontiguousarray(rgb[:, :, ::-1])
 
     def _wait(self, deadline: float = math.inf, late: str = "") -> None:
-        """Wait a moment; raise CalibrationEndedError as `_check_mode`, or after the deadline."""
+        """Wait a moment; raise CalibrationEndedError as `check`, or after the deadline."""
         if time.monotonic() > deadline:
             raise CalibrationEndedError(late)
         time.sleep(_POLL)
-        self._check_mode()
+        self.check()
 
-    def _check_mode(self) -> None:
-        """Raise CalibrationEndedError after a STOP, or in another mode."""
+    def check(self) -> None:
+        """Raise CalibrationEndedError after a STOP, in another mode, or with a relaxed servo."""
         if self._robot.stop.count != self._stops:
             raise CalibrationEndedError("the head was stopped")
         mode = self._robot.modes.mode()
         if self._is_pointed and mode is not Mode.POINT:
             raise CalibrationEndedError(f"the mode is {mode} now")
+        for servo in self._robot.joints.servos():
+            if servo.refuses and servo.joint in self._joint_names:
+                raise CalibrationEndedError(f"{servo.joint} is {servo.values['torque']}")
 
 
 def _check(outcome: Outcome) -> None:

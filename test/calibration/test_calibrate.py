@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from waiting import wait_for
 
-from head_tracking import Head
+from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.calibration import Calibration, calibrated, gathering
 from head_tracking.calibration.gathering import calibrate_camera
 from head_tracking.calibration.solver import CalibrationError, Reason
@@ -72,6 +72,23 @@ def test_nothing_moves_without_confirmation(tmp_path):
     refused = calibrate.main(["camera", "--sim", "--output", str(output)])
     assert refused == REFUSED
     assert not output.exists()
+
+
+@pytest.mark.parametrize("step", ["direction 3", "computing"])
+@pytest.mark.parametrize("command", ["stop", "relax"])
+def test_a_head_that_is_stopped_or_relaxed_is_not_calibrated(quick, monkeypatch, step, command):
+    monkeypatch.setattr(gathering, "MOST_VIEWS", 10)
+    with Head.simulated() as head:
+
+        def report(text):
+            if step in text:
+                getattr(head, command)()
+
+        images = calibrate._simulated_images(head, "marker")
+        with pytest.raises(RefusedCommandError) as refusal:
+            head.calibrate(images, marker=MARKER, report=report)
+        assert refusal.value.state == head.state
+        assert head.state in (HeadState.STOPPED, HeadState.RELAXED)
 
 
 def test_no_marker_in_view_is_a_failure(tmp_path):

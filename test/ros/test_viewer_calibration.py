@@ -82,17 +82,33 @@ def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, cali
     wait_for(lambda: seen.modes.value("point_head", "max_velocity") == (usual or 2.0))
 
 
-@pytest.mark.parametrize("what", ["stop", "mode"])
-def test_stop_and_another_mode_end_it(robot, seen, calibration, what, tmp_path):
+@pytest.mark.parametrize("what", ["stop", "stop at the end", "mode", "torque"])
+def test_stop_another_mode_and_a_relaxed_joint_end_it(
+    robot, seen, calibration, what, tmp_path, monkeypatch
+):
+    if what == "stop at the end":
+
+        def solve(*arguments, **options):
+            assert robot.call("stop").success
+            return gathering_solve(*arguments, **options)
+
+        gathering_solve = gathering.solve
+        monkeypatch.setattr(gathering, "solve", solve)
     assert calibration.begin(0.16, "").done
     wait_for(lambda: "direction 2" in calibration.progress.text, PATIENCE)
     if what == "stop":
         assert robot.call("stop").success
-    else:
+    elif what == "mode":
         assert seen.modes.set_mode(Mode.TRACK).done
+    elif what == "torque":
+        assert seen.joints.set_torque("head_tilt_controller", False).done
     wait_for(lambda: ended(calibration), PATIENCE)
     assert not list(tmp_path.rglob("*.yaml"))
-    if what == "stop":
+    if what == "torque":
+        assert "head_tilt_joint" in calibration.progress.text
+        assert seen.joints.set_torque("head_tilt_controller", True).done
+        wait_for(lambda: not any(servo.refuses for servo in seen.joints.servos()))
+    elif what != "mode":
         assert not calibration.begin(0.16, "").done, "the head is stopped"
         assert robot.call("resume").success
         wait_for(lambda: not seen.stop.stopped)
