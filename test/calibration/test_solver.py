@@ -144,6 +144,28 @@ def test_inconsistent_views_are_refused(geometry, spread, each, size, reasons):
     assert refusal.value.reason in reasons
 
 
+@pytest.mark.parametrize("points", [0, 1, 12])
+@pytest.mark.parametrize(
+    ("turn", "reason"),
+    [
+        (((-1, 0), (0, -1)), Reason.ROLLED),  # upside down
+        (((0, -1), (1, 0)), Reason.ROLLED),  # on its side
+        (((-1, 0), (0, 1)), Reason.MIRRORED),  # the images, or the direction of pan
+        (((1, 0), (0, -1)), Reason.MIRRORED),  # the direction of tilt
+    ],
+)
+def test_a_camera_that_is_mounted_in_another_way_is_named(geometry, points, turn, reason):
+    middle = (CAMERA.cx, CAMERA.cy)
+    views = [
+        view._replace(corners=(view.corners - middle) @ np.array(turn).T + middle)
+        for view in random_head(geometry, 130, 0.5, points=points).views
+    ]
+    for count in (len(views) // 3, len(views)):  # such a target leaves the image soon
+        with pytest.raises(CalibrationError) as refusal:
+            solve(geometry, CAMERA, views[:count], None if points else SIZE)
+        assert refusal.value.reason is reason
+
+
 def test_few_views_are_refused(geometry):
     with pytest.raises(CalibrationError) as refusal:
         solve(geometry, CAMERA, random_head(geometry, 134, 0.5).views[:5], SIZE)
