@@ -89,7 +89,7 @@ class Access:
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if self._is_local and not is_loopback(_name(host)):
             return f"The page is served on this machine only, not as {host!r}: see `host`.\n"
-        if origin is not None and urlsplit(origin).netloc.lower() != host:
+        if origin is not None and origin.partition("://")[2].lower() != host:
             return f"Pages of {origin} must not steer this robot.\n"
         if method == "POST" and headers.get(_OWN_HEADER) != "page":
             return "Only the page itself may send commands.\n"

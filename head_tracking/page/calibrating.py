@@ -19,7 +19,7 @@ from head_tracking.ros.kit.others import Outcome
 from head_tracking.share import state_folder
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera
-from head_tracking.vision.images import Pixels
+from head_tracking.vision.images import ImageError, Pixels
 from head_tracking.vision.markers import MarkerParameters
 
 _POLL: Final = 0.02  # s
@@ -235,14 +235,17 @@ class _PointedHead:
         number, heard = -1, time.monotonic()
         while time.monotonic() < heard + _PATIENCE:
             self._robot.poll()
-            picture = self._picture()
-            if picture is None or picture.number == number:
+            try:
+                picture = self._picture()
+                if picture is None or picture.number == number:
+                    self._wait()
+                    continue
+                number, rgb = picture.number, np.asarray(picture.image().convert("RGB"))
+            except (ImageError, OSError):  # a damaged one
                 self._wait()
                 continue
-            number, image = picture.number, picture.image()
-            if image is not None:
-                heard, rgb = time.monotonic(), np.asarray(image.convert("RGB"))
-                yield picture.stamp * 1e-9, np.ascontiguousarray(rgb[:, :, ::-1])
+            heard = time.monotonic()
+            yield picture.stamp * 1e-9, np.ascontiguousarray(rgb[:, :, ::-1])
 
     def _wait(self, deadline: float = math.inf, late: str = "") -> None:
         """Wait a moment; raise CalibrationEndedError as `check`, or after the deadline."""

@@ -6,8 +6,8 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,10 +21,11 @@ from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, robot_
 from head_tracking.page.status import faults
 from head_tracking.page.target_path import TargetPath
 from head_tracking.recording.recording import LastMinute, Observation
-from head_tracking.ros.kit.diagnostics import Level
+from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.ros.kit.images import frame_pose
 from head_tracking.transforms import RobotModel, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
+from head_tracking.vision.images import ImageError
 
 _WIDEST = 640  # pixels of a picture
 _DISTANCE = 1.5  # m: of a point in an image without a target
@@ -33,6 +34,7 @@ _HIDDEN = 10**9  # ns: a person that was measured longer ago is not marked
 _SLOW_PERIOD = 0.25  # s between samples of what changes slowly
 _PREDICTION_PERIOD, _AHEAD = 0.1, 0.5  # s: how often, and how far ahead
 _RECORDED = 60.0  # s
+_MOST_LISTED = 200_000  # characters of values in diagnostics
 _ORDER = {Level.ERROR: 0, Level.STALE: 1, Level.WARN: 2, Level.OK: 3}
 
 
@@ -105,19 +107,15 @@ class Live:
             topics: of the pictures; empty texts: the default topic.
         """
         self.observe(watched=True)
-        state: dict[str, Any] = {"type": "state"}
         parts = {"joints": self._move, "prediction": self._prediction, "boxes": self._boxes}
-        for part, add in parts.items():
-            state |= self._attempt(part, add) or {}
+        texts = [self._attempt(part, partial(_members, add)) for part, add in parts.items()]
+        self.state_text = "{" + ", ".join(['"type": "state"', *filter(None, texts)]) + "}"
         now = time.monotonic()
         if now >= self._slow_due:
             self._slow_due = now + _SLOW_PERIOD
             slow = self._attempt("state", self._slow) or {}
             self._attempt("page", lambda: self._encode_slow(slow))
-        encode = partial(json.dumps, state, allow_nan=False)
-        self.state_text = self._attempt("values", encode) or "{}"
-        pictures = {one: self._attempt("picture", partial(self._encode, one)) for one in topics}
-        self.pictures = {one: each for one, each in pictures.items() if each is not None}
+        self._attempt("picture", lambda: self._encode_all(topics))
 
     def describe(
         self, model: RobotModel, head: PanTiltHead | None, meshes_at: str
@@ -186,7 +184,8 @@ class Live:
             self._path = TargetPath(_AHEAD, centre)
         robot = self.describe(model, head, "/head/mesh/")
         self.meshes, self._notices = robot.meshes, robot.about["notices"]
-        self.robot_text = json.dumps({"type": "robot", **robot.about, "view": self._view})
+        about = {"type": "robot", **robot.about, "view": self._view}
+        self.robot_text = json.dumps(about, allow_nan=False)
 
     def _observe(self, watched: bool) -> None:
         self.observation = self._robot.observe(watched=watched)
@@ -264,10 +263,7 @@ class Live:
                 one._asdict()
                 for one in faults(health, robot.modes.missing(), robot.silent_joints())
             ],
-            "health": [
-                asdict(one) | {"level": one.level.name.lower()}
-                for one in sorted(health, key=lambda one: _ORDER[one.level])
-            ],
+            "health": _listed(health),
             "frames": sorted({*live.frames, *self._links()}),
             "images": sorted(robot.topics.images(), key=_rank),
             "can_start_camera": robot.modes.can_start(CAMERA),
@@ -292,6 +288,18 @@ class Live:
         self._camera_requested = True
         threading.Thread(target=lambda: robot.modes.start(CAMERA), daemon=True).start()
 
+    def _encode_all(self, topics: Collection[str]) -> None:
+        """Encode a picture of each topic; one that fails costs no other."""
+        found, reasons = {}, []
+        for topic in topics:
+            try:
+                found[topic] = self._encode(topic)
+            except Exception as error:  # of any kind, as the readers of images raise it
+                reasons.append(f"{topic} {error}".strip())
+        self.pictures = {topic: one for topic, one in found.items() if one is not None}
+        if reasons:
+            raise ImageError("; ".join(reasons))
+
     def _encode(self, topic: str) -> EncodedPicture | None:
         picture, before = self.latest_picture(topic), self.pictures.get(topic)
         if picture is None:
@@ -299,8 +307,6 @@ class Live:
         if before is not None and before.number == picture.number:
             return before
         data = picture.jpeg(_WIDEST)
-        if data is None:
-            return None
         if not topic:
             self.last_minute.add_picture(data)
         stamp = picture.stamp.to_bytes(8, "little", signed=True)
@@ -309,6 +315,21 @@ class Live:
     def _camera(self, picture: Picture) -> Camera:
         camera = self._robot.topics.camera(picture)
         return camera or camera_with_view(picture.width, picture.height, self._view)
+
+
+def _listed(health: Sequence[Health]) -> list[dict[str, Any]]:
+    """Return diagnostics for JSON, worst first. Of too many, the last ones have no values."""
+    found, room = [], _MOST_LISTED
+    for one in sorted(health, key=lambda one: _ORDER[one.level]):
+        room -= sum(len(name) + len(text) for name, text in one.values.items())
+        shown = one if room >= 0 else replace(one, values={})
+        found.append(asdict(shown) | {"level": one.level.name.lower()})
+    return found
+
+
+def _members(part: Callable[[], dict[str, Any]]) -> str:
+    """Return what a function returns as the inside of a JSON object."""
+    return json.dumps(part(), allow_nan=False)[1:-1]
 
 
 def _box(

@@ -24,15 +24,14 @@ from std_msgs.msg import Bool, Float64
 from head_tracking.page.head_modes import CONTROLLERS, SENDERS
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
-from head_tracking.ros.kit.images import camera_of, picture_of
+from head_tracking.ros.kit.images import camera_of, raw_image
 from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.others import Graph
 from head_tracking.ros.kit.threads import PolledNode
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision.camera import Camera, CameraError
-from head_tracking.vision.images import ImageError
-from head_tracking.vision.opencv import OpenCVMissingError
+from head_tracking.vision.images import ImageError, decode_picture
 
 _MOST_WARNINGS = 6
 _FRESH = 1.0  # s
@@ -41,13 +40,15 @@ _UNUSED = 3.0  # s without a request until a subscription ends
 _DISCOVERY_PERIOD = 0.25  # s
 _MOST_STATUSES = 200  # of a node
 _MOST_STRANGERS = 50  # names in diagnostics that are no nodes
-_MOST_VALUES = 200  # of a status
-_MOST_TEXT = 1000  # characters
+_MOST_VALUES = 100  # of a status
+_MOST_TEXT = 300  # characters
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
 _CALIBRATION_PERIOD = 1.0  # s
 _LATEST = QoSProfile(depth=1)
 _REGION = "visual_target/roi"
+_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")  # others, such as EPS, would start programs
+_MOST_PIXELS = 25e6  # of an image: it takes 0.2 s to decode
 _QUALITY, _JPEG = 80, b"\xff\xd8\xff"  # of JPEG; its first bytes
 _IMAGE, _COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -89,12 +90,12 @@ class Picture(NamedTuple):
         """The camera's optical frame."""
         return str(self.message.header.frame_id)
 
-    def image(self) -> Image.Image | None:
+    def image(self) -> Image.Image:
         """Return it in colour or grey; see `image_of`."""
         return image_of(self.message)
 
-    def jpeg(self, widest: int) -> bytes | None:
-        """Return it as a JPEG of at most this width [pixels]; None as `image_of`.
+    def jpeg(self, widest: int) -> bytes:
+        """Return it as a JPEG of at most this width [pixels]; see `image_of`.
 
         A JPEG that is not wider stays as the camera has compressed it.
         """
@@ -103,8 +104,6 @@ class Picture(NamedTuple):
             if data.startswith(_JPEG):
                 return data
         image, file = self.image(), io.BytesIO()
-        if image is None:
-            return None
         image.reduce(max(1, -(-self.width // widest))).save(file, "JPEG", quality=_QUALITY)
         return file.getvalue()
 
@@ -132,7 +131,7 @@ class OtherTopics:
         self._cameras: dict[str, tuple[float, Camera | None]] = {}
         self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
         self._images: tuple[str, ...] = ()
-        self._pictures: dict[str, Picture | None] = {}
+        self._pictures: dict[str, tuple[int, Picture | ImageError]] = {}
         self._discovery_due = 0.0
         for name in (*CONTROLLERS, *SENDERS):
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
@@ -252,20 +251,27 @@ class OtherTopics:
         Args:
             topic: one of `images`.
             exact: without the losses of its compression, if the camera offers that.
+
+        Raises:
+            ImageError: it can't be decoded.
         """
         name, kind = topic, ImageMsg
         is_compressed = f"{topic}{_COMPRESSED}" in self._topics[_COMPRESSED_IMAGE]
         if is_compressed and not (exact and topic in self._topics[_IMAGE]):
             name, kind = f"{topic}{_COMPRESSED}", CompressedImage
-        received, before = self._request(kind, name, MEASUREMENT), self._pictures.get(name)
+        received = self._request(kind, name, MEASUREMENT)
         if received is None:
             return None
-        number = round(received.at * 1e9)
-        if before is None or before.number != number:
-            size = size_of(received.message)
-            before = None if size is None else Picture(topic, number, received.message, *size)
-            self._pictures[name] = before
-        return before
+        number, known = round(received.at * 1e9), self._pictures.get(name)
+        if known is None or known[0] != number:
+            try:
+                known = number, Picture(topic, number, received.message, *size_of(received.message))
+            except ImageError as error:
+                known = number, error
+            self._pictures[name] = known
+        if isinstance(known[1], ImageError):
+            raise known[1].with_traceback(None)
+        return known[1]
 
     def camera(self, picture: Picture) -> Camera | None:
         """Return the calibration of an image; None: no usable one has been received."""
@@ -334,25 +340,42 @@ _MODES = {
 """The encodings that need no OpenCV: the mode of the image and that of the data, for Pillow."""
 
 
-def image_of(message: ImageMsg | CompressedImage) -> Image.Image | None:
-    """Return an image in colour or grey; None if it is damaged or its encoding not supported."""
-    try:
-        if isinstance(message, CompressedImage):
-            opened = Image.open(io.BytesIO(message.data))
+def image_of(message: ImageMsg | CompressedImage) -> Image.Image:
+    """Return an image in colour or grey.
+
+    Raises:
+        ImageError: it is damaged or too large, or its encoding is not supported.
+        OpenCVMissingError: its encoding needs OpenCV.
+    """
+    if isinstance(message, CompressedImage):
+        try:
+            opened = Image.open(io.BytesIO(message.data), formats=_FORMATS)
+            _check_size(*opened.size)
             return opened if opened.mode in ("L", "RGB") else opened.convert("RGB")
-        modes, size = _MODES.get(message.encoding), (message.width, message.height)
-        if modes is not None and min(size) > 0:
-            mode, raw = modes
-            image = Image.frombuffer(mode, size, message.data, "raw", raw, message.step, 1)
-            return image.convert("RGB") if mode == "RGBA" else image
-        return Image.fromarray(np.ascontiguousarray(picture_of(message).bgr[..., ::-1]))
-    except (ImageError, OpenCVMissingError, OSError, ValueError):
-        return None
+        except ImageError:
+            raise
+        except Exception as error:  # a damaged file makes its reader raise any error
+            raise ImageError(
+                f"the compressed image is damaged, too large, or none of {', '.join(_FORMATS)}"
+            ) from error
+    _check_size(message.width, message.height)
+    raw = raw_image(message)
+    if message.encoding not in _MODES:
+        return Image.fromarray(np.ascontiguousarray(decode_picture(raw).bgr[..., ::-1]))
+    mode, order = _MODES[message.encoding]
+    raw.rows("u1", len(order))  # checks the amount of data
+    size = message.width, message.height
+    image = Image.frombuffer(mode, size, message.data, "raw", order, message.step, 1)
+    return image.convert("RGB") if mode == "RGBA" else image
 
 
-def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int] | None:
-    """Return width and height [pixels]; None if a compressed image is damaged."""
+def _check_size(width: int, height: int) -> None:
+    if width * height > _MOST_PIXELS:
+        raise ImageError(f"{width}x{height} pixels are too many; allowed are {_MOST_PIXELS:.0f}")
+
+
+def size_of(message: ImageMsg | CompressedImage) -> tuple[int, int]:
+    """Return width and height [pixels]; raise ImageError if a compressed image is damaged."""
     if not isinstance(message, CompressedImage):
         return int(message.width), int(message.height)
-    image = image_of(message)  # Pillow decodes one in colour or grey when it needs its pixels
-    return None if image is None else image.size
+    return image_of(message).size  # Pillow decodes one in colour or grey when its pixels are used

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _GREY = [0.6, 0.6, 0.62, 1.0]
 _PLACEHOLDER = {"kind": "box", "size": [0.05] * 3, "rgba": [0.9, 0.25, 0.25, 1.0]}  # m
+_LARGEST = 1e3  # m: a larger shape is a mistake
 _MERIDIANS, _PARALLELS, _SEGMENTS = 9, 5, 24
 
 FindPackage = Callable[[str], Path | None]
@@ -128,7 +129,8 @@ class _Shapes:
     def _add(self, link: str, visual: Any) -> None:
         origin = visual.origin
         transform = Transform.identity() if origin is None else Transform.from_matrix(origin)
-        shape = {"link": link, "place": _numbers(transform), "rgba": self._colour(visual.material)}
+        shape: dict[str, Any] = {"link": link, "place": _numbers(transform)}
+        shape["rgba"] = self._colour(visual.material)
         geometry = visual.geometry
         if geometry is not None and geometry.box is not None:
             x, y, z = map(float, geometry.box.size)
@@ -142,6 +144,10 @@ class _Shapes:
             shape |= self._mesh(link, geometry.mesh)
         else:
             raise ValueError("its kind is not supported")
+        if not all(
+            abs(n) < _LARGEST for n in (*shape["place"], *shape.get("size", ()), *shape["rgba"])
+        ):
+            raise ValueError("a number of it is too large or not finite")
         self.found.append(shape)
 
     def _mesh(self, link: str, geometry: Any) -> dict[str, Any]:
@@ -149,9 +155,12 @@ class _Shapes:
         if isinstance(mesh, str):
             self.notices.append(f"{link}: {mesh}")
             return _PLACEHOLDER
+        scale = 1.0 if geometry.scale is None else geometry.scale
+        if not (np.abs(mesh.bounds * scale) < _LARGEST).all():
+            raise ValueError(f"the mesh {geometry.filename!r} is too large or not finite")
         if geometry.scale is not None:
             mesh = mesh.copy()
-            mesh.apply_scale(geometry.scale)
+            mesh.apply_scale(scale)
         is_coloured = mesh.visual.kind == "texture" or bool(mesh.visual.defined)
         self.meshes.append(bytes(mesh.export(file_type="glb" if is_coloured else "stl")))
         address = f"{self._meshes_at}{len(self.meshes) - 1}"

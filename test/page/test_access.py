@@ -41,7 +41,9 @@ def test_another_name_for_loopback_is_refused(host: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:8081"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1:8081", "http://[::1"]
+)
 def test_pages_of_others_are_refused(kind: str, origin: str) -> None:
     first = _answers(Access(_app, "127.0.0.1"), kind, host="127.0.0.1:8080", origin=origin)[0]
     assert (first["type"], first.get("status", 403)) in (

@@ -1,6 +1,7 @@
 """The shapes of a robot for the browser."""
 
 import io
+import json
 
 import numpy as np
 import pytest
@@ -106,13 +107,19 @@ def test_a_mesh_that_cannot_be_shown_is_replaced_and_named(package, address):
     [
         ('<box size="1 2"/>', ""),
         ('<sphere radius="0.25"/>', '<material name="m"><color rgba="1 2"/></material>'),
+        ('<sphere radius="0.25"/>', '<material name="m"><color rgba="nan 1 1 1"/></material>'),
+        ('<cylinder radius="nan" length="1"/>', ""),
+        ('<box size="1 inf 1"/>', ""),
+        ('<mesh filename="package://my_robot/box.stl" scale="1 nan 1"/>', ""),
     ],
 )
-def test_an_invalid_shape_is_left_out(geometry, material):
+def test_an_invalid_shape_is_left_out(package, geometry, material):
     link = '<link name="b"><visual><geometry><sphere radius="1"/></geometry></visual></link>'
     joint = '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>'
-    about = shown(visual(geometry, material), link + joint).about
+    robot = shown(visual(geometry, material), link + joint, {"my_robot": package}.get)
+    about = robot.about
     assert [shape["link"] for shape in about["shapes"]] == ["b"]
+    json.dumps([about, len(robot.meshes)], allow_nan=False)
     assert len(about["notices"]) == 1
 
 

@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 
 from head_tracking.page.other_topics import Picture, image_of, size_of
 from head_tracking.ros.kit.images import image_message
+from head_tracking.vision.images import ImageError
 
 RED_AND_GREY = np.array([[[200, 10, 20], [90, 90, 90]]], np.uint8)
 ALPHA = np.full((1, 2), 7, np.uint8)
@@ -48,15 +49,18 @@ def test_grey_and_rows_with_a_gap():
         Image(encoding="rgb8", width=2, height=2, step=6, data=[0] * 11),
         Image(encoding="rgb8", width=2, height=1, step=5, data=[0] * 6),
         Image(encoding="32FC1", width=1, height=1, step=4, data=[0] * 4),
+        Image(encoding="rgb8", width=40000, height=40000, step=120000, data=[0] * 6),
+        Image(encoding="mono8", width=2**32 - 1, height=2**32 - 1, step=2**32 - 1),
     ],
 )
-def test_a_damaged_or_unsupported_image_is_none(message):
-    assert image_of(message) is None
+def test_a_damaged_or_unsupported_image_is_refused(message):
+    with pytest.raises(ImageError):
+        image_of(message)
 
 
-def compressed(kind: str, **options: object) -> CompressedImage:
+def compressed(kind: str, size: tuple[int, int] = (64, 48), **options: object) -> CompressedImage:
     file = io.BytesIO()
-    PillowImage.new("RGB", (64, 48), (200, 10, 20)).save(file, kind, **options)
+    PillowImage.new("RGB", size, (200, 10, 20)).save(file, kind, **options)
     return CompressedImage(data=file.getvalue())
 
 
@@ -76,6 +80,17 @@ def test_other_compressions_become_jpeg():
     assert (shown.format, shown.size) == ("JPEG", (64, 48))
 
 
-@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\x00\x00" * 9, b"GIF"])
-def test_a_damaged_compressed_image_has_no_size(data):
-    assert size_of(CompressedImage(data=data)) is None
+@pytest.mark.parametrize(
+    "message",
+    [
+        *(
+            CompressedImage(data=data)
+            for data in (b"", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\x00\x00" * 9, b"GIF")
+        ),
+        compressed("PNG", (6000, 6000)),  # few bytes
+        compressed("EPS"),  # Pillow would start an interpreter for it
+    ],
+)
+def test_a_compressed_image_that_is_damaged_or_dangerous_has_no_size(message):
+    with pytest.raises(ImageError):
+        size_of(message)

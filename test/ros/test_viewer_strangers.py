@@ -10,7 +10,10 @@ import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image
 from viewing import PATIENCE, view
 from waiting import wait_for
 from websockets.sync.client import connect
@@ -139,6 +142,63 @@ def test_no_message_ends_the_page(threads, viewer):
     stranger.destroy_node()
 
 
+def heard(viewer: ViewerNode) -> dict[str, Any]:
+    """What a browser that comes now is told first, of what changes often."""
+    with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
+        for _ in range(1000):
+            said: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
+            if said["type"] == "state":
+                return said
+    raise AssertionError("no state was sent")
+
+
+def test_a_part_that_fails_costs_no_other(viewer, monkeypatch):
+    live = viewer.page._live
+    monkeypatch.setattr(live, "_prediction", lambda: {"predicted": [math.nan]})
+    monkeypatch.setattr(live, "_boxes", lambda: {"boxes": ["one"]})
+    said = heard(viewer)
+    assert said.keys() >= {"joints", "boxes"}
+    assert "predicted" not in said
+    wait_for(lambda: told(viewer)["failing"].keys() == {"prediction"}, PATIENCE)
+
+
+def test_pictures_that_cannot_be_shown_are_named(viewer):
+    stranger = Node("stranger")
+    publishers = {
+        name: stranger.create_publisher(Image, f"/{name}/image", 1) for name in ("bad", "good")
+    }
+    good = Image(encoding="mono8", width=2, height=2, step=2, data=[0] * 4)
+    viewer.page._live.sample()
+    with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as first:
+        first.send("camera /good/image")
+
+        def shown() -> bool:
+            publishers["bad"].publish(Image(encoding="nonsense", width=2, height=2, step=2))
+            publishers["good"].publish(good)
+            pictures, failing = viewer.page._live.pictures, told(viewer)["failing"]
+            return "/good/image" in pictures and "/good" not in failing.get("picture", "/good")
+
+        wait_for(shown, PATIENCE)
+    stranger.destroy_node()
+
+
+def test_a_parameter_that_becomes_something_else_hides_no_other(threads, viewer):
+    node = Node("stranger")
+    anything = ParameterDescriptor(dynamic_typing=True)
+    node.declare_parameter("gains", [1.0, 2.0], anything)
+    node.declare_parameter("gain", 1.0)
+    threads.start(node)
+
+    def listed() -> set[str]:
+        answer = httpx.get(f"http://127.0.0.1:{viewer.page.port}/head/parameters", timeout=PATIENCE)
+        return {one["name"] for one in answer.json()["parameters"]}
+
+    wait_for(lambda: {"gains", "gain"} <= listed(), PATIENCE)
+    node.set_parameters([Parameter("gains", value=["a", "b"])])
+    wait_for(lambda: "gains" not in listed(), PATIENCE)
+    assert "gain" in listed()
+
+
 @pytest.fixture
 def gone_soon(monkeypatch) -> None:
     """A frame that is silent for a second is gone."""
@@ -193,10 +253,13 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
     pairs = [KeyValue(key=f"{number}", value="y" * 2000) for number in range(400)]
     many = [DiagnosticStatus(name=f"stranger: {number}") for number in range(3000)]
     names = [DiagnosticStatus(name=f"node_{number}: part") for number in range(3000)]
-    huge = DiagnosticStatus(name="stranger: 1", message="x" * 10**6, values=pairs)
+    huge = [
+        DiagnosticStatus(name=f"stranger: {number}", message="x" * 10**5, values=pairs)
+        for number in range(1, 40)
+    ]
 
     def health() -> dict[str, Any]:
-        publisher.publish(DiagnosticArray(status=[*many, *names, huge]))
+        publisher.publish(DiagnosticArray(status=[*many, *names, *huge]))
         bus.diagnose("it is there")
         return {one.name: one for one in viewer.robot.topics.health()}
 
@@ -205,7 +268,9 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
     assert len(found) < 300
     assert len(found["stranger: 1"].message) < 2000
     assert len(found["stranger: 1"].values) < 300
-    assert len(told(viewer)["health"]) < 300
+    said = told(viewer)
+    assert len(said["health"]) < 300
+    assert len(json.dumps(said)) < 10**6
     stranger.destroy_node()
 
 

@@ -155,7 +155,7 @@ export class RobotScene {
   setRobot(robot) {
     this.robot = robot;
     this.root.clear();
-    const links = (this.links = { [robot.root]: this.root });
+    const links = (this.links = Object.assign(Object.create(null), { [robot.root]: this.root })); // any name is a name
     const link = (name) => (links[name] ??= new THREE.Group());
     this.joints = robot.joints.map((joint) => {
       const origin = new THREE.Group();

@@ -322,7 +322,9 @@ class OtherParameters:
         settings = self._settings.get(event.node, {})
         for changed in event.changed_parameters:
             value = values[changed.name] = _plain(changed.value)
-            if changed.name in settings:
+            if changed.value.type not in _TYPES:
+                settings.pop(changed.name, None)
+            elif changed.name in settings:
                 settings[changed.name] = replace(settings[changed.name], value=value)
 
 
