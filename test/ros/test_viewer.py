@@ -382,7 +382,8 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
           return document.getElementById("fps").textContent;
         }"""
     )
-    choose(page, "source", "")
+    choose(page, "source", "/camera/image")
+    wait_for(lambda: "Live" in page.text_content("#fps"), PATIENCE)
 
     def end() -> None:
         robot.node.destroy_timer(timer)
@@ -390,6 +391,21 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
 
     # in the thread that publishes, or it would use what is destroyed
     wait_for(robot.node.executor.create_task(end).done)
+    wait_for(lambda: page.text_content("#fps") == "no new picture", PATIENCE)
+    choose(page, "source", "")
+
+
+def test_a_part_that_fails_in_the_browser_says_so_in_its_card(page):
+    page.evaluate(
+        """() => {
+          headPage.scene.show = () => { throw new Error("the view is broken"); };
+          document.getElementById("pan").textContent = "old";
+        }"""
+    )
+    wait_for(lambda: "the view is broken" in page.text_content("#robot .failing"), PATIENCE)
+    wait_for(lambda: page.text_content("#pan") != "old", PATIENCE)
+    page.evaluate("() => { delete headPage.scene.show; }")
+    wait_for(lambda: not page.query_selector(".failing"), PATIENCE)
 
 
 @pytest.mark.parametrize(

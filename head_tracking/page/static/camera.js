@@ -1,7 +1,7 @@
 // The camera picture with boxes: click to look there, drag to look around, tap a name to follow a person.
 import { button, by, element, write } from "./dom.js";
 
-const DRAG = 6, MOST_CROPPED = 1.35, DECODING = 1000; // pixels, ratio, ms: a picture that is replaced may never be decoded
+const DRAG = 6, MOST_CROPPED = 1.35, DECODING = 1000, OLD = 3000; // pixels, ratio, ms: a picture that is replaced may never be decoded
 
 export class CameraPicture {
   /**
@@ -49,8 +49,15 @@ export class CameraPicture {
     write(by("fps"), `Live · ${Math.round(this.times.length / 2)} fps`);
   }
 
+  /** Say so when no more pictures come: the last one stays. */
+  checkAge() {
+    if (!this.times.length || performance.now() - this.times.at(-1) < OLD) return;
+    this.times = [];
+    write(by("fps"), "no new picture");
+  }
+
   async showBlob(blob, text = "") {
-    if (text) write(by("fps"), text);
+    if (text) { write(by("fps"), text); this.times = []; }
     const before = this.image.src;
     this.image.src = URL.createObjectURL(blob);
     await Promise.race([this.image.decode().catch(() => {}), new Promise((end) => setTimeout(end, DECODING))]);
@@ -61,6 +68,7 @@ export class CameraPicture {
   clear() {
     if (this.image.src) URL.revokeObjectURL(this.image.src);
     this.image.removeAttribute("src");
+    this.times = [];
     write(by("fps"), "no picture");
     this.mark([]);
   }

@@ -23,7 +23,6 @@ class Page {
     this.state = null;
     this.about = null;
     this.silent = ""; // why no states are received
-    this.lacking = {}; // what this browser lacks, by part
     this.failing = {}; // why it can't show a part, by part
     by("stop").onclick = () => this.stop(); // first: STOP must not depend on what comes below
     addEventListener("keydown", (event) => this.onKey(event));
@@ -31,7 +30,7 @@ class Page {
       this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point, take_over: true }));
     } catch (error) {
       this.scene = new NoScene();
-      this.failing = this.lacking = { robot: error.message };
+      this.failing.robot = error.message;
     }
     this.chart = new Chart(by("lines"));
     this.steer = new Steering();
@@ -162,6 +161,7 @@ class Page {
   checkSilent() {
     if (this.socket.readyState !== WebSocket.OPEN || document.hidden) return;
     const silence = performance.now() - this.heard;
+    this.camera.checkAge();
     if (silence > SILENT) this.setSilent("no state has come for 3 s");
     if (silence < DEAD) return;
     Object.assign(this.socket, { onmessage: null, onclose: null }).close();
@@ -185,12 +185,22 @@ class Page {
     if (!robot || (this.replay.opened && isLive)) return;
     write(by("name"), robot.name);
     document.title = robot.name;
-    this.scene.setRobot(robot);
-    this.steer.setRobot(robot);
     this.shownRobot = robot;
+    this.steer.setRobot(robot);
     this.chart.clear();
-    if (isLive) this.joints.setRobot(robot);
+    this.attempt({ model: () => this.scene.setRobot(robot), sliders: () => isLive && this.joints.setRobot(robot) });
   }
+
+  /** Show parts of the page; one that fails says so in its card. */
+  attempt(parts) {
+    const before = JSON.stringify(this.failing);
+    for (const [part, show] of Object.entries(parts)) {
+      try { show(); delete this.failing[part]; } catch (error) { this.failing[part] = error.message; }
+    }
+    if (JSON.stringify(this.failing) !== before) this.showFailing(this.about?.failing);
+  }
+
+  showFailing(others) { showFailing({ ...others, ...this.failing }); }
 
   /** Show joints, target and boxes: they change 20 times a second. */
   show(state) {
@@ -198,11 +208,13 @@ class Page {
     const names = this.shownRobot?.independent ?? [];
     const angle = (name) => state.joints?.[names.indexOf(name)] ?? NaN;
     const [pan, tilt] = [angle(this.shownRobot?.pan), angle(this.shownRobot?.tilt)];
-    this.scene.show(state.joints ?? [], state.target, state.predicted, state.stamp);
-    this.camera.mark(["", state.boxes_of].includes(by("source").value) ? state.boxes ?? [] : []); // they belong to one camera
-    this.chart.add(state.stamp, state.target_stamp ?? state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees));
-    this.steer.showPad(pan, tilt, state.wanted);
-    if (!this.replay.opened) this.joints.follow(state.joints ?? []);
+    this.attempt({
+      view: () => this.scene.show(state.joints ?? [], state.target, state.predicted, state.stamp),
+      marks: () => this.camera.mark(["", state.boxes_of].includes(by("source").value) ? state.boxes ?? [] : []), // they belong to one camera
+      chart: () => this.chart.add(state.stamp, state.target_stamp ?? state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees)),
+      pad: () => this.steer.showPad(pan, tilt, state.wanted),
+      sliders: () => !this.replay.opened && this.joints.follow(state.joints ?? []),
+    });
     for (const [id, value] of [["pan", pan], ["tilt", tilt]]) write(by(id), Number.isFinite(value) ? `${degrees(value).toFixed(1)}°` : "–");
     this.showWord();
   }
@@ -227,25 +239,21 @@ class Page {
   showAbout(about) {
     if (!about.word) { // the server could not sample the state: an older one must not be shown
       this.about = { word: "fault", text: "the state of the robot can't be shown" };
-      showFailing({ ...about.failing, ...this.failing });
+      this.showFailing(about.failing);
       return this.showWord();
     }
     this.about = about;
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
-    const parts = {
+    this.attempt({
       modes: () => this.steer.show(about),
       torques: () => this.joints.show(about),
       recordings: () => this.recordings.show(about),
       servos: () => showServos(about.servos),
       health: () => showHealth(about),
       calibration: () => this.calibration.show(about.calibration),
-    };
-    this.failing = { ...this.lacking };
-    for (const [part, show] of Object.entries(parts)) {
-      try { show(); } catch (error) { this.failing[part] = error.message; }
-    }
-    showFailing({ ...about.failing, ...this.failing });
+    });
+    this.showFailing(about.failing);
     by("simulate").hidden = about.images.length > 0 || !about.can_start_camera;
   }
 }

@@ -268,9 +268,9 @@ export class RobotScene {
     const box = new THREE.Box3();
     this.root.updateWorldMatrix(true, true);
     this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
-    if (box.isEmpty()) return;
-    this.framed = true;
     const ball = box.getBoundingSphere(new THREE.Sphere());
+    if (box.isEmpty() || !Number.isFinite(ball.radius)) return;
+    this.framed = true;
     const away = (1.1 * ball.radius) / Math.sin((this.camera.fov * Math.PI) / 360);
     this.controls.target.copy(ball.center);
     this.camera.position.copy(ball.center).add(new THREE.Vector3(-0.55, -0.7, 0.4).normalize().multiplyScalar(away));

@@ -211,11 +211,12 @@ export class Calibration {
 }
 
 const CARDS = {
-  camera: ["picture", "boxes"],
-  robot: ["robot", "prediction"],
-  chart: ["motion", "joints"],
+  camera: ["picture", "boxes", "marks"],
+  robot: ["robot", "model", "view", "prediction"],
+  chart: ["motion", "joints", "chart"],
   lookat: ["state", "page", "modes"],
-  joints: ["torques"],
+  aim: ["pad"],
+  joints: ["sliders", "torques"],
   record: ["recordings"],
   health: ["servos", "health", "calibration"],
 };
