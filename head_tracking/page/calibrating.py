@@ -13,7 +13,7 @@ import numpy as np
 
 from head_tracking.exceptions import HeadTrackingError, UnreachableError
 from head_tracking.page.head_modes import POINTER, Mode
-from head_tracking.page.other_topics import Picture
+from head_tracking.page.other_topics import Picture, image_of
 from head_tracking.page.robot import Robot
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.share import state_folder
@@ -240,7 +240,7 @@ class _PointedHead:
                 if picture is None or picture.number == number:
                     self._wait()
                     continue
-                number, rgb = picture.number, np.asarray(picture.image().convert("RGB"))
+                number, rgb = picture.number, np.asarray(image_of(picture.message).convert("RGB"))
             except (ImageError, OSError):  # a damaged one
                 self._wait()
                 continue

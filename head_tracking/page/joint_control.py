@@ -68,11 +68,6 @@ class JointControl:
         """Whether nobody else publishes joint states, and there have never been servos."""
         return not self._is_published_by_others and not self._had_servos
 
-    @property
-    def can_recover(self) -> bool:
-        """Whether a bus offers to clear faults."""
-        return self._robot.services.offered("recover")
-
     def discover(self) -> None:
         """Find the servos, and whether others publish joint states."""
         base = self._robot.graph.namespace.rstrip("/")

@@ -109,12 +109,13 @@ class Live:
         self.observe(watched=True)
         parts = {"joints": self._move, "prediction": self._prediction, "boxes": self._boxes}
         texts = [self._attempt(part, partial(_members, add)) for part, add in parts.items()]
-        self.state_text = "{" + ", ".join(['"type": "state"', *filter(None, texts)]) + "}"
+        self.state_text = _message("state", *texts)
         now = time.monotonic()
         if now >= self._slow_due:
             self._slow_due = now + _SLOW_PERIOD
-            slow = self._attempt("state", self._slow) or {}
-            self._attempt("page", lambda: self._encode_slow(slow))
+            slow = self._attempt("state", partial(_members, self._slow))
+            failing = f'"failing": {json.dumps(self.failing)}'
+            self.slow_text = _message("about", slow, failing)
         self._attempt("picture", lambda: self._encode_all(topics))
 
     def describe(
@@ -238,9 +239,11 @@ class Live:
         self._start_camera()
         status, outcome, health = robot.status(live), robot.stop.outcome, robot.topics.health()
         servos = robot.joints.servos()
-        waiting = [] if self._model is not None else ["Waiting for robot_description."]
-        if self._model is not None and robot.joints.free:
-            movable = list(self._model.independent_joints)
+        model = self._model
+        links = () if model is None else (model.root, *model.children_of_joints)
+        waiting = ["Waiting for robot_description."] if model is None else []
+        if model is not None and robot.joints.free:
+            movable = list(model.independent_joints)
         else:
             movable = [servo.joint for servo in servos if servo.joint and not servo.refuses]
         return {
@@ -258,27 +261,19 @@ class Live:
             "servos": [asdict(servo) for servo in servos],
             "movable": movable,
             "free": robot.joints.free,
-            "can_recover": robot.joints.can_recover,
+            "can_recover": robot.services.offered("recover"),
             "faults": [
                 one._asdict()
                 for one in faults(health, robot.modes.missing(), robot.silent_joints())
             ],
             "health": _listed(health),
-            "frames": sorted({*live.frames, *self._links()}),
+            "frames": sorted({*live.frames, *links}),
             "images": sorted(robot.topics.images(), key=_rank),
             "can_start_camera": robot.modes.can_start(CAMERA),
             "recording": robot.recorder.file is not None,
             "recorder": robot.recorder.status,
             "calibration": self.calibration.progress._asdict(),
         }
-
-    def _links(self) -> Collection[str]:
-        model = self._model
-        return () if model is None else (model.root, *model.children_of_joints)
-
-    def _encode_slow(self, slow: dict[str, Any]) -> None:
-        about = {"type": "about", **slow, "failing": dict(self.failing)}
-        self.slow_text = json.dumps(about, allow_nan=False)
 
     def _start_camera(self) -> None:
         """Start the simulated camera once, where there are no pictures."""
@@ -330,6 +325,11 @@ def _listed(health: Sequence[Health]) -> list[dict[str, Any]]:
 def _members(part: Callable[[], dict[str, Any]]) -> str:
     """Return what a function returns as the inside of a JSON object."""
     return json.dumps(part(), allow_nan=False)[1:-1]
+
+
+def _message(kind: str, *members: str | None) -> str:
+    """Return a JSON object of a type; None: a part that failed."""
+    return "{" + ", ".join([f'"type": "{kind}"', *filter(None, members)]) + "}"
 
 
 def _box(

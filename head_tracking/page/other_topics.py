@@ -90,10 +90,6 @@ class Picture(NamedTuple):
         """The camera's optical frame."""
         return str(self.message.header.frame_id)
 
-    def image(self) -> Image.Image:
-        """Return it in colour or grey; see `image_of`."""
-        return image_of(self.message)
-
     def jpeg(self, widest: int) -> bytes:
         """Return it as a JPEG of at most this width [pixels]; see `image_of`.
 
@@ -103,7 +99,7 @@ class Picture(NamedTuple):
             data = bytes(self.message.data)
             if data.startswith(_JPEG):
                 return data
-        image, file = self.image(), io.BytesIO()
+        image, file = image_of(self.message), io.BytesIO()
         image.reduce(max(1, -(-self.width // widest))).save(file, "JPEG", quality=_QUALITY)
         return file.getvalue()
 

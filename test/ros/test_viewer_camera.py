@@ -8,6 +8,7 @@ from robot_under_test import Robot
 from viewing import PATIENCE, view
 from waiting import wait_for
 
+from head_tracking.page.other_topics import image_of
 from head_tracking.vision.opencv import OpenCVMissingError
 
 NAME = "simulated_camera"
@@ -47,7 +48,10 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
     def ball() -> bool:
         picture = seen.topics.picture("/image")
         # a ball of 6 cm at 1 m, in a picture with 293 pixels per rad: a head that looks at it
-        return picture is not None and magenta(np.asarray(picture.image())[70:170, 110:210]) > 300
+        return (
+            picture is not None
+            and magenta(np.asarray(image_of(picture.message))[70:170, 110:210]) > 300
+        )
 
     wait_for(ball, PATIENCE)
     assert drawn

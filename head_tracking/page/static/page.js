@@ -4,7 +4,7 @@ import { Chart } from "./chart.js";
 import { abort, by, command, degrees, element, offer, rows, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
-import { NoScene, RobotScene } from "./scene.js";
+import { RobotScene } from "./scene.js";
 import { Steering, titleOf } from "./steer.js";
 
 const SILENT = 3000, DEAD = 10000; // ms without a state until the page shows "disconnected", and connects again
@@ -29,7 +29,6 @@ class Page {
     try {
       this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point, take_over: true }));
     } catch (error) {
-      this.scene = new NoScene();
       this.failing.robot = error.message;
     }
     this.chart = new Chart(by("lines"));
@@ -109,7 +108,7 @@ class Page {
   }
 
   makeView() {
-    for (const [part, wanted] of Object.entries(this.scene.wanted)) {
+    for (const [part, wanted] of Object.entries(this.scene?.wanted ?? {})) {
       const label = element(by("drawn").querySelector("div"), "label");
       const box = element(label, "input", { type: "checkbox" });
       box.checked = wanted;
@@ -141,7 +140,7 @@ class Page {
       if (typeof data !== "string") {
         if (!this.replay.opened && by("source").value !== "none") { // one may still arrive
           await this.camera.show(data);
-          this.scene.showPicture(this.camera.image);
+          this.scene?.showPicture(this.camera.image);
         }
         if (socket.readyState === WebSocket.OPEN) socket.send("got");
         return;
@@ -188,7 +187,7 @@ class Page {
     this.shownRobot = robot;
     this.steer.setRobot(robot);
     this.chart.clear();
-    this.attempt({ model: () => this.scene.setRobot(robot), sliders: () => isLive && this.joints.setRobot(robot) });
+    this.attempt({ model: () => this.scene?.setRobot(robot), sliders: () => isLive && this.joints.setRobot(robot) });
   }
 
   /** Show parts of the page; one that fails says so in its card. */
@@ -209,7 +208,7 @@ class Page {
     const angle = (name) => state.joints?.[names.indexOf(name)] ?? NaN;
     const [pan, tilt] = [angle(this.shownRobot?.pan), angle(this.shownRobot?.tilt)];
     this.attempt({
-      view: () => this.scene.show(state.joints ?? [], state.target, state.predicted, state.stamp),
+      view: () => this.scene?.show(state.joints ?? [], state.target, state.predicted, state.stamp),
       marks: () => this.camera.mark(["", state.boxes_of].includes(by("source").value) ? state.boxes ?? [] : []), // they belong to one camera
       chart: () => this.chart.add(state.stamp, state.target_stamp ?? state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees)),
       pad: () => this.steer.showPad(pan, tilt, state.wanted),

@@ -277,12 +277,3 @@ export class RobotScene {
     this.controls.update();
   }
 }
-
-/** Stands in for the scene in a browser without WebGL. */
-export class NoScene {
-  wanted = {};
-  want() {}
-  setRobot() {}
-  show() {}
-  showPicture() {}
-}

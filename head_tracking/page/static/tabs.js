@@ -214,7 +214,7 @@ const CARDS = {
   camera: ["picture", "boxes", "marks"],
   robot: ["robot", "model", "view", "prediction"],
   chart: ["motion", "joints", "chart"],
-  lookat: ["state", "page", "modes"],
+  lookat: ["state", "modes"],
   aim: ["pad"],
   joints: ["sliders", "torques"],
   record: ["recordings"],
