@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 from collections import deque
@@ -156,9 +157,10 @@ class _Contents:
                 channel = self.channels[record.channel_id]
                 is_model = channel.topic.endswith("/robot_description")
                 if is_model and channel.topic not in self.models:
-                    decode = self.decoder(channel) if self.kind(channel) == _STRING else None
-                    text = "" if decode is None else str(decode(record.data).data)
-                    self.models[channel.topic] = text
+                    self.models[channel.topic] = ""
+                    with contextlib.suppress(Exception):  # a wrong schema makes any error
+                        decode = self.decoder(channel) if self.kind(channel) == _STRING else None
+                        self.models[channel.topic] = str(decode(record.data).data) if decode else ""
 
     def kind(self, channel: Channel) -> str:
         """Return the name of a channel's message type; empty for one without a schema."""
@@ -230,6 +232,7 @@ class _Reading:
         self._levels: dict[str, int] = {}
         self._pictures: list[RecordedPicture] = []
         self._picture_bytes, self._picture_period = 0, 0
+        self._unread: dict[str, str] = {}  # why messages can't be read, by topic
         self._handlers: dict[int, Callable[[bytes], None] | None] = {}  # by number of the channel
 
     def _handler(self, channel: Channel) -> Callable[[bytes], None] | None:
@@ -267,11 +270,16 @@ class _Reading:
             self._due = self._now + self._period
         self._now = max(self._now, message.log_time)
         number = message.channel_id
-        if number not in self._handlers:  # a damaged schema ends the reading here
-            self._handlers[number] = self._handler(self._contents.channels[number])
-        handle = self._handlers[number]
-        if handle is not None:
-            handle(message.data)
+        channel = self._contents.channels[number]
+        try:
+            if number not in self._handlers:
+                self._handlers[number] = None
+                self._handlers[number] = self._handler(channel)
+            handle = self._handlers[number]
+            if handle is not None:
+                handle(message.data)
+        except Exception as error:  # a wrong schema or message makes any error
+            self._unread[channel.topic] = f"{type(error).__name__}: {error}"
 
     def recording(self, why: str) -> Recording:
         """Return the recording.
@@ -284,9 +292,10 @@ class _Reading:
         """
         if self._first is not None:
             self._observe()
+        unread = "; ".join(f"{topic} can't be read ({e})" for topic, e in self._unread.items())
         if not self._seen:
             missing = f"no joint_states in {self._base}" if self._urdf else "no robot_description"
-            reason = why or self._no_model or missing
+            reason = why or self._no_model or unread or missing
             raise RecordingError(f"Nothing of the file can be shown: {reason}.")
         start = self._seen[0].stamp
         moments = (Moment((at - start) * 1e-9, text) for at, text in self._moments)
@@ -294,7 +303,7 @@ class _Reading:
             tuple(self._seen),
             self._urdf,
             tuple(moments),
-            f"{why}; it is shown up to there" if why else "",
+            "; ".join(filter(None, (f"{why}; it is shown up to there" if why else "", unread))),
             tuple(self._pictures),
         )
 

@@ -290,12 +290,26 @@ def test_a_robot_without_joint_states_says_so(kinectbot):
         read(bag([(0.0, "robot_description", {"data": kinectbot.urdf})]))
 
 
-@pytest.mark.parametrize("topic", ["/notes", "/other/robot_description"])
-def test_a_channel_without_a_schema_is_left_out(kinectbot, topic):
+@pytest.mark.parametrize(
+    ("topic", "wrong"),
+    [
+        ("/notes", None),
+        ("/other/robot_description", None),
+        ("/other/robot_description", "%%%\n"),
+        ("/diagnostics", "float64 x\n"),
+        ("/target_point", "%%%\n"),
+        ("/tf", "A transforms\n" + "=" * 80 + "\nMSG: tf2_msgs/A\nA a\n"),
+    ],
+)
+def test_a_channel_without_a_schema_or_with_a_wrong_one_is_left_out(kinectbot, topic, wrong):
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start()
     channels = [writer.register_channel(topic, "json", 0)]
+    if wrong is not None:  # another program's messages have the same name
+        kind = TYPES.get(topic, TYPES.get(topic.rpartition("/")[2], ""))
+        schema = writer.register_schema(kind, "ros2msg", wrong.encode())
+        channels = [writer.register_channel(topic, "cdr", schema)]
     encoders = []
     for name in ("robot_description", "joint_states"):
         kind = TYPES[name]
@@ -310,7 +324,10 @@ def test_a_channel_without_a_schema_is_left_out(kinectbot, topic):
         stamp = at(0.2 + 0.1 * n)
         writer.add_message(channels[2], stamp, encoders[1](message), stamp)
     writer.finish()
-    assert read(stream.getvalue()).duration > 1.5
+    recording = read(stream.getvalue())
+    assert recording.duration > 1.5
+    is_read = wrong is not None and "robot_description" not in topic
+    assert (topic in recording.notice) is is_read
 
 
 def test_nonsense_among_the_messages_is_left_out(kinectbot):
