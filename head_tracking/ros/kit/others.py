@@ -322,8 +322,8 @@ class OtherParameters:
         settings = self._settings.get(event.node, {})
         for changed in event.changed_parameters:
             value = values[changed.name] = _plain(changed.value)
-            if changed.value.type not in _TYPES:
-                settings.pop(changed.name, None)
+            if changed.name in settings and changed.value.type not in _TYPES:
+                self._settings.pop(event.node, None)  # ask the node again
             elif changed.name in settings:
                 settings[changed.name] = replace(settings[changed.name], value=value)
 
