@@ -8,7 +8,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from head_tracking.page.head_modes import CONTROLLERS
+from head_tracking.page.head_modes import CONTROLLERS, TRACKER
 from head_tracking.ros.kit.others import OtherParameters, Outcome, Setting
 from head_tracking.tracking import LAWS
 
@@ -28,6 +28,11 @@ _OFFERED = {
     "target_mux": None,
 }
 """Parameters outside the section for experts, by node; None: all."""
+
+_LEARNING = {
+    *("servo_learning", "camera_learning", "servo_delay", "servo_dead_band", "servo_acceleration")
+}
+"""Parameters of `head_tracker` that freeze, forget or replace learned values: on the tab Health."""
 
 _CAREFUL = {"servo_bus"}
 """Nodes whose parameters protect the servos: the page asks before it sets them."""
@@ -139,6 +144,7 @@ def described(setting: Setting) -> dict[str, Any]:
         "logarithmic": _spans_decades(low, high, value),
         "choices": list(setting.choices),
         "expert": _is_expert(setting),
+        "learning": _base(setting.node) == TRACKER and setting.name in _LEARNING,
         "careful": _base(setting.node) in _CAREFUL,
     }
 

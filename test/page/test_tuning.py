@@ -138,3 +138,13 @@ def test_what_protects_the_servos_and_what_experts_need_is_marked():
     assert (careful["careful"], careful["expert"]) == (True, True)
     plain = described(Setting("/point_head", "max_velocity", 1.0, "", 0, 9))
     assert (plain["careful"], plain["expert"]) == (False, False)
+
+
+def test_what_learning_depends_on_is_shown_beside_the_learned_values():
+    def is_beside(node: str, name: str) -> bool:
+        return described(replace(setting(name, 0.0), node=node))["learning"]
+
+    assert is_beside("/left/head_tracker", "servo_learning")
+    assert is_beside("/head_tracker", "servo_delay")
+    assert not is_beside("/head_tracker", "max_joint_speed")
+    assert not is_beside("/another", "servo_delay")

@@ -301,6 +301,26 @@ def test_a_number_changes_the_parameter_in_degrees_and_others_changes_show(robot
     wait_for(lambda: number.input_value() == "40", PATIENCE)
 
 
+def test_learned_values_are_frozen_given_and_learned_again_on_the_tab_health(robot, page):
+    open_tab(page, "live")
+    choose_mode(page, "track")
+    node = wait_for(lambda: robot.composition.nodes.get("head_tracker"), PATIENCE)
+    open_tab(page, "health")
+    values = page.locator("#learned-values")
+    parameter(page, "head_tracker", "servo learning").select_option("freeze")
+    wait_for(lambda: "frozen" in (values.text_content() or ""), PATIENCE)
+    delay = parameter(page, "head_tracker", "servo delay")
+    delay.fill("0.05")
+    delay.press("Enter")
+    wait_for(lambda: "0.05 s, given" in (values.text_content() or ""), PATIENCE)
+    delay.fill("0")
+    delay.press("Enter")
+    parameter(page, "head_tracker", "servo learning").select_option("learn")
+    wait_for(lambda: "frozen" not in (values.text_content() or ""), PATIENCE)
+    assert node.get_parameter("servo_learning").value == "learn"
+    assert node.get_parameter("servo_delay").value == 0.0
+
+
 def test_a_preset_sets_its_numbers_and_reset_brings_back_what_was_found(robot, page):
     node = robot.composition.nodes["point_head"]
 

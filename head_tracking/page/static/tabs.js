@@ -75,7 +75,7 @@ export class Tuning {
     this.inputs = new Map();
     this.refresh = latestOnly(() => this.load());
     by("reset").onclick = async () => { await this.report(command("reset")); this.refresh(); };
-    setInterval(() => { if (!by("tune").hidden && !document.hidden) this.refresh(); }, REFRESH);
+    setInterval(() => { if (!document.hidden && !(by("tune").hidden && by("health").hidden)) this.refresh(); }, REFRESH);
   }
 
   /** Show the answer to a command. */
@@ -99,8 +99,9 @@ export class Tuning {
       known.show(one.value);
     }
     for (const [key, { row }] of this.inputs) if (!keys.has(key)) { row.remove(); this.inputs.delete(key); }
-    for (const group of by("tune").querySelectorAll("fieldset")) group.hidden = !group.querySelector(".parameter");
+    for (const group of document.querySelectorAll("fieldset[data-node]")) group.hidden = !group.querySelector(".parameter");
     by("experts").hidden = !by("experts").querySelector(".parameter");
+    by("learned").hidden = !by("learning").querySelector(".parameter");
   }
 
   makePresets(presets) {
@@ -114,7 +115,7 @@ export class Tuning {
   }
 
   group(one) {
-    const parent = by(one.expert ? "experts" : "parameters");
+    const parent = by(one.learning ? "learning" : one.expert ? "experts" : "parameters");
     const found = [...parent.querySelectorAll(":scope > fieldset")].find((group) => group.dataset.node === one.node);
     if (found) return found;
     const group = element(parent, "fieldset", { "data-node": one.node });
@@ -255,6 +256,9 @@ export function showHealth(state) {
     const list = row.querySelector("dl");
     if (list) rows(list, "div", Object.entries(values), (part, [name, value]) => { element(part, "dt", {}, name); element(part, "dd", {}, value); });
   }, ({ name, values }) => JSON.stringify([name, Object.keys(values).length > 0]));
+  const tracker = state.health.filter(({ name }) => name.endsWith("head_tracker: target"));
+  const learned = tracker.flatMap(({ values }) => Object.entries(values)).filter(([name]) => name.includes(": "));
+  rows(by("learned-values"), "tr", learned, (row, [name]) => { element(row, "th", { scope: "row" }, name); element(row, "td"); }, (row, [, value]) => write(row.lastChild, value), ([name]) => name);
   const failing = Object.entries(state.failing).map(([part, why]) => `${part} can't be shown: ${why}`);
   const lines = [...failing, ...state.notices, ...state.warnings];
   rows(by("notices"), "li", lines.length ? lines : ["None."], (row, line) => write(row, line));
