@@ -207,9 +207,10 @@ class _Observer:
         if all(abs(motion) <= _STOOD for motion in motions):
             return False
         for joint, motion in enumerate(motions):
+            direction = 1 if motion > 0.0 else -1
             if abs(motion) > _CROSSED:
-                self._directions[joint] = 1 if motion > 0.0 else -1
-            elif abs(motion) > _STOOD:
+                self._directions[joint] = direction
+            elif abs(motion) > _STOOD and direction != self._directions[joint]:
                 self._directions[joint] = 0
         self._positions = positions
         return True

@@ -227,6 +227,17 @@ def test_unmeasured_joints_interrupt_a_calibration_but_do_not_end_it(quick, monk
     assert found.views > 8
 
 
+def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
+    """Also if the last part of the motion is heard of later."""
+    head, directions = LateHead(0.0), []
+    observer = gathering._Observer(head, iter(()), None, None, 1.0)
+    for pan in (0.01, 0.2, 0.22, 0.21, 0.1, 0.09, 0.11):
+        head.true = {**head.true, "head_pan_joint": pan}
+        observer._note_motion()
+        directions.append(observer._directions[0])
+    assert directions == [0, 1, 1, 0, -1, -1, 0]
+
+
 class RestlessHead(LateHead):
     """A head that turns to and fro, by itself or by hand."""
 
