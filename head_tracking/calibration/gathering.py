@@ -241,7 +241,8 @@ def _gather(
         raise CalibrationError(
             Reason.FEW_VIEWS,
             "nothing to look at is visible while the head rests: turn the head, and check the "
-            "light; of a marker, check its family and number; do not move the head by hand",
+            "light; of a marker, check its family and number; of a face, whether the camera is "
+            "upright; do not move the head by hand",
         )
     middle = (camera.cx, camera.cy)
     nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))
