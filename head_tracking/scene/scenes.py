@@ -23,7 +23,7 @@ TARGET = "target"
 """The empty scene with a ball at the target."""
 
 TALL_DARK = Looks((90, 120, 170), (20, 20, 20), (60, 130, 40), (92, 98, 106))
-FAIR = Looks((165, 190, 232), (70, 120, 170), (70, 62, 170), (90, 66, 48), long_hair=True)
+FAIR = Looks((165, 190, 232), (104, 138, 172), (70, 62, 170), (90, 66, 48), long_hair=True)
 
 _PACE = 0.55  # s: one stride
 _GLANCE = 7.0  # s: period of the head motion of a person who sits

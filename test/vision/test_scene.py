@@ -9,6 +9,9 @@ from head_tracking.scene import SCENES, Ball, Board, Renderer, Scene, SensorNois
 from head_tracking.scene.render import Rendering
 from head_tracking.scene.scenes import face
 from head_tracking.transforms import Rotation, Transform
+from head_tracking.vision import ColourDetector, ColourParameters
+from head_tracking.vision.candidate import Frame
+from head_tracking.vision.images import Picture
 
 # optical frame at 0.6 m, looking along x
 LEVEL = Transform((0.0, 0.0, 0.6), Rotation.from_rpy(-math.pi / 2, 0.0, -math.pi / 2))
@@ -94,6 +97,16 @@ def test_a_person_walks_while_the_path_goes_on_and_stands_when_it_ends():
     standing = {walker.image(3.0 + 0.1 * k).tobytes() for k in range(10)}
     assert len(walking) > 1
     assert len(standing) == 1
+
+
+def test_nothing_but_the_ball_looks_like_the_ball():
+    things = make_scene("everything", np.random.default_rng(1)).things
+    renderer = Renderer(Scene({name: one for name, one in things.items() if name != "ball"}), SMALL)
+    noise = SensorNoise((SMALL.width, SMALL.height), np.random.default_rng(1), 4.0, 0.0, 0.0)
+    detector = ColourDetector(ColourParameters())
+    for pan, time in itertools.product(np.arange(-1.5, 1.6, 0.15), (0.0, 5.0)):
+        picture = noise.picture(renderer.render(turned(pan, 0.0), time, depth=False).picture)
+        assert detector.detect(Frame(0, SMALL, Picture(picture)), []) == []
 
 
 def test_rendering_without_depths_gives_the_same_image():
