@@ -172,14 +172,14 @@ class Robot:
 
     def status(self, live: Observation) -> Status:
         """Return what the robot does, as of the last `observe`; see `head_status`."""
-        is_sought = self.mode in FOUND_IN_PICTURES and self.mode is not Mode.VISUAL
+        is_named = self.mode in FOUND_IN_PICTURES and self.mode is not Mode.VISUAL
         return head_status(
             live,
             self.topics.health(),
             self.joints.servos(),
             self.silent_joints(),
             stopped=self.stop.stopped,
-            sought=str(self.mode) if is_sought else "",
+            sought=str(self.mode) if is_named and self.topics.region() is None else "",
         )
 
     def stop_everything(self) -> Attempt:

@@ -70,7 +70,8 @@ def head_status(
         servos: with their torque.
         silent: joints of the head that are expected and not measured.
         stopped: a STOP is in force.
-        sought: what the head follows once the camera sees it; empty: it has another target.
+        sought: what the head follows once the camera sees it; empty: it is seen, or the head has
+            another target.
     """
     if silent or not live.joints:
         joints = ", ".join(silent) or "the robot"
@@ -80,7 +81,9 @@ def head_status(
     for one in health:
         if one.level is Level.ERROR:
             return Status(Word.FAULT, f"{one.name}: {one.message}")
-    if live.refusal and live.state not in _FOLLOWING:  # else it concerns one point of many
+    is_sought = bool(sought) and live.state in _WITHOUT_TARGET
+    # else it concerns one point of many, or something that was seen before
+    if live.refusal and live.state not in _FOLLOWING and not is_sought:
         return Status(Word.REFUSED, live.refusal)
     relaxed = [servo for servo in servos if servo.torque is False]
     if relaxed and len(relaxed) == len(servos):
@@ -89,7 +92,7 @@ def head_status(
         return Status(Word.RELAXED, "until the next command")
     if not live.controller:
         return Status(Word.HOLDING, "no controller is enabled")
-    if sought and live.state in _WITHOUT_TARGET:
+    if is_sought:
         return Status(Word.HOLDING, f"no {sought} in view: press Centre, or aim and choose again")
     word = _WORDS.get(live.state)
     if word is None:  # point_head, or a tracker without a target
