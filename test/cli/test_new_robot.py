@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import pytest
 import yaml
-from simulated_device import Bench
+from simulated_device import Bench, Keyboard
 
 from head_tracking import Head
 from head_tracking.cli import new_robot
@@ -16,11 +15,6 @@ from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import SimulatedPort, SimulatedServo
-
-
-class Keyboard(io.StringIO):
-    def isatty(self) -> bool:
-        return True
 
 
 class User:
@@ -44,13 +38,8 @@ class User:
     def _move(self) -> None:
         if not self.poses:
             raise RefusedError("the input has ended")
-        pose = self.poses.pop(0)
-        bus, clock = self.bench.bus, self.bench.clock
-        for number, tick in pose.items():
-            bus.advance(clock.now)
-            bus[number].lead(tick, 0.5, 2.0)
-            self.bench.pass_time(2.0)
-            bus.advance(clock.now)
+        for number, tick in self.poses.pop(0).items():
+            self.bench.turn_by_hand(number, tick)
 
     def run(self, *arguments: str) -> int:
         def session(terminal: Terminal, port_name: str, baud_rate: int) -> Session:

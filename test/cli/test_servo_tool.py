@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from simulated_device import as_device
+from simulated_device import Bench, Keyboard, as_device
 
 from head_tracking.cli.servo import main as tool
 from head_tracking.cli.servo.calibrate import Motion, calibration_of
@@ -25,7 +24,7 @@ from head_tracking.dynamixel.models import all_models, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.exceptions import RefusedError
-from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
+from head_tracking.simulation import SimulatedBus, SimulatedLine, SimulatedServo
 from head_tracking.simulation.faults import Fault, Faults
 
 AX_12 = servo_model("AX-12")
@@ -33,19 +32,11 @@ XL430 = servo_model("XL430-W250")
 XL_320 = servo_model("XL-320")
 
 
-class Keyboard(io.StringIO):
-    """A terminal with prepared answers."""
-
-    def isatty(self) -> bool:
-        return True
-
-
-class Bench:
+class Tool(Bench):
     """Simulated servos and the tool."""
 
     def __init__(self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-        self.clock = SimulatedClock()
-        self.bus = SimulatedBus(
+        super().__init__(
             [
                 SimulatedServo(1, AX_12, eeprom_time=0.006),
                 SimulatedServo(2, AX_12, eeprom_time=0.006, position=300),
@@ -66,9 +57,6 @@ class Bench:
     def __getitem__(self, servo_id: int) -> SimulatedServo:
         return self.bus[servo_id]
 
-    def pause(self, seconds: float) -> None:
-        self.clock.pass_until(self.clock() + seconds)
-
     def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
         def open_device(name: str, baud_rate: int) -> SimulatedLine:
             if name == "/dev/none":
@@ -86,16 +74,13 @@ class Bench:
 
     def run(self, *arguments: str) -> int:
         """Run the tool; its text is in `output` and `messages` afterwards."""
-        bench = self
 
         def session(terminal: Terminal, port_name: str, baud_rate: int) -> Session:
-            self._monkeypatch.setattr(
-                Terminal, "wait_for_enter", lambda *_: bench.on_enter.pop(0)()
-            )
             return Session(
-                terminal, port_name, baud_rate, bench._make_port, bench.pause, bench.clock
+                terminal, port_name, baud_rate, self._make_port, self.pass_time, self.clock
             )
 
+        self._monkeypatch.setattr(Terminal, "wait_for_enter", lambda *_: self.on_enter.pop(0)())
         self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))
         code = tool.main(["--port", "/dev/sim", *arguments], session)
         captured = self._capsys.readouterr()
@@ -108,19 +93,12 @@ class Bench:
 
     def move_by_hand(self, servo_id: int, *ticks: int) -> None:
         """Turn a servo to the next tick at each Enter."""
-
-        def turn(tick: int) -> None:
-            self.bus.advance(self.clock.now)
-            self[servo_id].lead(tick, 0.5, 2.0)
-            self.pause(2.0)
-            self.bus.advance(self.clock.now)
-
-        self.on_enter += [partial(turn, tick) for tick in ticks]
+        self.on_enter += [partial(self.turn_by_hand, servo_id, tick) for tick in ticks]
 
 
 @pytest.fixture
-def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Bench:
-    return Bench(capsys, monkeypatch)
+def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Tool:
+    return Tool(capsys, monkeypatch)
 
 
 # scan
@@ -129,7 +107,7 @@ def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("ids", [["--ids", "0-10"], []], ids=["few", "all"])
 @pytest.mark.parametrize("any_rate", [False, True])
 def test_scan_lists_each_servo_once_with_its_baud_rate(
-    bench: Bench, ids: list[str], any_rate: bool
+    bench: Tool, ids: list[str], any_rate: bool
 ) -> None:
     bench.accepts_any_rate = any_rate
     bench[2].set_register("Baud Rate", 34)
@@ -144,7 +122,7 @@ def test_scan_lists_each_servo_once_with_its_baud_rate(
     assert "set-id" not in bench.messages
 
 
-def test_scan_uses_the_rate_of_the_port_and_fails_without_servos(bench: Bench) -> None:
+def test_scan_uses_the_rate_of_the_port_and_fails_without_servos(bench: Tool) -> None:
     bench[2].set_register("Baud Rate", 34)
     for arguments in (("--baud", "57600", "scan"), ("scan", "--baud", "57600")):
         assert bench.run(*arguments, "--ids", "0-10") == DONE
@@ -154,7 +132,7 @@ def test_scan_uses_the_rate_of_the_port_and_fails_without_servos(bench: Bench) -
 
 
 @pytest.mark.parametrize("rate", ["117600", "57600"])
-def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench: Bench, rate: str) -> None:
+def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench: Tool, rate: str) -> None:
     bench.impossible = 57_600
     assert bench.run("scan", "--bauds", rate, "1000000", "--ids", "1") == DONE
     assert rate in bench.messages
@@ -167,7 +145,7 @@ def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench: Bench, rate
     "models", [("AX-12", "AX-12"), ("XL430-W250",) * 2, ("AX-12", "MX-28"), ("AX-12", "XL430-W250")]
 )
 def test_scan_warns_of_two_servos_with_one_id(
-    bench: Bench, models: tuple[str, str], ids: list[str]
+    bench: Tool, models: tuple[str, str], ids: list[str]
 ) -> None:
     first, second = map(servo_model, models)
     bench.bus = SimulatedBus([SimulatedServo(1, first), SimulatedServo(1, second, position=300)])
@@ -177,7 +155,7 @@ def test_scan_warns_of_two_servos_with_one_id(
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Bench, seed: int) -> None:
+def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Tool, seed: int) -> None:
     bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(seed), 0.2, [Fault.DROP]))
     assert bench.run("scan", "--bauds", "1000000", "--ids", "0-10") == DONE
     assert [row[1] for row in bench.rows()] == ["1", "2", "7", "8"]
@@ -186,7 +164,7 @@ def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Bench, seed: 
 # info
 
 
-def test_info_shows_all_registers_in_units(bench: Bench) -> None:
+def test_info_shows_all_registers_in_units(bench: Tool) -> None:
     assert bench.run("info", "7") == DONE
     assert "servo 7: XL430-W250, protocol 2.0" in bench.output
     for register in XL430.control_table:
@@ -202,7 +180,7 @@ def test_info_shows_all_registers_in_units(bench: Bench) -> None:
     [("info", "44"), ("info", "1"), ("--port", "/dev/none", "info", "7"), ("relax", "44")],
 )
 def test_a_command_for_a_servo_or_port_that_does_not_answer_fails(
-    bench: Bench, command: tuple[str, ...]
+    bench: Tool, command: tuple[str, ...]
 ) -> None:
     bench[1].set_register("Status Return Level", 0)
     assert bench.run(*command) == FAILED
@@ -228,7 +206,7 @@ def test_a_command_for_a_servo_or_port_that_does_not_answer_fails(
     ],
 )
 def test_set_accepts_names_addresses_counts_and_quantities(
-    bench: Bench, servo_id: int, name: str, text: str, value: int
+    bench: Tool, servo_id: int, name: str, text: str, value: int
 ) -> None:
     bench[servo_id].set_register("Torque Enable", int(name == "Profile Velocity"))
     assert bench.run("--yes", "set", str(servo_id), name, text) == DONE
@@ -248,7 +226,7 @@ def test_set_accepts_names_addresses_counts_and_quantities(
     ],
 )
 def test_set_refuses_what_could_do_harm(
-    bench: Bench, servo_id: int, state: dict[str, int], command: tuple[str, str]
+    bench: Tool, servo_id: int, state: dict[str, int], command: tuple[str, str]
 ) -> None:
     for name, value in state.items():
         bench[servo_id].set_register(name, value)
@@ -258,7 +236,7 @@ def test_set_refuses_what_could_do_harm(
 
 
 @pytest.mark.parametrize(("answer", "code"), [("y\n", DONE), ("n\n", REFUSED), ("\n", REFUSED)])
-def test_set_asks_before_it_writes_eeprom(bench: Bench, answer: str, code: int) -> None:
+def test_set_asks_before_it_writes_eeprom(bench: Tool, answer: str, code: int) -> None:
     bench.answers = answer
     assert bench.run("set", "7", "temperature limit", "60") == code
     assert bench[7].register("Temperature Limit") == (60 if code == DONE else 72)
@@ -278,14 +256,14 @@ def test_set_asks_before_it_writes_eeprom(bench: Bench, answer: str, code: int) 
         ("Goal Position", "1e99"),
     ],
 )
-def test_set_of_impossible_values_fails(bench: Bench, register: str, value: str) -> None:
+def test_set_of_impossible_values_fails(bench: Tool, register: str, value: str) -> None:
     assert bench.run("--yes", "set", "7", register, value) == FAILED
 
 
 @pytest.mark.parametrize(
     ("servo_id", "register"), [(1, "Goal Position"), (1, "Moving Speed"), (7, "Goal Position")]
 )
-def test_a_goal_for_a_relaxed_servo_is_refused(bench: Bench, servo_id: int, register: str) -> None:
+def test_a_goal_for_a_relaxed_servo_is_refused(bench: Tool, servo_id: int, register: str) -> None:
     command = ("set", str(servo_id), register, "300")
     assert bench.run(*command) == REFUSED
     assert bench[servo_id].register("Torque Enable") == 0
@@ -295,12 +273,12 @@ def test_a_goal_for_a_relaxed_servo_is_refused(bench: Bench, servo_id: int, regi
 
 
 @pytest.mark.parametrize("servo_id", [1, 7, 8])
-def test_torque_on_keeps_the_present_position(bench: Bench, servo_id: int) -> None:
+def test_torque_on_keeps_the_present_position(bench: Tool, servo_id: int) -> None:
     servo = bench[servo_id]
     servo.set_register("Goal Position", 900)
     stands = servo.true_ticks
     assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
-    bench.pause(1.0)
+    bench.pass_time(1.0)
     servo.advance(bench.clock.now)
     assert servo.register("Torque Enable") == 1
     assert servo.true_ticks == pytest.approx(stands, abs=2)
@@ -309,13 +287,13 @@ def test_torque_on_keeps_the_present_position(bench: Bench, servo_id: int) -> No
 @pytest.mark.parametrize("servo_id", [1, 7, 8])
 @pytest.mark.parametrize("level", [0, 1, 2])
 def test_the_status_return_level_can_be_set_and_restored(
-    bench: Bench, servo_id: int, level: int
+    bench: Tool, servo_id: int, level: int
 ) -> None:
     assert bench.run("--yes", "set", str(servo_id), "Status Return Level", str(level)) == DONE
     assert bench[servo_id].register("Status Return Level") == level
     model = bench[servo_id].model.name
     back = ("--yes", "--model", model, "set", str(servo_id), "Status Return Level", "2")
-    bench.pause(0.1)
+    bench.pass_time(0.1)
     assert bench.run(*back) == DONE
     assert bench[servo_id].register("Status Return Level") == 2
 
@@ -328,7 +306,7 @@ SPEEDS = pytest.mark.parametrize(
 @SPEEDS
 @pytest.mark.parametrize("zero", ["0", "0.001 rad/s", "-0"])
 def test_a_speed_that_means_full_speed_is_refused(
-    bench: Bench, servo_id: int, register: str, zero: str
+    bench: Tool, servo_id: int, register: str, zero: str
 ) -> None:
     assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
     assert bench.run("--yes", "set", str(servo_id), register, zero) == REFUSED
@@ -336,9 +314,7 @@ def test_a_speed_that_means_full_speed_is_refused(
 
 
 @SPEEDS
-def test_full_speed_is_set_and_shown_by_its_name(
-    bench: Bench, servo_id: int, register: str
-) -> None:
+def test_full_speed_is_set_and_shown_by_its_name(bench: Tool, servo_id: int, register: str) -> None:
     assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
     assert bench.run("set", str(servo_id), register, "full") == DONE
     assert bench.output.strip() == f"servo {servo_id}: {register} = 0 full speed"
@@ -350,7 +326,7 @@ def test_full_speed_is_set_and_shown_by_its_name(
 
 @pytest.mark.parametrize("answer", ["y\n", "n\n"])
 @pytest.mark.parametrize("servo_id", [1, 7, 8])
-def test_a_goal_at_full_speed_needs_confirmation(bench: Bench, servo_id: int, answer: str) -> None:
+def test_a_goal_at_full_speed_needs_confirmation(bench: Tool, servo_id: int, answer: str) -> None:
     register = "Profile Velocity" if servo_id == 7 else "Moving Speed"
     assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
     assert bench.run("set", str(servo_id), "Goal Position", "600") == DONE
@@ -366,7 +342,7 @@ def test_a_goal_at_full_speed_needs_confirmation(bench: Bench, servo_id: int, an
 @pytest.mark.parametrize("answer", ["y\n", "n\n"])
 @pytest.mark.parametrize("servo_id", [1, 7])
 def test_torque_on_outside_the_limits_needs_confirmation(
-    bench: Bench, servo_id: int, answer: str
+    bench: Tool, servo_id: int, answer: str
 ) -> None:
     servo, low = bench[servo_id], servo_id == 1
     servo.set_register("CCW Angle Limit" if low else "Min Position Limit", 400 if low else 1500)
@@ -378,24 +354,24 @@ def test_torque_on_outside_the_limits_needs_confirmation(
     assert servo.register("Torque Enable") == (code == DONE)
 
 
-def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench: Bench) -> None:
+def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench: Tool) -> None:
     bench[7].advance(bench.clock.now)
     bench[7].lead(5000, 0.5, 2.0)
-    bench.pause(2.0)
+    bench.pass_time(2.0)
     bench[7].advance(bench.clock.now)
     assert bench[7].register("Present Position") == pytest.approx(5000, abs=5)
     assert bench.run("set", "7", "Torque Enable", "1") == REFUSED
     assert bench[7].register("Torque Enable") == 0
     bench[7].power_off()
     bench[7].power_on()
-    bench.pause(1.0)
+    bench.pass_time(1.0)
     assert bench.run("set", "7", "Torque Enable", "1") == DONE
-    bench.pause(1.0)
+    bench.pass_time(1.0)
     bench[7].advance(bench.clock.now)
     assert bench[7].true_ticks == pytest.approx(5000 - 4096, abs=8)
 
 
-def test_common_options_may_come_after_the_command(bench: Bench) -> None:
+def test_common_options_may_come_after_the_command(bench: Tool) -> None:
     assert bench.run("set", "7", "Temperature Limit", "60", "--yes") == DONE
     assert bench[7].register("Temperature Limit") == 60
     assert bench.run("info", "1", "--port", "/dev/none") == FAILED
@@ -410,7 +386,7 @@ def test_common_options_may_come_after_the_command(bench: Bench) -> None:
 # set-id, set-baud
 
 
-def test_set_id_sets_a_free_id(bench: Bench) -> None:
+def test_set_id_sets_a_free_id(bench: Tool) -> None:
     bench.answers = "n\n"
     assert bench.run("set-id", "1", "5") == REFUSED
     assert bench.run("--yes", "set-id", "7", "253") == FAILED  # of protocol 1 only
@@ -421,14 +397,14 @@ def test_set_id_sets_a_free_id(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("new_id", ["2", "7", "8"])
-def test_set_id_refuses_a_taken_id(bench: Bench, new_id: str) -> None:
+def test_set_id_refuses_a_taken_id(bench: Tool, new_id: str) -> None:
     assert bench.run("--yes", "set-id", "1", new_id) == REFUSED
     assert bench[1].id == 1
     assert bench.run("--yes", "set", "1", "ID", new_id) == REFUSED
 
 
 @pytest.mark.parametrize("servo_id", [1, 7, 8])
-def test_set_baud_changes_the_rate_and_checks_it(bench: Bench, servo_id: int) -> None:
+def test_set_baud_changes_the_rate_and_checks_it(bench: Tool, servo_id: int) -> None:
     assert bench.run("--yes", "set-baud", str(servo_id), "57600") == DONE
     assert bench[servo_id].baud_rate == 57_600
     assert bench.run("--baud", "57600", "--yes", "set-baud", str(servo_id), "1000000") == DONE
@@ -445,7 +421,7 @@ def test_set_baud_changes_the_rate_and_checks_it(bench: Bench, servo_id: int) ->
     ],
 )
 def test_unsupported_rates_are_refused(
-    bench: Bench, servo_id: int, command: tuple[str, ...], rate: int
+    bench: Tool, servo_id: int, command: tuple[str, ...], rate: int
 ) -> None:
     bench.impossible = rate
     assert bench.run("--yes", *command) == FAILED
@@ -455,7 +431,7 @@ def test_unsupported_rates_are_refused(
 # relax, monitor
 
 
-def test_relax_switches_torque_off_of_the_given_servos_or_all(bench: Bench) -> None:
+def test_relax_switches_torque_off_of_the_given_servos_or_all(bench: Tool) -> None:
     for servo in bench.bus:
         servo.set_register("Torque Enable", 1)
     assert bench.run("relax", "2", "7") == DONE
@@ -464,7 +440,7 @@ def test_relax_switches_torque_off_of_the_given_servos_or_all(bench: Bench) -> N
     assert [servo.register("Torque Enable") for servo in bench.bus] == [0, 0, 0, 0]
 
 
-def test_relax_of_all_changes_no_other_register(bench: Bench) -> None:
+def test_relax_of_all_changes_no_other_register(bench: Tool) -> None:
     written: list[tuple[int, int]] = []
     write = DynamixelPort.write
 
@@ -480,7 +456,7 @@ def test_relax_of_all_changes_no_other_register(bench: Bench) -> None:
     assert set(written) == {(1, 24), (1, 40), (2, 64)}
 
 
-def test_monitor_shows_measured_values(bench: Bench) -> None:
+def test_monitor_shows_measured_values(bench: Tool) -> None:
     bench[8].supply_voltage = 9.5
     assert bench.run("monitor", "--count", "2", "--rate", "5") == DONE
     rows = {line.split()[0]: line for line in bench.output.splitlines()[-4:]}
@@ -489,11 +465,11 @@ def test_monitor_shows_measured_values(bench: Bench) -> None:
     assert "-1.084 -62.1" in rows["2"]
     assert "1000" in rows["7"] and " 11.1 " in rows["7"]
     assert "input voltage" in rows["8"]
-    assert bench.clock() > 0.2
+    assert bench.clock() > 1.2
     assert max(map(len, bench.output.splitlines())) <= 80
 
 
-def test_monitor_shows_servos_that_stop_answering(bench: Bench) -> None:
+def test_monitor_shows_servos_that_stop_answering(bench: Tool) -> None:
     looks = []
 
     def leave(seconds: float) -> None:
@@ -501,7 +477,7 @@ def test_monitor_shows_servos_that_stop_answering(bench: Bench) -> None:
         bench[2].power_off()
         bench.clock.pass_until(bench.clock() + seconds)
 
-    bench.pause = leave  # type: ignore[method-assign]
+    bench.pass_time = leave  # type: ignore[method-assign]
     assert bench.run("monitor", "1", "2", "--count", "2") == DONE
     last = bench.output.splitlines()[-1]
     assert last.split()[0] == "2" and "no answer" in last and "300" in last
@@ -510,7 +486,7 @@ def test_monitor_shows_servos_that_stop_answering(bench: Bench) -> None:
 # calibrate
 
 
-def test_calibrate_writes_zero_range_and_direction(bench: Bench, tmp_path: Path) -> None:
+def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) -> None:
     bench[1].set_register("Torque Enable", 1)
     bench.answers = "y\n"
     bench.move_by_hand(1, 520, 200, 850)
@@ -534,14 +510,14 @@ def test_calibrate_writes_zero_range_and_direction(bench: Bench, tmp_path: Path)
     assert tilt["max"] == pytest.approx(1533, abs=12)
 
 
-def test_calibrate_asks_before_it_switches_torque_off(bench: Bench) -> None:
+def test_calibrate_asks_before_it_switches_torque_off(bench: Tool) -> None:
     bench[1].set_register("Torque Enable", 1)
     bench.answers = "n\n"
     assert bench.run("calibrate", "head_pan:1") == REFUSED
     assert bench[1].register("Torque Enable") == 1
 
 
-def test_calibrate_asks_before_it_replaces_a_file(bench: Bench, tmp_path: Path) -> None:
+def test_calibrate_asks_before_it_replaces_a_file(bench: Tool, tmp_path: Path) -> None:
     file = tmp_path / "head.yaml"
     file.write_text("precious")
     bench.answers = "n\n"
@@ -559,7 +535,7 @@ def test_impossible_poses_are_refused(poses: tuple[int, int, int]) -> None:
 @pytest.mark.parametrize(
     "servos", [("head_pan:1", "head_tilt:1"), ("head_pan:1", "head_pan:2")], ids=["id", "name"]
 )
-def test_calibrate_refuses_the_same_motor_twice(bench: Bench, servos: tuple[str, str]) -> None:
+def test_calibrate_refuses_the_same_motor_twice(bench: Tool, servos: tuple[str, str]) -> None:
     bench[1].set_register("Torque Enable", 1)
     assert bench.run("calibrate", *servos) == REFUSED
     assert bench[1].register("Torque Enable") == 1
@@ -567,7 +543,7 @@ def test_calibrate_refuses_the_same_motor_twice(bench: Bench, servos: tuple[str,
 
 @pytest.mark.parametrize("place", ["none/head.yaml", "."])
 def test_calibrate_with_a_file_that_cannot_be_written_fails_at_once(
-    bench: Bench, tmp_path: Path, place: str
+    bench: Tool, tmp_path: Path, place: str
 ) -> None:
     bench[1].set_register("Torque Enable", 1)
     with pytest.raises(SystemExit) as end:
@@ -602,14 +578,14 @@ def test_every_register_of_every_model_is_read_and_written_as_text(model) -> Non
 
 
 @pytest.fixture
-def feetech(bench: Bench) -> Bench:
+def feetech(bench: Tool) -> Tool:
     bench.bus = SimulatedBus(
         [SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3032", position=1000)]
     )
     return bench
 
 
-def test_scan_and_info_know_feetech_servos(feetech: Bench) -> None:
+def test_scan_and_info_know_feetech_servos(feetech: Tool) -> None:
     feetech[1].set_register("Baud Rate", 1)
     assert feetech.run("scan", "--bauds", "1000000", "500000", "--ids", "0-5") == DONE
     rows = [line.split() for line in feetech.output.splitlines()[1:]]
@@ -626,7 +602,7 @@ def test_scan_and_info_know_feetech_servos(feetech: Bench) -> None:
     assert table["56"][1:4] == ["Present", "Position", "1085"]
 
 
-def test_info_reads_scs_servos_high_byte_first(bench: Bench) -> None:
+def test_info_reads_scs_servos_high_byte_first(bench: Tool) -> None:
     bench.bus = SimulatedBus([SimulatedServo(3, "SCS0009", position=300)])
     assert bench.run("info", "3") == DONE
     table = {line.split()[0]: line.split() for line in bench.output.splitlines()[2:]}
@@ -644,7 +620,7 @@ def test_info_reads_scs_servos_high_byte_first(bench: Bench) -> None:
     ],
 )
 def test_feetech_registers_persist_without_power(
-    feetech: Bench, arguments: list[str], register: str, value: int
+    feetech: Tool, arguments: list[str], register: str, value: int
 ) -> None:
     servo = feetech[1]
     assert feetech.run("--yes", *arguments) == DONE
@@ -654,7 +630,9 @@ def test_feetech_registers_persist_without_power(
     assert servo.register(register) == value
 
 
-def test_relax_of_all_relaxes_feetech_servos_and_leaves_their_start_torque(feetech: Bench) -> None:
+def test_relax_of_all_relaxes_feetech_servos_and_leaves_their_start_torque(
+    feetech: Tool,
+) -> None:
     for servo in feetech.bus:
         servo.set_register("Torque Enable", 1)
     assert feetech.run("relax") == DONE

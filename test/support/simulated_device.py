@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable
 from typing import Any
 
@@ -20,6 +21,13 @@ def as_device(line: SimulatedLine) -> Any:
     """Return a line that takes the place of an open serial device."""
     line.adapter, line.close = Adapter(), lambda: None  # type: ignore[attr-defined]
     return line
+
+
+class Keyboard(io.StringIO):
+    """A terminal with prepared answers."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def joint_of(
@@ -74,3 +82,10 @@ class Bench:
 
     def pass_time(self, seconds: float) -> None:
         self.clock.now += round(seconds * 1e9)
+
+    def turn_by_hand(self, servo_id: int, tick: float) -> None:
+        """Lead a servo to a tick, and let it come to rest there."""
+        self.bus.advance(self.clock.now)
+        self.bus[servo_id].lead(tick, 0.5, 2.0)
+        self.pass_time(2.0)
+        self.bus.advance(self.clock.now)
