@@ -9,12 +9,15 @@ os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
 import pytest
 import rclpy
+from head_under_test import Head
 from rclpy.signals import SignalHandlerOptions
 from rig import Program
 from robot_under_test import Robot
 from ros_domain import own_domain
 
+from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.transforms import RobotModel
 
 MakeRobot = Callable[..., Robot]
 
@@ -37,6 +40,17 @@ make_module_robot = pytest.fixture(_robots, scope="module", name="make_module_ro
 @pytest.fixture
 def pointing_robot(make_robot: MakeRobot) -> Robot:
     return make_robot("--mode", "point")
+
+
+@pytest.fixture
+def make(kinectbot: RobotModel) -> Iterator[Callable[..., Head]]:
+    """Nodes that turn a head, each with a robot around it."""
+    with ExitStack() as heads:
+
+        def make(node: Any = HeadTrackerNode, urdf: str = kinectbot.urdf, **options: Any) -> Head:
+            return heads.enter_context(closing(Head(node, urdf, **options)))
+
+        yield make
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import time
 
 import pytest
 from builtin_interfaces.msg import Time
-from head_under_test import Head
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -14,19 +13,6 @@ from waiting import repeating, wait_for
 from head_tracking.head.obstacle import Obstacle, Reason
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
-
-
-@pytest.fixture
-def make(kinectbot):
-    heads = []
-
-    def make(node=HeadTrackerNode, **options):
-        heads.append(Head(node, kinectbot.urdf, **options))
-        return heads[-1]
-
-    yield make
-    for head in heads:
-        head.close()
 
 
 def swinging(now):
@@ -47,26 +33,6 @@ def on_target(head):
     head.until("tracking")
     head.errors.clear()
     wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.1)
-
-
-@pytest.mark.parametrize(("jump", "rate"), [(-100.0, 10.0), (-3.0, 50.0), (100.0, 50.0)])
-def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, jump, rate):
-    head = make(simulated=True)
-    head.clock_rate = rate
-    head.target = TARGET
-    on_target(head)
-    head.target = None
-    head.states.clear()
-    head.offset += jump
-    wait_for(lambda: any("the clock jumped" in state for state in head.states))
-    head.travel.clear()
-    wait_for(lambda: len(head.travel) > 40)
-    assert head.farthest() < 0.1
-    assert head.fields["state"] == "idle"
-    head.target = TARGET
-    head.travel.clear()
-    on_target(head)
-    assert head.farthest() < 1.2  # it did not swing to its limit on the way
 
 
 def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(make):
@@ -161,23 +127,30 @@ class NodeOnSettableClock(HeadTrackerNode):
         return self.settable
 
 
-@pytest.mark.parametrize("jump", [-3600.0, -0.5, 0.5, 3600.0])
-def test_setting_the_system_clock_stops_the_head_and_tracking_resumes(make, jump):
-    """As by NTP: no time source tells of it."""
-    head = make(NodeOnSettableClock)
+@pytest.mark.parametrize(
+    ("rate", "jump"),
+    [(10.0, -100.0), (50.0, -3.0), (50.0, 100.0), *((0.0, jump) for jump in (-3600.0, -0.5, 0.5))],
+)
+def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, rate, jump):
+    """Of /clock with a rate [Hz], or of the system's, as by NTP: no time source tells of it."""
+    head = make(HeadTrackerNode if rate else NodeOnSettableClock, simulated=rate > 0.0)
+    head.clock_rate = rate
     head.target = TARGET
     on_target(head)
     head.target = None
     head.states.clear()
     head.offset += jump
-    head.node.get_clock().offset += jump
+    if not rate:
+        head.node.get_clock().offset += jump
     wait_for(lambda: any("the clock jumped" in state for state in head.states))
     head.travel.clear()
     wait_for(lambda: len(head.travel) > 40)
     assert head.farthest() < 0.1
+    assert head.fields["state"] == "idle"
     head.target = TARGET
+    head.travel.clear()
     on_target(head)
-    assert head.farthest() < 1.2
+    assert head.farthest() < 1.2  # it did not swing to its limit on the way
 
 
 def test_point_head_restarts_after_a_jump_of_the_clock(make):

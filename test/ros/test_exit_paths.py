@@ -13,19 +13,17 @@ PATIENCE = 60
 HANGING = """
 import sys, time
 from head_tracking.ros.kit.stop_signal import StopSignal
-from head_tracking.run.child import SupervisorLink
+from head_tracking.run import child
+child._END_TIMEOUT = 1
 with StopSignal() as stop:
-    SupervisorLink(int(sys.argv[1]), stop)
+    child.SupervisorLink(int(sys.argv[1]), stop)
     time.sleep(120)
 """
 
 # what the program does before its end, and whether that is an error of its own
 WAYS = [
-    ("own", 0),
-    ("node", 0),
     ("own exit", 0),
     ("node error", 1),
-    ("own shutdown", 0),
     ("node shutdown destroy", 0),
     ("own drop", 0),
     ("node unregister shutdown", 0),

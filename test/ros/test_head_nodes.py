@@ -3,7 +3,6 @@
 import time
 
 import pytest
-from head_under_test import Head
 from waiting import wait_for
 
 from head_tracking.head.obstacle import Reason
@@ -12,19 +11,6 @@ from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import Rotation, Transform
 
 WITHOUT_HEAD = '<robot name="arm"><link name="shoulder"/></robot>'
-
-
-@pytest.fixture
-def make(kinectbot):
-    heads = []
-
-    def make(node=HeadTrackerNode, urdf=kinectbot.urdf, **options):
-        heads.append(Head(node, urdf, **options))
-        return heads[-1]
-
-    yield make
-    for head in heads:
-        head.close()
 
 
 def at(x, y, z, frame="torso_link"):

@@ -16,8 +16,7 @@ from head_tracking.simulation import SimulatedPort, SimulatedServo
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 
 
-def test_two_buses_in_one_node(make_robot):
-    make_robot("--mode", "point")
+def test_two_buses_in_one_node(threads):
     ports = [SimulatedPort([SimulatedServo(i)]) for i in (1, 2)]
     for port in ports:
         port.open()
@@ -53,8 +52,7 @@ def test_joint_names_do_not_depend_on_the_order_of_replies():
 
 
 @pytest.mark.parametrize("name", ["joint_speed", "max_speed"])
-def test_speeds_within_the_described_range_are_accepted(make_robot, name):
-    make_robot("--mode", "point")  # ROS is up
+def test_speeds_within_the_described_range_are_accepted(threads, name):
     name = f"head_pan_controller.{name}"
     with SimulatedPort([SimulatedServo(1), SimulatedServo(2)]) as simulated:
         node = ServoBusNode(connect=lambda joints: simulated.port_name, namespace="second")

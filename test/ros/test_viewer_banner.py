@@ -1,4 +1,4 @@
-"""Joints that fall silent and nodes that have gone, as the page notices them."""
+"""Hardware that is not there, joints that fall silent and nodes that have gone, on the page."""
 
 from typing import Any
 
@@ -60,3 +60,21 @@ def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(seen):
     node = ControllerStandIn("head_tracker")
     wait_for(lambda: seen.modes.missing() == (), PATIENCE)
     node.destroy_node()
+
+
+def test_without_hardware_the_page_says_where_the_joints_are(seen):
+    wait_for(lambda: seen.model() is not None and seen.joints.free)
+    assert "head_pan_joint" not in seen.observe().joints
+    assert seen.joints.move({"head_pan_joint": 0.4}).done
+    wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
+    assert seen.observe().joints["head_tilt_joint"] == 0.0
+    assert not seen.stop_everything().wait().done
+    assert seen.modes.set_mode(Mode.TRACK, "") == (False, seen.stop.refusal)
+    assert not seen.stop.resume().done
+    assert not seen.modes.centre().done
+    assert not seen.modes.set_mode(Mode.TRACK, "").done
+
+
+def test_the_log_has_the_token_of_a_page_for_the_network(threads, capfd):
+    node = view(threads, host="0.0.0.0")
+    assert f"/?token={node.page.token}" in capfd.readouterr().err

@@ -1,12 +1,9 @@
 """What the page asks of the robot, over real topics and the simulated bus; without a browser."""
 
 import math
-from contextlib import closing
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
 from viewing import view
 from waiting import wait_for
@@ -16,21 +13,19 @@ from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import Path
 from head_tracking.page.status import Word
 from head_tracking.page.viewer import ViewerNode
-from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
 
 DEGREE = math.radians(1)
 
 
-@pytest.fixture
-def robot(make_robot) -> Robot:
-    return make_robot("--target", "none", "--viewer")
+@pytest.fixture(scope="module")
+def robot(make_module_robot) -> Robot:
+    return make_module_robot("--target", "none", "--viewer")
 
 
-@pytest.fixture
-def seen(robot) -> Any:
+@pytest.fixture(scope="module")
+def page(robot) -> Any:
     """The robot as the page sees it, once it has found out what is there."""
     seen = view(robot.threads, robot.composition.buffer).robot
     wait_for(lambda: seen.modes.mode() is Mode.TRACK and len(seen.joints.servos()) == 2)
@@ -39,23 +34,24 @@ def seen(robot) -> Any:
     return seen
 
 
+@pytest.fixture
+def seen(robot, page) -> Any:
+    """The same, tracking nothing with the head in the middle, whatever the test before has left."""
+    if page.stop.refusal:
+        assert page.stop.resume().done
+        wait_for(lambda: not page.stop.refusal)
+    assert page.modes.set_mode(Mode.TRACK).done
+    assert page.modes.centre().done
+    wait_for(lambda: page.modes.mode() is Mode.TRACK and head_is_at(robot, 0.0))
+    return page
+
+
 def head_is_at(robot: Robot, pan: float, tolerance: float = 2 * DEGREE) -> bool:
     return abs(robot.true("head_pan_joint") - pan) < tolerance
 
 
 def bearing(x: float, y: float) -> float:
     return math.atan2(y, x - 0.0115)
-
-
-def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
-    assert seen.modes.mode() is Mode.TRACK
-    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
-    wait_for(lambda: seen.observe().target is not None and seen.observe().error is not None)
-    assert seen.modes.centre().done
-    wait_for(lambda: head_is_at(robot, 0.0))
-    robot.at_rest(1.0)
-    assert head_is_at(robot, 0.0)
 
 
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):
@@ -75,6 +71,17 @@ def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen
     assert seen.modes.set_mode(Mode.FICTITIOUS, "").done
     assert seen.modes.mode() is Mode.FICTITIOUS
     wait_for(lambda: robot.true("head_pan_joint") < 0.0)
+
+
+def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
+    assert seen.modes.mode() is Mode.TRACK
+    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
+    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
+    wait_for(lambda: seen.observe().target is not None and seen.observe().error is not None)
+    assert seen.modes.centre().done
+    wait_for(lambda: head_is_at(robot, 0.0))
+    robot.at_rest(1.0)
+    assert head_is_at(robot, 0.0)
 
 
 def test_a_point_is_no_target_any_more_once_the_head_is_recentred(robot, seen):
@@ -110,23 +117,6 @@ def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
         )
     wait_for(lambda: seen.status(seen.observe()).word is Word.HOLDING)
     assert head_is_at(robot, bearing(1.0, -0.5))
-
-
-def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
-    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
-    assert Mode.FACE in seen.modes.possible()
-    assert seen.modes.start("simulated_camera").done
-    for mode, follows in ((Mode.BALL, "colour"), (Mode.MARKER, "marker")):
-        assert seen.modes.set_mode(mode).done
-        wait_for(lambda mode=mode: seen.modes.mode() is mode)
-        follow = robot.composition.nodes["visual_target"].get_parameter("follow")
-        assert follow.value == follows
-    wait_for(lambda: seen.observe().target is not None, 30.0)
-    assert not seen.modes.conflict()
-    assert seen.modes.centre().done
-    assert seen.modes.mode() is Mode.MARKER
-    assert seen.modes.look_at("base_link", (1.0, 0.4, 0.4)).done
-    wait_for(lambda: seen.modes.mode() is Mode.TRACK)
 
 
 def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
@@ -213,26 +203,21 @@ def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen)
     assert "robot_description" not in names, "a wrong one ends the robot's program"
 
 
-def test_without_hardware_the_page_says_where_the_joints_are():
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with closing(NodeThreads()) as threads:
-            threads.start(RobotStatePublisherNode())
-            node = ViewerNode()
-            threads.start(node)
-            seen = node.robot
-            wait_for(lambda: seen.model() is not None and seen.joints.free)
-            assert "head_pan_joint" not in seen.observe().joints
-            assert seen.joints.move({"head_pan_joint": 0.4}).done
-            wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
-            assert seen.observe().joints["head_tilt_joint"] == 0.0
-            assert not seen.stop_everything().wait().done
-            assert seen.modes.set_mode(Mode.TRACK, "") == (False, seen.stop.refusal)
-            assert not seen.stop.resume().done
-            assert not seen.modes.centre().done
-            assert "not running" in seen.modes.set_mode(Mode.TRACK, "").text
-    finally:
-        rclpy.try_shutdown()
+def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
+    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+    assert Mode.FACE in seen.modes.possible()
+    assert seen.modes.start("simulated_camera").done
+    for mode, follows in ((Mode.BALL, "colour"), (Mode.MARKER, "marker")):
+        assert seen.modes.set_mode(mode).done
+        wait_for(lambda mode=mode: seen.modes.mode() is mode)
+        follow = robot.composition.nodes["visual_target"].get_parameter("follow")
+        assert follow.value == follows
+    wait_for(lambda: seen.observe().target is not None, 30.0)
+    assert not seen.modes.conflict()
+    assert seen.modes.centre().done
+    assert seen.modes.mode() is Mode.MARKER
+    assert seen.modes.look_at("base_link", (1.0, 0.4, 0.4)).done
+    wait_for(lambda: seen.modes.mode() is Mode.TRACK)
 
 
 def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
@@ -244,8 +229,3 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
     monkeypatch.setattr("head_tracking.page.viewer.installed", lambda: False)
     with pytest.raises(HeadTrackingError, match="pip install"):
         ViewerNode()
-
-
-def test_the_log_has_the_token_of_a_page_for_the_network(robot):
-    node = view(robot.threads, robot.composition.buffer, host="0.0.0.0")
-    robot.logged(f"/?token={node.page.token}")
