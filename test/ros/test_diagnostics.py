@@ -1,4 +1,4 @@
-"""What the servo bus says on /diagnostics."""
+"""What the servo bus says on /diagnostics, and what the page makes of it."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,8 +15,10 @@ from head_tracking.dynamixel import (
     ServoStatistics,
     Symptom,
 )
-from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, health_from_message
+from head_tracking.ros.kit.diagnostics import Health as PageHealth
 
 SERVO = ServoStatistics(
     "pan",
@@ -136,3 +138,53 @@ def test_several_buses_are_told_as_one():
     assert len(both.statistics.servos) == 2
     assert set(both.states) == {"pan"}
     assert combined([STATUS]) is STATUS
+
+
+# the page
+
+
+@pytest.fixture
+def page():
+    return pytest.importorskip("head_tracking.page.status", reason="needs requirements/viewer.txt")
+
+
+def servo(**changes: Any) -> PageHealth:
+    return health_from_message(entry(with_servo(**changes), "pan"))
+
+
+def test_there_is_a_value_for_every_gauge_of_the_page():
+    values = servo().values
+    for name, value in (("temperature", 35.0), ("voltage", 11.9), ("load", 0.1)):
+        (text,) = (text for key, text in values.items() if key.startswith(name))
+        assert float(text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"health": Health.UNKNOWN},
+        {"health": Health.LOST},
+        *({"health": Health.FAULTED, "errors": bit} for bit in HardwareErrors),
+        {"errors": ErrorBits.OVERLOAD},
+        {"temperature": 75.0},
+    ],
+)
+def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(page, changes):
+    wrong = servo(**changes)
+    assert wrong.level >= Level.ERROR
+    assert page.advice(wrong.values[FAULT], "servo_bus") != page.advice("none", "servo_bus")
+
+
+def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet(page):
+    stale = servo(health=Health.STALE)
+    assert stale.level is Level.STALE
+    assert not page.faults([stale])
+    silent = replace(stale, values={FAULT: FaultName.SILENT})
+    assert page.faults([silent])
+
+
+def test_there_is_advice_for_a_port_that_has_gone(page):
+    gone = replace(STATUS, statistics=replace(STATUS.statistics, connected=False))
+    port = health_from_message(entry(gone, "/dev/ttyUSB0"))
+    assert port.level is Level.ERROR
+    assert page.advice(port.values[FAULT], "servo_bus") != page.advice("none", "servo_bus")
