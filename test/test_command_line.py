@@ -123,7 +123,15 @@ def test_an_empty_port_is_not_the_default(words: list[str], port: dict[str, str]
         ("simulated_bus", "--faults 101"),
         ("simulated_bus", "--kinds rain"),
         ("simulated_bus", "--latency soon"),
+        ("simulated_bus", "--ids 1 1 300"),
+        ("transforms", ""),
         ("transforms", "echo a b --count 0"),
+        ("transforms", "echo a b --rate 0"),
+        ("look", "1 2 3"),
+        ("look", "--centre --frame a"),
+        ("track_report", "--output /nowhere/picture.svg"),
+        ("head_setup", ""),
+        ("new_robot", ""),
     ],
 )
 def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, monkeypatch):
@@ -131,6 +139,22 @@ def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, mo
     with pytest.raises(SystemExit) as refused:
         import_module(f"head_tracking.cli.{tool}").main()
     assert refused.value.code == (3 if tool.startswith("doctor") else 2)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--port /dev/ttyUSB0",
+        "--target 1,nan,2@a",
+        "--params nothing.yaml",
+        "--without servo_bus",
+        "--robot nobot",
+    ],
+)
+def test_a_run_with_a_wrong_option_is_refused(words: str) -> None:
+    with pytest.raises(SystemExit) as refused:
+        parse_arguments(["--sim", *words.split()])
+    assert refused.value.code == 2
 
 
 def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):

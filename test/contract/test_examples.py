@@ -39,15 +39,9 @@ def test_look_around():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["follow_target.py", "own_detector.py"])
+@pytest.mark.parametrize("name", ["follow_target.py", "own_detector.py", "follow_face.py"])
 def test_following(name):
     *_, last = run(name, "--sim").splitlines()
-    assert last.startswith("tracking")
-    assert float(re.search(r"([\d.]+) degrees", last)[1]) < 8.0
-
-
-def test_follow_face():
-    *_, last = run("follow_face.py", "--sim").splitlines()
     assert last.startswith("tracking")
     assert float(re.search(r"([\d.]+) degrees", last)[1]) < 8.0
 

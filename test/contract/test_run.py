@@ -137,9 +137,10 @@ def test_ros_arguments_set_parameters_in_a_namespace(bench):
     assert "left_base_link" in person.call("robot_state_publisher/frames").message.split()
 
 
-@pytest.mark.parametrize("rule", ["arm:update_rate:=40.0", "servo_bus:updat_rate:=40.0"])
-@pytest.mark.parametrize("namespace", ["/", "/left"])
-def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench, rule, namespace):
+@pytest.mark.parametrize(
+    ("namespace", "rule"), [("/", "arm:update_rate:=40.0"), ("/left", "servo_bus:updat_rate:=40.0")]
+)
+def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench, namespace, rule):
     words = ("--ros-args", "-r", f"__ns:={namespace}", "-p", rule)
     run = bench.start("head_tracking", "--sim", *words)
     assert run.end() == 1
@@ -162,9 +163,8 @@ def test_a_model_of_the_user_has_a_world_frame_only_if_it_is_named(bench, kinect
 @pytest.mark.parametrize(
     "environment",
     [
-        {"HOME": None, "ROS_LOG_DIR": None},
+        {"HOME": None, "ROS_LOG_DIR": None, "PYTHONIOENCODING": "ascii"},
         {"ROS_LOG_DIR": "/proc/none"},
-        {"PYTHONIOENCODING": "ascii"},
     ],
     ids=str,
 )
@@ -351,8 +351,7 @@ def test_of_two_simulated_runs_the_first_continues(bench):
     second = bench.start("head_tracking", "--sim")
     second.read_until("servo_bus")
     assert bench.person.state("head_tracker") == "tracking"
-    allowed = bench.start("head_tracking", "--sim", "--allow-others", "--duration", "3")
-    assert allowed.end() == 0, allowed.output
-    apart = bench.start("head_tracking", "--sim", "--duration", "3", "--ros-args", "-r", "__ns:=/b")
-    assert apart.end() == 0, apart.output
+    beside = [("--allow-others",), ("--ros-args", "-r", "__ns:=/b")]
+    for run in [bench.start("head_tracking", "--sim", "--duration", "3", *x) for x in beside]:
+        assert run.end() == 0, run.output
     assert first.end(signal.SIGINT) == 0, first.output
