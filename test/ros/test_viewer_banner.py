@@ -16,7 +16,8 @@ JOINTS = ("head_pan_joint", "head_tilt_joint")
 
 
 @pytest.fixture
-def seen(threads) -> Any:
+def seen(threads, monkeypatch) -> Any:
+    monkeypatch.setattr("head_tracking.page.robot._PATIENCE", 0.5)
     return view(threads).robot
 
 
