@@ -43,6 +43,8 @@ def test_all_listed_robots_exist():
     humanoids = {"op3", "darwin_op", "poppy", "wolfgang"}
     others = {"kinectbot", "turtlebot", "stretch", "phantomx_turret", "two_ax_12", "two_sts3215"}
     assert interbotix | humanoids | others <= set(ROBOTS)
+    with pytest.raises(FileNotFoundError):
+        robot_file("r2d2")
 
 
 def test_limits_of_model_and_servo_agree(robot):
