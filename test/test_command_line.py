@@ -134,11 +134,12 @@ def test_an_empty_port_is_not_the_default(words: list[str], port: dict[str, str]
         ("new_robot", ""),
     ],
 )
-def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, monkeypatch):
+def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [tool, *words.split()])
     with pytest.raises(SystemExit) as refused:
         import_module(f"head_tracking.cli.{tool}").main()
     assert refused.value.code == (3 if tool.startswith("doctor") else 2)
+    assert capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -151,10 +152,13 @@ def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, mo
         "--robot nobot",
     ],
 )
-def test_a_run_with_a_wrong_option_is_refused(words: str) -> None:
+def test_a_run_with_a_wrong_option_is_refused(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as refused:
         parse_arguments(["--sim", *words.split()])
     assert refused.value.code == 2
+    assert capsys.readouterr().err
 
 
 def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):

@@ -14,9 +14,8 @@ from waiting import wait_for
 BUSY = 8 * DEGREE  # of a quiet machine: 1; with the tutorials' law: 35
 
 
-@pytest.mark.parametrize(
-    ("robot", "target"), [("kinectbot", "smooth"), ("turtlebot", "fictitious")]
-)
+@pytest.mark.parametrize("robot", ["kinectbot", "turtlebot"])
+@pytest.mark.parametrize("target", ["fictitious", "smooth"])
 def test_the_head_follows_a_moving_target(bench, robot, target):
     run = bench.start("head_tracking", "--sim", "--robot", robot, "--target", target)
     person = bench.person

@@ -43,7 +43,10 @@ def test_all_listed_robots_exist():
     humanoids = {"op3", "darwin_op", "poppy", "wolfgang"}
     others = {"kinectbot", "turtlebot", "stretch", "phantomx_turret", "two_ax_12", "two_sts3215"}
     assert interbotix | humanoids | others <= set(ROBOTS)
-    with pytest.raises(FileNotFoundError):
+    assert "shapes" not in ROBOTS  # a part of models
+    for name in ROBOTS:
+        assert robot_file(str(robot_file(name))) == robot_file(name)
+    with pytest.raises(FileNotFoundError, match=r"'r2d2'.*kinectbot.*turtlebot"):
         robot_file("r2d2")
 
 

@@ -137,10 +137,9 @@ def test_ros_arguments_set_parameters_in_a_namespace(bench):
     assert "left_base_link" in person.call("robot_state_publisher/frames").message.split()
 
 
-@pytest.mark.parametrize(
-    ("namespace", "rule"), [("/", "arm:update_rate:=40.0"), ("/left", "servo_bus:updat_rate:=40.0")]
-)
-def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench, namespace, rule):
+@pytest.mark.parametrize("rule", ["arm:update_rate:=40.0", "servo_bus:updat_rate:=40.0"])
+@pytest.mark.parametrize("namespace", ["/", "/left"])
+def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench, rule, namespace):
     words = ("--ros-args", "-r", f"__ns:={namespace}", "-p", rule)
     run = bench.start("head_tracking", "--sim", *words)
     assert run.end() == 1
@@ -163,8 +162,9 @@ def test_a_model_of_the_user_has_a_world_frame_only_if_it_is_named(bench, kinect
 @pytest.mark.parametrize(
     "environment",
     [
-        {"HOME": None, "ROS_LOG_DIR": None, "PYTHONIOENCODING": "ascii"},
+        {"HOME": None, "ROS_LOG_DIR": None},
         {"ROS_LOG_DIR": "/proc/none"},
+        {"PYTHONIOENCODING": "ascii"},
     ],
     ids=str,
 )

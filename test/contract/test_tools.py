@@ -14,6 +14,14 @@ from terminal import Terminal
 from waiting import wait_for
 
 
+@pytest.fixture
+def port(bench):
+    """Two AX-12 of another process."""
+    bus = bench.start("simulated_bus", "--link", str(bench.folder / "bus"))
+    yield bus.read_until("bus").strip()
+    assert bus.end(signal.SIGINT) == 0, bus.output
+
+
 def test_servos_of_any_ids_are_simulated_for_any_driver(bench):
     link = bench.folder / "one"
     bus = bench.start("simulated_bus", "--ids", "3", "--link", str(link))
@@ -26,10 +34,7 @@ def test_servos_of_any_ids_are_simulated_for_any_driver(bench):
     assert not link.is_symlink()
 
 
-def test_the_servo_tool_reads_asks_before_it_writes_and_has_exit_codes(bench):
-    bus = bench.start("simulated_bus", "--link", str(bench.folder / "bus"))
-    port = bus.read_until("bus").strip()
-
+def test_the_servo_tool_reads_asks_before_it_writes_and_has_exit_codes(bench, port):
     def run(*words):
         program = bench.start("servo", "--port", port, *words)
         return program.end(), program.output
@@ -43,7 +48,7 @@ def test_the_servo_tool_reads_asks_before_it_writes_and_has_exit_codes(bench):
     assert re.search(r"Temperature Limit +70", run("info", "1")[1])
     assert run("--yes", "set", "1", "Temperature Limit", "60")[0] == 0
     assert re.search(r"Temperature Limit +60", run("info", "1")[1])
-    assert bus.end(signal.SIGINT) == 0, bus.output
+    assert run("info", "9")[0] == 1
 
 
 def test_new_robot_describes_a_head_with_feetech_servos(bench):
@@ -60,6 +65,18 @@ def test_new_robot_describes_a_head_with_feetech_servos(bench):
     joints = [line for line in doctor.output.splitlines() if "STS3215, firmware" in line]
     assert [line.split()[0] for line in joints] == ["green", "green"], doctor.output
     assert bus.end(signal.SIGINT) == 0, bus.output
+
+
+def test_doctor_reports_the_servos_by_its_exit_code(bench, port):
+    good = bench.start("doctor", "--port", port, "--listen", "0")
+    code = good.end()
+    levels = {line.split()[0] for line in good.output.splitlines() if JOINTS[0] in line}
+    assert "green" in levels, good.output
+    assert code in (0, 1, 2), good.output
+    params = bench.folder / "ids.yaml"
+    params.write_text("servo_bus: {ros__parameters: {head_pan_controller: {motor: {id: 9}}}}\n")
+    bad = bench.start("doctor", "--port", port, "--listen", "0", "--params", str(params))
+    assert bad.end() == 2, bad.output
 
 
 def on_terminal(bench, *words):
@@ -134,4 +151,10 @@ def test_a_recording_holds_what_was_published(bench):
         for _, channel, _, message in reader.iter_decoded_messages():
             found.setdefault(channel.topic, []).append(message)
     assert recorded <= found.keys()
-    assert len(found["/joint_states"]) > 20
+    pans = [  # a joint that did not answer in a cycle is left out of its message
+        dict(zip(m.name, m.position, strict=True))[JOINTS[0]]
+        for m in found["/joint_states"]
+        if JOINTS[0] in m.name
+    ]
+    assert len(pans) > 20
+    assert max(pans) - min(pans) > 0.05

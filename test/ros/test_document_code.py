@@ -30,7 +30,7 @@ BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 NEEDS = re.compile(r"# Needs [\w ]+")
 PORT = "/dev/ttyUSB0"
 PATIENCE = 90  # s; other tests may keep the machine busy
-SECONDS = 2.5  # a program that does not end is ended by SIGINT after so long
+SECONDS = 4  # a program that does not end is ended by SIGINT after so long
 LONG = ("./scripts/run", "ros2 run", "head_tracking")
 STAND_IN = Path(__file__).parents[1] / "support" / "document_commands.py"
 

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from waiting import wait_for
@@ -24,6 +24,7 @@ PROMISES = list(
     product(
         (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
         (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+        (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL),
     )
 )
 
@@ -40,8 +41,8 @@ def robot(make_module_robot):
 @pytest.mark.parametrize("topic", ["target_point", "clicked_point"])
 @pytest.mark.parametrize("number", range(len(PROMISES)))
 def test_targets_are_received_from_publishers_of_any_qos(robot, number, topic):
-    reliability, durability = PROMISES[number]
-    qos = QoSProfile(depth=5, reliability=reliability, durability=durability)
+    reliability, durability, history = PROMISES[number]
+    qos = QoSProfile(depth=5, reliability=reliability, durability=durability, history=history)
     publisher = robot.node.create_publisher(PointStamped, topic, qos)
     away = 2.0 + 0.1 * number + (0.05 if topic != "target_point" else 0.0)
     message = PointStamped(point=Point(x=away, y=0.0, z=0.0))

@@ -386,6 +386,13 @@ def test_a_ball_shows_targets_of_other_sources(world):
     assert world.listeners("/target_point") == 0
 
 
+@pytest.mark.parametrize("follow", DETECTORS)
+def test_every_parameter_is_described(look, follow):
+    node = look(follow=follow)
+    for name in set(node._parameters) - {"use_sim_time", "start_type_description_service"}:
+        assert node.describe_parameter(name).description, name
+
+
 # in one process with everything else
 
 

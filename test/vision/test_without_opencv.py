@@ -37,3 +37,9 @@ def test_a_program_that_needs_it_says_how_to_get_it():
     assert "OpenCV is not installed" in done.stderr
     assert "requirements/vision.txt" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_it_is_not_loaded_before_it_is_used():
+    code = "import sys, head_tracking.run.node_sets; sys.exit('cv2' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=120)
+    assert done.returncode == 0
