@@ -1,11 +1,17 @@
 """Run a command of a document: `head_tracking ...` or `ros2 ...`.
 
+What has no end is ended by Ctrl-C a second after its nodes have started.
+
 The ROS wheels have no ros2cli: of `ros2 topic`, `ros2 service` and `ros2 param` this checks that
 the name is in docs/reference, and that the message fits its type.
 """
 
+import os
 import re
+import signal
 import sys
+import threading
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,6 +19,8 @@ from typing import Any
 import yaml
 
 from head_tracking import programs
+from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.run.supervisor import Supervisor
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 NAMES = re.compile(r"`([^`\s]+)`")
@@ -47,6 +55,25 @@ def check(words: list[str]) -> None:
         fill(message, yaml.safe_load(rest[1]) if len(rest) > 1 else {})
 
 
+def nodes_run(supervisor: Supervisor) -> bool:
+    """Return whether all nodes of a run have started, in all of its processes."""
+    others = supervisor._others.values()
+    return supervisor._is_ready and all(one.nodes.keys() <= one._started_once for one in others)
+
+
+def interrupt_after(owner: type, name: str, runs: Callable[[Any], bool]) -> None:
+    """Interrupt this program a second after it has called a method of an object that `runs`."""
+    method = getattr(owner, name)
+    timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
+
+    def called(self: Any, *given: Any) -> Any:
+        if runs(self) and timer.ident is None:
+            timer.start()
+        return method(self, *given)
+
+    setattr(owner, name, called)
+
+
 def main() -> int:
     """Run the command in `sys.argv`."""
     program, *words = sys.argv[1:]
@@ -57,6 +84,10 @@ def main() -> int:
         words = words[2:]
         if words[0] == "head_tracking":
             words = words[1:]
+    if words[0].startswith("-"):
+        interrupt_after(Supervisor, "_update", nodes_run)
+    elif words[0] in (*programs.NODES, "transforms"):
+        interrupt_after(StopSignal, "wait", lambda _: True)
     sys.argv = ["head_tracking", *words]
     code: int = programs.head_tracking()
     return code
