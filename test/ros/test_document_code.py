@@ -93,16 +93,16 @@ def run(command: list[str], folder: Path, domain: str) -> None:
 
 
 def commands(code: str) -> Iterator[str]:
-    """Yield the commands of a block."""
+    """Yield the commands of a block; those in the background end with it."""
+    yield "trap 'kill $(jobs -p) 2>/dev/null; wait || true' EXIT"
     for line in code.replace("\\\n", " ").splitlines():
         words, _, _ = line.partition(" #")
         if words.startswith(LONG) and words.rstrip().endswith("&"):
             yield f"timeout {PATIENCE} {words}"  # the shell lets it ignore SIGINT
         else:
-            # beside other work a simulated servo may answer late once, and doctor counts that
-            yield f"{words} || {words}" if " doctor " in words else words
-    yield "kill $(jobs -p) 2>/dev/null || true"
-    yield "wait || true"
+            # beside other work a simulated servo may answer late once, and these tools tell
+            tells = " doctor " in words or " servo " in words
+            yield f"{words} || {words}" if tells else words
 
 
 @pytest.mark.parametrize("code", blocks("python"))
