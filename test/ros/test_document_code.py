@@ -94,7 +94,7 @@ def run(command: list[str], folder: Path, domain: str) -> None:
 
 def commands(code: str) -> Iterator[str]:
     """Yield the commands of a block; those in the background end with it."""
-    yield "trap 'kill $(jobs -p) 2>/dev/null; wait || true' EXIT"
+    yield "trap 'kill $(jobs -p) 2>/dev/null || true; wait || true' EXIT"
     for line in code.replace("\\\n", " ").splitlines():
         words, _, _ = line.partition(" #")
         if words.startswith(LONG) and words.rstrip().endswith("&"):
