@@ -98,7 +98,7 @@ def commands(code: str) -> Iterator[str]:
     for line in code.replace("\\\n", " ").splitlines():
         words, _, _ = line.partition(" #")
         if words.startswith(LONG) and words.rstrip().endswith("&"):
-            yield f"timeout {PATIENCE} {words}"  # the shell lets it ignore SIGINT
+            yield f"timeout --kill-after 20 {PATIENCE} {words}"  # the shell lets it ignore SIGINT
         else:
             # beside other work a simulated servo may answer late once, and these tools tell
             tells = " doctor " in words or " servo " in words
