@@ -1,6 +1,7 @@
 import faulthandler
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +12,10 @@ from head_tracking.transforms import RobotModel, load_robot_model
 
 # a shell's background jobs ignore it, and so would every program that the tests start
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# or every program that the tests start compiles the package anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # speed is the machine's business, not a test's
 hypothesis.settings.register_profile("untimed", deadline=None)

@@ -81,7 +81,7 @@ def run(command: list[str], folder: Path, domain: str) -> None:
     answer = subprocess.run(
         ["env", "--default-signal", *command],
         check=False,
-        cwd=ROOT,
+        cwd=folder,
         env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
