@@ -64,6 +64,7 @@ def servos(code: str) -> Iterator[str]:
 
 
 def run(command: list[str], folder: Path, domain: str) -> None:
+    (folder / "urdf").symlink_to(ROOT / "urdf")
     programs = folder / "bin"
     programs.mkdir()
     for name in ("head_tracking", "ros2"):
