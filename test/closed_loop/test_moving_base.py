@@ -16,10 +16,6 @@ def turn(t):
     return 0.0, 0.0, min(max(t - 2.0, -1.9), 1.9)
 
 
-def sway(t):
-    return 0.0, 0.0, min(0.5 * t, 1.0) * 0.4 * math.sin(math.pi * t)
-
-
 def drive(t):
     """An arc to and fro, at up to 1 rad/s."""
     yaw = math.sin(t)
@@ -36,10 +32,6 @@ def stop_and_go(t):
     else:
         way = 0.6 - 2.0 * max(0.85 - since, 0.0) ** 2
     return 0.0, 0.0, 0.6 * turns + way - 0.9
-
-
-def stand(t):
-    return 0.0, 0.0, 0.3
 
 
 def error(head, base, fixed_frame="odom", duration=3.6, start=1.2):

@@ -8,7 +8,6 @@ from rig import DEGREE, JOINTS
 from std_msgs.msg import Float64
 from waiting import wait_for
 
-AHEAD = (3.0, 0.0, 0.4)  # in base_link
 ROUGH = 2 * DEGREE
 
 

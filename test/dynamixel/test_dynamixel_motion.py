@@ -11,19 +11,17 @@ from dynamixel_fakes import (
     PAN,
     TILT,
     TORQUE,
-    FakeClock,
     FakePort,
     Packet,
+    connected,
     goal_bytes,
     speed_ticks,
     writes,
 )
 
 from head_tracking.dynamixel import (
-    EventKind,
     Goal,
     GoalError,
-    JointConfiguration,
     ReplyTimeoutError,
     ServoBus,
     Torque,
@@ -34,14 +32,6 @@ from head_tracking.dynamixel.servo import run
 
 ON, OFF = b"\x01", b"\x00"
 TICK = PAN.resolution
-
-
-def connected(port: FakePort, joints: tuple[JointConfiguration, ...] = (PAN, TILT)) -> ServoBus:
-    clock = FakeClock()
-    bus = ServoBus(port, joints, clock, monotonic=clock)
-    bus.connect()
-    port.take_log()
-    return bus
 
 
 def pin(servo_id: int, ticks: int) -> list[Packet]:
@@ -77,36 +67,12 @@ def test_first_command_pins_the_servo_before_it_moves() -> None:
     assert bus.joint("head_tilt_joint").torque is Torque.OFF_UNTIL_COMMANDED
 
 
-def test_torque_on_holds_the_present_position() -> None:
-    port = FakePort()
-    port.servos[1]["Present Position"] = 450
-    bus = connected(port)
-    run(bus.switching_torque(["head_pan_joint"], True))
-    assert port.take_log() == pin(1, 450)
-    reading = bus.step()
-    assert writes(port.log) == [("sync", GOAL, {1: goal_bytes(450, 1)})]
-    assert reading.states["head_pan_joint"].goal == PAN.position(450)
-    assert [event.kind for event in reading.events] == [EventKind.TORQUE_ON]
-
-
 def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     run(bus.switching_torque(["head_pan_joint"], False))
     run(bus.switching_torque(["head_pan_joint"], True))
     bus.step()
     assert port.servos[1]["Goal Position"] == 512
-
-
-def test_nothing_is_written_to_a_relaxed_servo(port, bus) -> None:
-    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
-    bus.step()
-    run(bus.switching_torque(["head_pan_joint"], False))
-    port.take_log()
-    bus.joint("head_pan_joint").set_default_speed(1.0)
-    for _ in range(3):
-        bus.step()
-    assert all(set(packet[2]) == {2} for packet in writes(port.log))  # type: ignore[call-overload]
-    assert port.servos[1]["Torque Enable"] == 0
 
 
 @pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])
@@ -134,19 +100,6 @@ def test_servo_that_keeps_its_old_goal_is_not_switched_on(port, bus) -> None:
     with pytest.raises(TorqueError, match="Goal Position"):
         run(bus.switching_torque(["head_pan_joint"], True))
     assert ("write", 1, TORQUE, ON) not in port.log
-
-
-def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported(
-    port: FakePort, bus: ServoBus
-) -> None:
-    port.servos[1].error = ErrorBits.RANGE
-    bus.command({"head_pan_joint": Goal(0.5)})
-    events = bus.step().events
-    assert [(event.kind, event.joint_name) for event in events] == [
-        (EventKind.TORQUE_FAILED, "head_pan_joint")
-    ]
-    assert bus.step().events == ()
-    assert port.servos[1]["Torque Enable"] == 0
 
 
 def test_torque_of_a_lost_servo(port, bus) -> None:
@@ -210,7 +163,7 @@ def test_slow_is_never_zero_on_the_wire(port, bus, speed: float) -> None:
 def test_fast_is_capped_at_the_speed_limit() -> None:
     port = FakePort(1)
     joint = replace(PAN, joint_speed=0.5, max_speed=1.0)
-    bus = connected(port, (joint,))
+    bus = connected(port, joint)
     bus.command({"head_pan_joint": Goal(0.5, 50.0)})
     bus.step()
     assert port.servos[1]["Moving Speed"] == 86
@@ -302,15 +255,6 @@ def test_lost_joint_does_not_stop_the_others(port, bus) -> None:
         bus.command({"head_pan_joint": Goal(0.1)}, clamp=True)
 
 
-def test_command_while_a_servo_goes_missing_is_dropped(port, bus) -> None:
-    port.servos[1].answers = False
-    for _ in range(4):
-        bus.step()
-    bus.command({"head_pan_joint": Goal(0.1)})
-    assert bus.step().lost == ("head_pan_joint",)
-    assert writes(port.log) == []
-
-
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
 def test_impossible_joint_speed_is_refused(speed: float) -> None:
     bus = connected(FakePort())
@@ -328,12 +272,3 @@ def test_close_repeats_a_lost_torque_off(port, bus) -> None:
     port.failures[1].extend([None, ReplyTimeoutError("late"), ReplyTimeoutError("late")])
     assert bus.close() == ()
     assert port.servos[1]["Torque Enable"] == 0
-
-
-def test_bus_can_be_connected_again_after_closing(port, bus) -> None:
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.close()
-    bus.connect()
-    port.take_log()
-    bus.step()
-    assert writes(port.log) == []  # the old command is forgotten

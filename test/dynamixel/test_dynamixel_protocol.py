@@ -66,16 +66,6 @@ def test_what_a_servo_sends_is_found_and_decoded(
     assert decode_status(protocol, packet) == Status(*sent)
 
 
-@given(protocols, st.lists(st.binary(max_size=40), max_size=5).map(b"".join))
-def test_any_bytes_are_survived_and_do_not_hide_a_packet(protocol: int, noise: bytes) -> None:
-    reply = simulated.encode_status(protocol, simulated.Status(7, 0, b"\x01\x02"))
-    rest, found = noise + reply, []
-    while (packet := find_packet(protocol, rest)).packet:
-        found.append(packet.packet)
-        rest = rest[packet.end :]
-    assert found[-1] == reply or reply in found[-1]
-
-
 @pytest.mark.parametrize(
     ("protocol", "damaged", "good"),
     [
@@ -89,12 +79,6 @@ def test_damaged_packet_before_a_good_one_is_reported(
     assert find_packet(protocol, bytes.fromhex(damaged)) == (b"", 0, True)
     both = bytes.fromhex(damaged + good)
     assert find_packet(protocol, both) == (bytes.fromhex(good), len(both), True)
-
-
-def test_echo_of_an_instruction_is_no_status_in_protocol_2() -> None:
-    ping = encode_packet(2, 1, Instruction.PING)
-    assert find_packet(2, ping).packet == ping
-    assert decode_status(2, ping) is None
 
 
 @pytest.mark.parametrize("protocol", [1, 2])

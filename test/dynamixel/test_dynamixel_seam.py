@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from simulated_device import Bench, joint_of
+from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     ConfigurationError,
     EventKind,
     Goal,
     JointConfiguration,
-    ServoBus,
     ServoCalibration,
     Torque,
     TorqueError,
@@ -242,41 +241,37 @@ def test_torque_comes_on_once_the_shaft_is_turned_back() -> None:
     assert rig.servos[0].true_ticks == pytest.approx(3200, abs=SLACK)
 
 
-def test_extended_position_mode_is_refused() -> None:
-    model = servo_model("XM430-W350")
-    servo = SimulatedServo(1, model)
-    servo.set_register("Operating Mode", 4)
-    bus = Bench([servo]).servo_bus([joint_of(1, model)])
-    with pytest.raises(ServoSetupError):
-        bus.connect()
-    assert servo.register("Torque Enable") == 0
-
-
-def reversed_in_memory(mode: int, reverse: bool | None) -> tuple[SimulatedServo, ServoBus]:
+@pytest.mark.parametrize(
+    ("register", "value", "reverse", "refused"),
+    [
+        ("Operating Mode", 4, None, True),  # extended position
+        ("Drive Mode", 4, None, True),  # a profile velocity would be milliseconds
+        ("Drive Mode", 0, True, True),  # another driver has reversed it
+        ("Drive Mode", 1, False, True),
+        ("Drive Mode", 0, False, False),
+        ("Drive Mode", 1, True, False),
+        ("Drive Mode", 1, None, False),
+        ("Drive Mode", 0, None, False),
+    ],
+)
+def test_a_servo_with_another_mode_than_configured_is_refused(
+    register: str, value: int, reverse: bool | None, refused: bool
+) -> None:
     model = servo_model("XL430-W250")
     servo = SimulatedServo(1, model, position=2100)
-    servo.set_register("Drive Mode", mode)
-    bench = Bench([servo])
+    servo.set_register(register, value)
     joint = JointConfiguration(
         "j", 1, 2048, 1024, 2901, controller="c", model=model, reverse=reverse
     )
-    return servo, bench.servo_bus([joint])
-
-
-@pytest.mark.parametrize(("mode", "reverse"), [(0, True), (1, False)])
-def test_a_servo_that_another_driver_has_reversed_is_refused(mode: int, reverse: bool) -> None:
-    servo, bus = reversed_in_memory(mode, reverse)
-    with pytest.raises(ServoSetupError):
+    bus = Bench([servo]).servo_bus([joint])
+    if refused:
+        with pytest.raises(ServoSetupError):
+            bus.connect()
+    else:
         bus.connect()
+        bus.close()
     assert servo.register("Torque Enable") == 0
-    assert servo.register("Drive Mode") == mode
-
-
-@pytest.mark.parametrize(("mode", "reverse"), [(0, False), (1, True), (1, None), (0, None)])
-def test_a_servo_that_counts_as_configured_is_used(mode: int, reverse: bool | None) -> None:
-    _, bus = reversed_in_memory(mode, reverse)
-    bus.connect()
-    bus.close()
+    assert servo.register(register) == value
 
 
 @pytest.mark.parametrize("name", ["XL430-W250", "XM430-W350", "MX-28(2.0)", "STS3215"])
@@ -303,14 +298,6 @@ def test_torque_stays_off_in_a_servo_that_another_program_has_turned_round_meanw
     bus.connect()  # as it is now
     run(bus.switching_torque(None, True))
     bus.close()
-
-
-def test_a_time_based_profile_is_refused() -> None:
-    """Its profile velocity would be milliseconds: as another vendor's driver leaves it."""
-    servo, bus = reversed_in_memory(4, None)
-    with pytest.raises(ServoSetupError):
-        bus.connect()
-    assert servo.register("Torque Enable") == 0
 
 
 def test_a_model_without_drive_mode_has_no_reverse() -> None:

@@ -13,9 +13,8 @@ from pathlib import Path
 import pytest
 
 from head_tracking.dynamixel import ConfigurationError, ServoModel, servo_model
-from head_tracking.dynamixel.control_table import Register
-from head_tracking.dynamixel.models import TABLES, all_models, read_model
-from head_tracking.simulation.models import registers_of, simulated_model
+from head_tracking.dynamixel.models import TABLES, read_model
+from head_tracking.simulation.models import registers_of
 
 PUBLISHED = Path(__file__).parents[1] / "published" / "registers.csv"
 with PUBLISHED.open(encoding="utf-8") as lines:
@@ -24,50 +23,27 @@ with PUBLISHED.open(encoding="utf-8") as lines:
 
 @pytest.mark.parametrize("name", sorted({row["model"] for row in ROWS}))
 def test_registers_are_those_of_the_vendor(name: str) -> None:
-    table = servo_model(name).control_table
+    driver = servo_model(name).control_table
+    simulator = {register.name: register for register in registers_of(name, 50)}
     for row in ROWS:
         if row["model"] != name:
             continue
-        register = table[row["register"]]
-        ours = {
-            "address": register.address,
-            "size": register.size,
-            "access": "RW" if register.writable else "R",
-            "initial": register.initial,
-            "lowest": register.minimum,
-            "highest": register.maximum,
-            "sign": _sign(register),
-        }
-        for fact, value in ours.items():
-            assert row[fact] in ("", str(value)), (row["register"], fact)
-
-
-@pytest.mark.parametrize("name", sorted({row["model"] for row in ROWS}))
-def test_simulated_registers_are_those_of_the_vendor(name: str) -> None:
-    table = {register.name: register for register in registers_of(name, 50)}
-    for row in ROWS:
-        if row["model"] != name:
-            continue
-        register = table[row["register"]]
-        theirs = {
-            "address": register.address,
-            "size": register.size,
-            "access": "RW" if register.writable else "R",
-            "initial": register.initial,
-            "lowest": register.lowest,
-            "highest": register.highest,
-        }
-        for fact, value in theirs.items():
-            assert row[fact] in ("", str(value)), (row["register"], fact)
-        assert register.signed == (row["sign"] == "two's complement"), row["register"]
-
-
-@pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
-def test_every_model_of_the_driver_can_be_simulated(model: ServoModel) -> None:
-    simulated = simulated_model(model)
-    assert simulated.number == model.model_number
-    names = {register.name for register in model.control_table}
-    assert names == {r.name for r in registers_of(model.name, 50)}
+        ours, theirs = driver[row["register"]], simulator[row["register"]]
+        ranges = (ours.minimum, ours.maximum), (theirs.lowest, theirs.highest)
+        for register, (lowest, highest) in zip((ours, theirs), ranges, strict=True):
+            facts = {
+                "address": register.address,
+                "size": register.size,
+                "access": "RW" if register.writable else "R",
+                "initial": register.initial,
+                "lowest": lowest,
+                "highest": highest,
+            }
+            for fact, value in facts.items():
+                assert row[fact] in ("", str(value)), (row["register"], fact)
+        unsigned = f"bit {ours.sign_bit}" if ours.sign_bit else "none"
+        assert row["sign"] in ("", "two's complement" if ours.signed else unsigned)
+        assert theirs.signed == (row["sign"] == "two's complement"), row["register"]
 
 
 NEW_MODEL = """
@@ -91,13 +67,6 @@ def folder(tmp_path: Path) -> Path:
     for path in TABLES.glob("*.toml"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     return tmp_path
-
-
-def _sign(register: Register) -> str:
-    """The sign of a register in the words of the published table."""
-    if register.signed:
-        return "two's complement"
-    return f"bit {register.sign_bit}" if register.sign_bit else "none"
 
 
 def add(folder: Path, text: str) -> ServoModel:
@@ -137,11 +106,3 @@ def test_a_file_that_describes_no_model_is_refused(folder: Path, right: str, wro
     assert right in NEW_MODEL
     with pytest.raises(ConfigurationError, match=r"new\.toml|W999"):
         add(folder, NEW_MODEL.replace(right, wrong))
-
-
-def test_every_data_file_is_found_by_its_own_name() -> None:
-    for path in TABLES.glob("*.toml"):
-        model = read_model(path)
-        assert servo_model(model.name) is model
-        for alias in model.aliases:
-            assert servo_model(alias.lower()) is model

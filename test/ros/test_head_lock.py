@@ -19,8 +19,6 @@ from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
 from head_tracking.ros.kit.head_lock import HeadLock, domain_and_namespace, namespace
 from head_tracking.ros.kit.topics import LATCHED
 
-NAMED = ("--ros-args", "-r", "__ns:=/b")
-
 
 @pytest.fixture
 def lock(tmp_path):

@@ -1,72 +1,73 @@
+"""Published packets of both protocols, and what simulated servos answer (e-manual, protocols)."""
+
 from __future__ import annotations
 
 import pytest
-from simulated_golden_vectors import INSTRUCTIONS, STATUSES
-from simulated_packets import StatusPacket
 
-from head_tracking.dynamixel.protocol import ErrorBits
-from head_tracking.simulation import (
-    SimulatedBus,
-    SimulatedServo,
-    SimulationError,
-)
+from head_tracking.simulation import SimulatedBus, SimulatedServo, SimulationError
 
-ANSWERS = {
-    "ping 1": "ping",
-    "read position": "position 512",
-    "read 36..43": "36..43",
-    "read model": "model 12",
-    "torque on": "ping",
-    "torque off": "ping",
-    "goal 512": "ping",
-    "goal 512, speed 100": "ping",
-    "torque limit 1023": "ping",
-}
+OK = "FF FF 01 02 00 FC"
+AX = [
+    ("FF FF 01 02 01 FB", [OK]),  # ping
+    ("FF FF 01 04 02 2B 01 CC", ["FF FF 01 03 00 1E DD"]),  # temperature: 30
+    ("FF FF 01 04 02 24 02 D2", ["FF FF 01 04 00 00 02 F8"]),  # position: 512
+    ("FF FF 01 04 02 24 02 D3", ["FF FF 01 02 10 EC"]),  # with a wrong checksum
+    ("FF FF 01 04 02 24 08 CC", ["FF FF 01 0A 00 00 02 00 00 00 00 78 1E 5C"]),  # 36 to 43
+    ("FF FF 01 04 02 00 02 F6", ["FF FF 01 04 00 0C 00 EE"]),  # model: 12
+    ("FF FF 01 04 03 18 01 DE", [OK]),  # torque on
+    ("FF FF 01 05 03 1E 00 02 D6", [OK]),  # goal 512
+    ("FF FF 01 07 03 1E 00 02 64 00 70", [OK]),  # goal 512, speed 100
+    ("FF FF 01 05 03 22 FF 03 D2", [OK]),  # torque limit 1023
+    ("FF FF 01 05 04 1E F4 01 E2", ["FF FF 01 02 40 BC"]),  # reg write: not supported
+    ("FF FF 00 02 06 F7", ["FF FF 00 02 40 BD"]),  # factory reset: not supported
+    ("FF FF FE 04 03 18 00 E2", []),  # torque off, to all
+    ("FF FF FE 02 05 FA", []),  # action
+    ("FF FF FE 09 92 00 02 01 1E 02 02 24 1D", []),  # bulk read: not of these servos
+]
+OK_2 = "FF FF FD 00 01 04 00 55 00 A1 0C"
+XM430_W210 = [
+    ("FF FF FD 00 01 03 00 01 19 4E", ["FF FF FD 00 01 07 00 55 00 06 04 26 65 5D"]),  # ping
+    ("FF FF FD 00 FE 03 00 01 31 42", ["FF FF FD 00 01 07 00 55 00 06 04 26 65 5D"]),  # of all
+    (
+        "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15",  # position: 166
+        ["FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"],
+    ),
+    ("FF FF FD 00 01 06 00 03 40 00 01 DB 66", [OK_2]),  # torque on
+    ("FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89", [OK_2]),  # goal 512
+    ("FF FF FD 00 01 03 00 08 2F 4E", [OK_2]),  # reboot
+    (
+        "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",  # sync read of 1 and 2
+        ["FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"],
+    ),
+]
 
-UNKNOWN = ("reg write goal 500", "factory reset 0")
 
-
-def golden(name: str) -> bytes:
-    return bytes.fromhex(INSTRUCTIONS[name][0])
+def answers(bus: SimulatedBus, sent: str) -> list[str]:
+    found = bus.receive(bytes.fromhex(sent), 0)
+    return [answer.data.hex(" ").upper() for answer in found]
 
 
 def bus() -> SimulatedBus:
     return SimulatedBus([SimulatedServo(0), SimulatedServo(1), SimulatedServo(2)])
 
 
-@pytest.mark.parametrize("name", INSTRUCTIONS)
-def test_published_instructions_get_published_answers(name: str) -> None:
-    answers = [answer.data for answer in bus().receive(golden(name), 0)]
-    if name == "read temperature":
-        assert answers == [StatusPacket(1, data=b"\x1e").encode()]
-    elif name in UNKNOWN:
-        assert [StatusPacket.decode(answer)[1] for answer in answers] == [ErrorBits.INSTRUCTION]
-    elif name in ANSWERS:
-        assert answers == [bytes.fromhex(STATUSES[ANSWERS[name]][0])]
-    else:
-        assert answers == []  # broadcasts
+@pytest.mark.parametrize(("sent", "expected"), AX)
+def test_published_packets_are_answered(sent: str, expected: list[str]) -> None:
+    assert answers(bus(), sent) == expected
+
+
+@pytest.mark.parametrize(("sent", "expected"), XM430_W210)
+def test_published_packets_of_protocol_2_are_answered(sent: str, expected: list[str]) -> None:
+    servo = SimulatedServo(1, "XM430-W210", position=166, firmware=38)
+    assert answers(SimulatedBus([servo]), sent) == expected
 
 
 def test_published_sync_write_sets_goals_and_speeds() -> None:
     b = bus()
-    b.receive(golden("sync write goals and speeds"), 0)
+    assert not answers(b, "FF FF FE 0E 83 1E 04 01 00 02 64 00 02 2C 01 64 00 54")
     assert (b[1].register("Goal Position"), b[1].register("Moving Speed")) == (512, 100)
     assert (b[2].register("Goal Position"), b[2].register("Moving Speed")) == (300, 100)
     assert b[0].register("Torque Enable") == 0
-
-
-def test_answers_wait_for_the_return_delay() -> None:
-    b = bus()
-    assert b.receive(golden("ping 1"), 0)[0].delay == 500_000
-    b[1].set_register("Return Delay Time", 0)
-    assert b.receive(golden("ping 1"), 0)[0].delay == 0
-
-
-def test_wrong_checksum_is_answered_by_the_addressed_servo() -> None:
-    data = bytearray(golden("read position"))
-    data[-1] ^= 1
-    answers = bus().receive(bytes(data), 0)
-    assert [answer.data for answer in answers] == [bytes.fromhex(STATUSES["checksum"][0])]
 
 
 def test_bus_needs_a_servo() -> None:

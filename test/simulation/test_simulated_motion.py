@@ -7,13 +7,12 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from simulated_packets import InstructionPacket
+from simulated_packets import InstructionPacket, write
 
 from head_tracking.dynamixel import servo_model
 from head_tracking.simulation import SimulatedServo
 
 AX_12 = servo_model("AX-12")
-TICK = AX_12.radians_per_tick
 MS = 1_000_000
 SECOND = 1000 * MS
 
@@ -27,9 +26,7 @@ class Bench:
         servo.advance(0)
 
     def write(self, name: str, value: int) -> None:
-        register = AX_12.control_table[name]
-        data = value.to_bytes(register.size, "little")
-        self.servo.execute(InstructionPacket.write(self.servo.id, register.address, data), self.now)
+        write(self.servo, name, value, self.now)
 
     def go(self, goal: int, speed: int) -> None:
         data = goal.to_bytes(2, "little") + speed.to_bytes(2, "little")

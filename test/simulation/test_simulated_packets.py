@@ -1,12 +1,11 @@
-"""Packets of both protocols, and the parser by which servos hear them, on the vendor's vectors."""
+"""The parser by which servos hear packets of both protocols."""
 
 from __future__ import annotations
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulated_golden_vectors import INSTRUCTIONS, INSTRUCTIONS_2, STATUSES, STATUSES_2
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
+from simulated_packets import InstructionPacket, InstructionPacket2
 
 from head_tracking.simulation.packets import DamagedPacket, PacketParser
 
@@ -19,11 +18,6 @@ TRICKY = st.lists(
 PARAMETERS = st.one_of(st.binary(max_size=60), TRICKY)
 IDS = st.one_of(st.integers(0, 252), st.just(254))
 both = pytest.mark.parametrize("kind", KINDS.values(), ids=("1.0", "2.0"))
-golden = pytest.mark.parametrize(
-    ("text", "packet"),
-    [*INSTRUCTIONS.values(), *INSTRUCTIONS_2.values()],
-    ids=[*INSTRUCTIONS, *(f"2.0: {name}" for name in INSTRUCTIONS_2)],
-)
 
 
 def parser(kind: type[InstructionPacket], **options: int) -> PacketParser:
@@ -34,18 +28,6 @@ def damaged(packet: InstructionPacket) -> bytes:
     data = bytearray(packet.encode())
     data[-1] ^= 0x40
     return bytes(data)
-
-
-@golden
-def test_instruction_has_the_vendors_bytes(text: str, packet: InstructionPacket) -> None:
-    assert packet.encode() == bytes.fromhex(text)
-    assert type(packet).decode(bytes.fromhex(text)) == packet
-
-
-@pytest.mark.parametrize(("text", "packet"), [*STATUSES.values(), *STATUSES_2.values()])
-def test_status_has_the_vendors_bytes(text: str, packet: StatusPacket) -> None:
-    assert packet.encode() == bytes.fromhex(text)
-    assert type(packet).decode(bytes.fromhex(text)) == packet
 
 
 @both

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from simulated_packets import InstructionPacket2, StatusPacket2
+from simulated_packets import InstructionPacket2, StatusPacket2, write
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.protocol import ALERT, HardwareErrors, StatusCode, XL320Errors
@@ -23,21 +23,13 @@ def servo(model=XM430, **options) -> SimulatedServo:
     return made
 
 
-def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> int:
-    register = servo_model(servo.model.name).control_table[name]
-    data = value.to_bytes(register.size, "little", signed=value < 0)
-    status = servo.execute(Packet.write(servo.id, register.address, data), now)
-    assert status is not None
-    return status.error
-
-
 def test_error_codes_of_refused_packets() -> None:
     s = servo()
     assert s.execute(Packet.write(1, 132, b"\0\0\0\0"), 0) == StatusPacket2(1, StatusCode.ACCESS)
     assert s.execute(Packet.write(1, 3000, b"\0"), 0) == StatusPacket2(1, StatusCode.ACCESS)
     assert s.execute(Packet.write(1, 116, b"\0\0"), 0) == StatusPacket2(1, StatusCode.DATA_LENGTH)
     assert s.execute(Packet(1, 0x33), 0) == StatusPacket2(1, StatusCode.INSTRUCTION)
-    assert s.execute(Packet.action(1), 0) == StatusPacket2(1, StatusCode.INSTRUCTION)
+    assert s.execute(Packet(1, 5), 0) == StatusPacket2(1, StatusCode.INSTRUCTION)
     assert s.execute(Packet.read(1, 5000, 1), 0) == StatusPacket2(1, StatusCode.ACCESS)
     assert write(s, "LED", 2) == StatusCode.DATA_RANGE
     assert write(s, "Goal Position", 4096) == StatusCode.DATA_LIMIT
@@ -45,16 +37,6 @@ def test_error_codes_of_refused_packets() -> None:
     write(s, "Torque Enable", 1)
     assert write(s, "Return Delay Time", 0) == StatusCode.ACCESS  # EEPROM with torque on
     assert s.register("Return Delay Time") == 250
-
-
-def test_reboot_resets_ram_and_takes_time() -> None:
-    s = servo(boot_time=0.3)
-    write(s, "Torque Enable", 1)
-    write(s, "Profile Velocity", 50)
-    assert s.execute(Packet.reboot(1), 0) == StatusPacket2(1)
-    assert s.execute(Packet.ping(1), 299 * MS) is None
-    assert s.execute(Packet.ping(1), 300 * MS) is not None
-    assert s.register("Torque Enable") == s.register("Profile Velocity") == 0
 
 
 def test_indirect_data_stands_for_other_registers() -> None:
@@ -260,17 +242,3 @@ def test_no_answer_while_the_eeprom_is_written() -> None:
     assert s.execute(Packet.ping(1), 6 * MS) is not None
     assert write(s, "LED", 1, 7 * MS) == 0
     assert s.execute(Packet.ping(1), 7 * MS) is not None
-
-
-def test_power_cycle() -> None:
-    s = servo(position=1000, boot_time=0.1)
-    write(s, "Torque Enable", 1)
-    s.power_off()
-    assert s.execute(Packet.ping(1), MS) is None
-    s.lead(1500, 0.5)
-    s.advance(2 * SECOND)
-    s.power_on()
-    assert s.execute(Packet.ping(1), 2 * SECOND + 50 * MS) is None
-    assert s.execute(Packet.ping(1), 2 * SECOND + 100 * MS) is not None
-    assert s.register("Torque Enable") == 0
-    assert s.register("Goal Position") == s.register("Present Position") != 1000

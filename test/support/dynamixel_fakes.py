@@ -223,6 +223,15 @@ class FakeClock:
         self.now += round(seconds * 1e9)
 
 
+def connected(port: FakePort, *joints: JointConfiguration) -> ServoBus:
+    """Return a bus of these joints, by default pan and tilt, that has found its servos."""
+    clock = FakeClock()
+    bus = ServoBus(port, joints or (PAN, TILT), clock, monotonic=clock)  # type: ignore[arg-type]
+    bus.connect()
+    port.take_log()
+    return bus
+
+
 def speed_ticks(joint: JointConfiguration, speed: float) -> int:
     """The register value of a goal speed, rad/s."""
     unit = joint.model.speed_unit

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+from head_tracking.dynamixel import servo_model
+from head_tracking.simulation import SimulatedServo
 from head_tracking.simulation.packets import (
     BROADCAST,
     Instruction,
@@ -49,18 +51,6 @@ class InstructionPacket(Packet):
     @classmethod
     def write(cls, servo_id: int, address: int, data: bytes) -> Self:
         return cls(servo_id, Instruction.WRITE, cls.words(address) + data)
-
-    @classmethod
-    def reg_write(cls, servo_id: int, address: int, data: bytes) -> Self:
-        return cls(servo_id, 4, cls.words(address) + data)
-
-    @classmethod
-    def action(cls, servo_id: int = BROADCAST) -> Self:
-        return cls(servo_id, 5)
-
-    @classmethod
-    def factory_reset(cls, servo_id: int) -> Self:
-        return cls(servo_id, 6)
 
     @classmethod
     def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:
@@ -112,3 +102,13 @@ class StatusPacket2(StatusPacket):
     """What a servo answers in protocol 2.0."""
 
     PROTOCOL: ClassVar = 2
+
+
+def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> int:
+    """Write a register by a packet; return the error byte of the answer."""
+    register = servo_model(servo.model.name).control_table[name]
+    packet = InstructionPacket if servo.model.protocol == 1 else InstructionPacket2
+    data = value.to_bytes(register.size, "little", signed=value < 0)
+    status = servo.execute(packet.write(servo.id, register.address, data), now)
+    assert status is not None
+    return status.error
