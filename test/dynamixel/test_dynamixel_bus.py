@@ -302,6 +302,21 @@ def test_servo_that_kept_its_torque_holds_where_it_stands(
     assert port.servos[1]["Goal Position"] == 560
 
 
+def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(
+    port: FakePort, bus: ServoBus, clock: FakeClock
+) -> None:
+    port.servos[1].answers = False
+    for _ in range(4):
+        bus.step()
+    bus.command({"head_pan_joint": Goal(0.1)})
+    assert bus.step().lost == ("head_pan_joint",)
+    port.servos[1].answers = True
+    clock.pass_time(0.6)
+    for _ in range(5):
+        bus.step()
+    assert port.servos[1]["Torque Enable"] == 0
+
+
 @pytest.mark.parametrize("held_before", [False, True])
 def test_servo_that_was_relaxed_returns_relaxed(
     port: FakePort, bus: ServoBus, clock: FakeClock, held_before: bool

@@ -20,6 +20,7 @@ from dynamixel_fakes import (
 )
 
 from head_tracking.dynamixel import (
+    EventKind,
     Goal,
     GoalError,
     ReplyTimeoutError,
@@ -100,6 +101,19 @@ def test_servo_that_keeps_its_old_goal_is_not_switched_on(port, bus) -> None:
     with pytest.raises(TorqueError, match="Goal Position"):
         run(bus.switching_torque(["head_pan_joint"], True))
     assert ("write", 1, TORQUE, ON) not in port.log
+
+
+def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported(
+    port: FakePort, bus: ServoBus
+) -> None:
+    port.servos[1].error = ErrorBits.RANGE
+    bus.command({"head_pan_joint": Goal(0.5)})
+    events = bus.step().events
+    assert [(event.kind, event.joint_name) for event in events] == [
+        (EventKind.TORQUE_FAILED, "head_pan_joint")
+    ]
+    assert bus.step().events == ()
+    assert port.servos[1]["Torque Enable"] == 0
 
 
 def test_torque_of_a_lost_servo(port, bus) -> None:
@@ -272,3 +286,29 @@ def test_close_repeats_a_lost_torque_off(port, bus) -> None:
     port.failures[1].extend([None, ReplyTimeoutError("late"), ReplyTimeoutError("late")])
     assert bus.close() == ()
     assert port.servos[1]["Torque Enable"] == 0
+
+
+# Commands that something overtakes after they were accepted
+
+
+def test_a_command_that_closing_overtakes_moves_nothing_when_the_bus_is_connected_again(
+    port: FakePort, bus: ServoBus
+) -> None:
+    bus.command({"head_pan_joint": Goal(0.5)}, claim=lambda _: bus.close())
+    bus.connect()
+    port.take_log()
+    bus.step()
+    assert writes(port.log) == []
+
+
+def test_a_command_that_relaxing_overtakes_is_dropped_and_no_failure(
+    port: FakePort, bus: ServoBus
+) -> None:
+    def relax(_: object) -> None:
+        run(bus.switching_torque(["head_pan_joint"], False))
+
+    bus.command({"head_pan_joint": Goal(0.5)}, claim=relax)
+    assert [event.kind for event in bus.step().events] == [EventKind.TORQUE_OFF]
+    run(bus.switching_torque(["head_pan_joint"], True))
+    bus.step()
+    assert port.servos[1]["Goal Position"] == 512

@@ -66,6 +66,16 @@ def test_what_a_servo_sends_is_found_and_decoded(
     assert decode_status(protocol, packet) == Status(*sent)
 
 
+@given(protocols, st.lists(st.binary(max_size=40), max_size=5).map(b"".join))
+def test_any_bytes_are_survived_and_do_not_hide_a_packet(protocol: int, noise: bytes) -> None:
+    reply = simulated.encode_status(protocol, simulated.Status(7, 0, b"\x01\x02"))
+    rest, found = noise + reply, []
+    while (packet := find_packet(protocol, rest)).packet:
+        found.append(packet.packet)
+        rest = rest[packet.end :]
+    assert found[-1] == reply or reply in found[-1]
+
+
 @pytest.mark.parametrize(
     ("protocol", "damaged", "good"),
     [

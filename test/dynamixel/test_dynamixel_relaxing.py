@@ -88,6 +88,23 @@ def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
     assert servo.register("Bus Watchdog") == 0
 
 
+@pytest.mark.parametrize("silent", [1, 5, 11])
+def test_stop_is_tried_again_where_it_failed(silent: int) -> None:
+    port = FakePort()
+    clock = FakeClock(tick=1000)
+    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
+    bus.connect()
+    run(bus.switching_torque(None, True))
+    port.servos[1].answers, port.servos[1].ignored = False, {24}  # its plug is loose
+    assert bus.relax_at_once(1.0)[PAN.joint_name]
+    for cycle in range(30):
+        if cycle == silent:
+            port.servos[1].answers, port.servos[1].ignored = True, set()
+        clock.pass_time(0.02)
+        bus.step()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+
+
 # An adapter that comes back
 
 

@@ -141,6 +141,32 @@ def test_golden_packets(call: Call, sent: str, reply: str, result: object) -> No
 
 
 @pytest.mark.parametrize(
+    ("wanted", "sent"),
+    [
+        (
+            group(ReadMethod.SYNC, 132, 4, 1, 2),
+            "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
+        ),
+        (
+            group(ReadMethod.SYNC, 126, 10, 1, 2),
+            "FF FF FD 00 FE 09 00 82 7E 00 0A 00 01 02 38 92",
+        ),
+        (
+            group(ReadMethod.FAST_SYNC, 132, 4, 3, 7, 4),
+            "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2",
+        ),
+        (group(ReadMethod.BULK, 36, 2, 1, 2), "FF FF FE 09 92 00 02 01 24 02 02 24 17"),
+    ],
+)
+def test_golden_group_questions(wanted: ReadGroup, sent: str) -> None:
+    port, device = scripted("")
+    replies = list(port.read_group(wanted))
+    assert device.sent == sent
+    assert len(replies) == len(wanted.ids)
+    assert all(isinstance(reply, CommunicationError) for reply in replies)
+
+
+@pytest.mark.parametrize(
     "noise",
     [
         "00",

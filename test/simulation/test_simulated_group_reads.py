@@ -68,7 +68,8 @@ def test_alert_is_part_of_a_sync_read() -> None:
 
 
 def test_bulk_read_reads_what_each_is_asked() -> None:
-    answers = bus().receive(Packet.bulk_read({1: (144, 2), 2: (146, 1)}).encode(), 0)
+    published = "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05"
+    answers = bus().receive(bytes.fromhex(published), 0)
     assert statuses(answers) == [
         StatusPacket2(1, 0, (120).to_bytes(2, "little")),
         StatusPacket2(2, 0, bytes((30,))),
@@ -76,8 +77,8 @@ def test_bulk_read_reads_what_each_is_asked() -> None:
 
 
 def test_fast_sync_read_is_one_packet() -> None:
-    packet = Packet.sync_read(132, 4, (3, 7, 4), fast=True).encode()
-    answers = bus(3, 4, 7).receive(packet, 0)
+    published = "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2"
+    answers = bus(3, 4, 7).receive(bytes.fromhex(published), 0)
     assert len(answers) == 1
     data = answers[0].data
     assert data[:8] == bytes.fromhex("FF FF FD 00 FE 19 00 55")

@@ -32,6 +32,22 @@ def packets(model: ServoModel) -> type[InstructionPacket] | type[InstructionPack
     return InstructionPacket if model.protocol == 1 else InstructionPacket2
 
 
+@MODEL
+def test_every_register_reads_what_the_vendor_says(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    for register in model.control_table:
+        packet = packets(model).read(1, register.address, register.size)
+        status = servo.execute(packet, 0)
+        assert status is not None and status.error == 0, register
+        assert len(status.data) == register.size
+        if register.initial is not None and register.name not in ("Moving Status",):
+            expected = register.initial
+            if register.name == "Goal Velocity":
+                expected = servo.register("Velocity Limit")
+            block = model.control_table.block(register.name)
+            assert block.decode(status.data) == (expected,), register
+
+
 @ROBOTIS
 def test_writable_registers_accept_exactly_their_range(model: ServoModel) -> None:
     for register in model.control_table:

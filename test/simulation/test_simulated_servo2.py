@@ -39,6 +39,16 @@ def test_error_codes_of_refused_packets() -> None:
     assert s.register("Return Delay Time") == 250
 
 
+def test_reboot_resets_ram_and_takes_time() -> None:
+    s = servo(boot_time=0.3)
+    write(s, "Torque Enable", 1)
+    write(s, "Profile Velocity", 50)
+    assert s.execute(Packet.reboot(1), 0) == StatusPacket2(1)
+    assert s.execute(Packet.ping(1), 299 * MS) is None
+    assert s.execute(Packet.ping(1), 300 * MS) is not None
+    assert s.register("Torque Enable") == s.register("Profile Velocity") == 0
+
+
 def test_indirect_data_stands_for_other_registers() -> None:
     s = servo(position=1000)
     for number, address in enumerate((132, 133, 146, 65)):
@@ -242,3 +252,17 @@ def test_no_answer_while_the_eeprom_is_written() -> None:
     assert s.execute(Packet.ping(1), 6 * MS) is not None
     assert write(s, "LED", 1, 7 * MS) == 0
     assert s.execute(Packet.ping(1), 7 * MS) is not None
+
+
+def test_power_cycle() -> None:
+    s = servo(position=1000, boot_time=0.1)
+    write(s, "Torque Enable", 1)
+    s.power_off()
+    assert s.execute(Packet.ping(1), MS) is None
+    s.lead(1500, 0.5)
+    s.advance(2 * SECOND)
+    s.power_on()
+    assert s.execute(Packet.ping(1), 2 * SECOND + 50 * MS) is None
+    assert s.execute(Packet.ping(1), 2 * SECOND + 100 * MS) is not None
+    assert s.register("Torque Enable") == 0
+    assert s.register("Goal Position") == s.register("Present Position") != 1000

@@ -75,11 +75,6 @@ class InstructionPacket2(InstructionPacket):
         code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
         return cls(BROADCAST, code, cls.words(address, length) + bytes(ids))
 
-    @classmethod
-    def bulk_read(cls, reads: Mapping[int, tuple[int, int]]) -> Self:
-        shares = (bytes((servo_id,)) + cls.words(*place) for servo_id, place in reads.items())
-        return cls(BROADCAST, Instruction.BULK_READ, b"".join(shares))
-
 
 class StatusPacket(Status):
     """What a servo answers in protocol 1.0."""
