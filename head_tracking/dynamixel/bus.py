@@ -373,7 +373,7 @@ class ServoBus:
             raise TorqueError(True, problems)
 
     def relax_at_once(self, timeout: float, epoch: int | None = None) -> Mapping[str, str]:
-        """STOP: relax all joints, and keep trying where that fails.
+        """STOP: relax all joints; the cycles keep trying where that fails.
 
         Earlier commands and requests are discarded. The next command switches torque on again,
         except where it was off on request; the caller must refuse commands until `resume`.
@@ -393,14 +393,10 @@ class ServoBus:
             while self._bus.monotonic() <= deadline:
                 self._pause(next(steps))
             steps.close()
-            late = "it has not confirmed in time"
-            problems = {joint.name: "" if joint.confirmed else late for joint in self._all}
         except StopIteration as end:
-            problems = end.value
-        troubled = [self._joints[name] for name, problem in problems.items() if problem]
-        if self._connected and troubled:
-            self.requests.start(self._procedures.relaxing(troubled), despite_stop=True)
-        return problems
+            return end.value  # type: ignore[no-any-return]
+        late = "it has not confirmed in time"
+        return {joint.name: "" if joint.confirmed else late for joint in self._all}
 
     def recovering(
         self, joints: Iterable[str] | None = None, patience: float = 0.0

@@ -515,7 +515,10 @@ class Diagnosis:
             self._check_torque(watch)
 
     def _check_torque(self, watch: _Watch) -> None:
-        """Find a servo that was without power for a moment; it must not move to the old goal."""
+        """Find a servo that has lost or kept its torque, though its joint is on or relaxed.
+
+        One that was without power for a moment must not move to the old goal.
+        """
         servo = watch.servo
         if watch.joint.on:
             try:
@@ -524,6 +527,8 @@ class Diagnosis:
                 return  # the next cycle asks again
             if not powered:
                 self._lose_torque(watch)
+        elif not (servo.confirmed or watch.joint.resumes):  # until its other servo returns
+            self._procedures.cut(watch.joint)
         servo.note_torque()
 
     def _lose_torque(self, watch: _Watch) -> None:

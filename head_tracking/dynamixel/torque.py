@@ -125,25 +125,31 @@ def relaxing(
     """Switch torque off: the first step sends it to all, the others read each servo back.
 
     `disarm`: switch off their Bus Watchdog, too. Servos in `sure` have confirmed before, and may be
-    unplugged now. Returns by id why a servo did not confirm, empty where it did.
+    unplugged now. Returns by id why a servo did not confirm, empty where it did. A servo that did
+    not confirm counts as interrupted, so that a cycle in which it answers relaxes it again.
     """
     for servo in servos:
         servo.confirmed, servo.held_by = servo in sure, None
     with suppress(PortLostError, NotConnectedError):  # reported by what follows
         release(port, servos)
-    yield 0.0
     problems: dict[int, str] = {}
-    for servo in servos:
-        try:
-            if servo.lost:
-                raise ServoError("the servo does not answer")
-            yield from while_held_by(None, [servo], _confirming(servo, disarm))
-        except DynamixelError as cause:
-            servo.confirmed = servo in sure and not isinstance(cause, ServoError)
-            problems[servo.id] = "" if servo.confirmed else str(cause)
-        else:
-            problems[servo.id], servo.confirmed = "", True
-            yield 0.0
+    try:
+        yield 0.0
+        for servo in servos:
+            try:
+                if servo.lost:
+                    raise ServoError("the servo does not answer")
+                yield from while_held_by(None, [servo], _confirming(servo, disarm))
+            except DynamixelError as cause:
+                servo.confirmed = servo in sure and not isinstance(cause, ServoError)
+                problems[servo.id] = "" if servo.confirmed else str(cause)
+            else:
+                problems[servo.id], servo.confirmed = "", True
+                yield 0.0
+    finally:
+        for servo in servos:
+            if not servo.confirmed:
+                servo.interrupt()
     return problems
 
 

@@ -186,6 +186,29 @@ def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) 
 
 
 @pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("stop", [False, True])
+def test_a_pair_that_kept_its_torque_while_its_cable_was_out_holds_unless_it_was_stopped(
+    name: str, stop: bool
+) -> None:
+    pair = Pair(name)
+    pair.go(0.6)
+    before = pair.position
+    for servo in pair.servos:
+        servo.set_register("ID", servo.id + 90)
+    pair.step(20)
+    assert not pair.bus.joint("j").on
+    if stop:
+        pair.bus.relax_at_once(0.1)
+    for servo in reversed(pair.servos):
+        servo.set_register("ID", servo.id - 90)
+        pair.step(7)
+    pair.step(60)
+    assert pair.powered == (0 if stop else 2)
+    assert pair.bus.joint("j").on is not stop
+    assert pair.position == pytest.approx(before, abs=0.02)
+
+
+@pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("relaxed", [0, 1])
 def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(
     name: str, relaxed: int
