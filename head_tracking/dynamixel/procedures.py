@@ -173,11 +173,10 @@ class Procedures:
         self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
 
     def switching_on_for_goal(self, joint: Joint) -> Steps[None]:
-        """Switch the torque of a joint with a goal on; drop the goal if that fails."""
+        """Switch the torque of a joint with a goal on; if that fails, relaxing drops the goal."""
         try:
             yield from self.switching_on(joint)
         except (CommunicationError, ServoError) as cause:
-            self._requests.drop_goals(joint.name)
             self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {cause}")
 
     def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
@@ -278,7 +277,7 @@ class Procedures:
         If the joint was on and the servo has kept its torque, it holds its present position.
         Otherwise it is relaxed.
         """
-        keep = joint.on or (joint.resumes and not (joint.relaxed or joint.resting))
+        keep = joint.on or joint.resumes
         identity = yield from servo.identify(keep_torque=keep)
         try:
             joint.require_range()

@@ -27,6 +27,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ReplyTimeoutError,
     ServoBus,
+    Torque,
     TorqueError,
 )
 from head_tracking.dynamixel.exceptions import (
@@ -285,6 +286,21 @@ def test_lost_servo_is_asked_every_40_ms(port: FakePort, bus: ServoBus, clock: F
     assert asked == [("ping", 1)] * 50
 
 
+def test_several_lost_servos_are_asked_in_different_cycles(
+    port: FakePort, bus: ServoBus, clock: FakeClock
+) -> None:
+    for servo in port.servos.values():
+        servo.answers = False
+    for _ in range(5):
+        bus.step()
+    clock.pass_time(1.0)
+    port.take_log()
+    bus.step()
+    assert port.take_log() == [("ping", 1)]
+    bus.step()
+    assert port.take_log() == [("ping", 2)]
+
+
 def test_servo_that_kept_its_torque_holds_where_it_stands(
     port: FakePort, bus: ServoBus, clock: FakeClock
 ) -> None:
@@ -403,6 +419,23 @@ def test_port_without_any_of_the_servos_is_left_alone(
     clock.pass_time(0.3)
     bus.step()
     assert port.opened
+
+
+def test_torque_off_while_the_port_is_gone_is_remembered(
+    port: FakePort, bus: ServoBus, clock: FakeClock
+) -> None:
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    port.gone = True
+    bus.step()
+    with pytest.raises(TorqueError):
+        run(bus.switching_torque(None, False))
+    port.gone = False
+    clock.pass_time(0.3)
+    for _ in range(3):
+        bus.step()
+    assert port.servos[1]["Torque Enable"] == 0
+    assert bus.joint("head_pan_joint").torque is Torque.OFF_ON_REQUEST
 
 
 def test_port_that_goes_between_two_cycles_is_found_again(

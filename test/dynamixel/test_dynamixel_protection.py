@@ -10,6 +10,7 @@ import pytest
 from dynamixel_fakes import (
     PAN,
     TILT,
+    TORQUE,
     FakeClock,
     FakePort,
     FakeServo,
@@ -187,6 +188,22 @@ def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
     rig.pan["Present Temperature"] = 59
     assert rig.events(3) == [EventKind.COOLED]
     assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+
+
+@pytest.mark.parametrize("missed", [0, 1, 2])
+def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_off(
+    missed: int,
+) -> None:
+    rig = Rig().switched_on(0.5)
+    rig.pan.answers = False
+    rig.steps(2)
+    rig.port.servos[1] = FakeServo(1)
+    rig.port.failures[1] += [None, ReplyTimeoutError("no answer about its torque")] * missed
+    rig.port.take_log()
+    assert rig.events(5) == [EventKind.TORQUE_LOST]
+    assert rig.torque is Torque.OFF_UNTIL_COMMANDED
+    assert {packet[1] for packet in writes(rig.port.log)} == {TORQUE}
+    assert rig.pan["Torque Enable"] == 0
 
 
 # Watchdog
