@@ -390,6 +390,7 @@ class ServoBus:
         self.requests.discard_older()
         steps = self._procedures.relax(self._all)
         try:
+            self._pause(next(steps))  # also without any time
             while self._bus.monotonic() <= deadline:
                 self._pause(next(steps))
             steps.close()

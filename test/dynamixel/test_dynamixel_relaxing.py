@@ -105,6 +105,18 @@ def test_stop_is_tried_again_where_it_failed(silent: int) -> None:
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
 
 
+def test_a_stop_without_time_relaxes_all_the_same() -> None:
+    port = FakePort(1)
+    bus = ServoBus(port, [PAN], monotonic=FakeClock(tick=1000))  # type: ignore[arg-type]
+    bus.connect()
+    run(bus.switching_torque(None, True))
+    assert bus.relax_at_once(0.0)[PAN.joint_name]  # not confirmed yet
+    assert port.servos[1]["Torque Enable"] == 0
+    for _ in range(3):
+        bus.step()
+    assert bus.joint(PAN.joint_name).confirmed
+
+
 # An adapter that comes back
 
 
