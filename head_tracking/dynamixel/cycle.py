@@ -328,7 +328,9 @@ class Cycle:
         """
         now = self._monotonic()
         for joint, servo in self._each_servo():
-            if servo.lost and servo.ask_at <= now and not joint.stopped and not joint.busy:
+            if joint.busy or (joint.stopped and servo.confirmed):
+                continue
+            if servo.lost and servo.ask_at <= now:
                 servo.ask_at = now + POLL_INTERVAL
                 with suppress(CommunicationError):
                     if servo.damaged_cycles:  # two servos with one id may answer pings

@@ -115,7 +115,8 @@ class Procedures:
         """Relax joints; return by joint why it has not confirmed, empty where it has.
 
         The first step switches torque off, the others read it back. `stop`: take them out of the
-        cycle, too; `disarm`: switch off the Bus Watchdog of their servos, too.
+        cycle, too, where servos that have not confirmed are asked until they answer; `disarm`:
+        switch off the Bus Watchdog of their servos, too.
         """
         sure = [s for each in joints if each.stopped and each.confirmed for s in each.servos]
         for joint in joints:
@@ -125,6 +126,9 @@ class Procedures:
                 joint.set_stopped(True)
         servos = [servo for joint in joints for servo in joint.servos]
         found = yield from relaxing(self._bus.port, servos, disarm=disarm, sure=sure)
+        for servo in servos:
+            if stop and not servo.confirmed:
+                servo.lose(0)
         return {
             joint.name: "; ".join(filter(None, [found[servo.id] for servo in joint.servos]))
             for joint in joints

@@ -105,6 +105,34 @@ def test_stop_is_tried_again_where_it_failed(silent: int) -> None:
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
 
 
+@pytest.mark.parametrize("silent", [0, 2, 20])
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_answers(
+    silent: int, lost: bool
+) -> None:
+    port, clock = FakePort(), FakeClock(tick=1000)
+    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
+    bus.connect()
+    run(bus.switching_torque(None, True))
+    port.servos[1].answers, port.servos[1].ignored = False, {24}  # its plug is loose
+    for _ in range(10 * lost):
+        bus.step()
+    with pytest.raises(TorqueError):
+        run(bus.stopping([PAN.joint_name]))
+    for cycle in range(silent + 10):
+        if cycle == silent:
+            port.servos[1].answers, port.servos[1].ignored = True, set()
+        clock.pass_time(0.02)
+        reading = bus.step()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 1]
+    assert bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
+    assert set(reading.states) == {TILT.joint_name}
+    port.take_log()
+    bus.step()
+    assert all(packet[1] != 1 for packet in port.take_log())  # it is left alone
+    assert bus.close() == ()
+
+
 def test_a_stop_without_time_relaxes_all_the_same() -> None:
     port = FakePort(1)
     bus = ServoBus(port, [PAN], monotonic=FakeClock(tick=1000))  # type: ignore[arg-type]
