@@ -125,10 +125,13 @@ class Procedures:
             if stop:
                 joint.set_stopped(True)
         servos = [servo for joint in joints for servo in joint.servos]
-        found = yield from relaxing(self._bus.port, servos, disarm=disarm, sure=sure)
-        for servo in servos:
-            if stop and not servo.confirmed:
-                servo.lose(0)
+        try:
+            found = yield from relaxing(self._bus.port, servos, disarm=disarm, sure=sure)
+        finally:
+            for joint in joints:
+                for servo in joint.servos:
+                    if joint.stopped and not servo.confirmed:
+                        servo.lose(0)
         return {
             joint.name: "; ".join(filter(None, [found[servo.id] for servo in joint.servos]))
             for joint in joints

@@ -17,6 +17,7 @@ from head_tracking.dynamixel.exceptions import (
     PortLostError,
     PositionError,
     RegisterRefusedError,
+    ReplyTimeoutError,
     ServoError,
 )
 from head_tracking.dynamixel.models import servo_model
@@ -138,7 +139,7 @@ def relaxing(
         for servo in servos:
             try:
                 if servo.lost:
-                    raise ServoError("the servo does not answer")
+                    raise ReplyTimeoutError("the servo does not answer")
                 yield from while_held_by(None, [servo], _confirming(servo, disarm))
             except DynamixelError as cause:
                 servo.confirmed = servo in sure and not isinstance(cause, ServoError)
