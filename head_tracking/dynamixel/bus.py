@@ -192,6 +192,11 @@ class ServoBus:
         return self._port.name
 
     @property
+    def stable_port_name(self) -> str:
+        """The same by the adapter's serial number, if it has one; a USB reset may change others."""
+        return self._port.stable_name or self._port.name
+
+    @property
     def adapter(self) -> Adapter:
         """Facts about the adapter, since it was opened."""
         return self._port.adapter

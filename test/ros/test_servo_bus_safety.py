@@ -92,6 +92,16 @@ def test_a_request_that_timed_out_is_not_executed_later(robot, monkeypatch):
         wait_for(bus_thread(robot).call(lambda bus: None).done)
 
 
+def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot, monkeypatch):
+    """After a USB reset two adapters may have exchanged their other names."""
+    node = robot.composition.nodes["servo_bus"]
+    ((before, _, models),) = node.servos_by_port()
+    monkeypatch.setattr(bus_thread(robot).bus._port, "stable_name", "/dev/serial/by-id/x")
+    ((name, _, same),) = node.servos_by_port()
+    assert (before, name) == (robot.simulated.port.port_name, "/dev/serial/by-id/x")
+    assert models == same and set(models) == {1, 2}
+
+
 def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
     def narrow(bus):
         bus[1].set_register("CW Angle Limit", 500)

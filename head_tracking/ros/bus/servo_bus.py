@@ -145,7 +145,7 @@ class ServoBusNode(ClosingNode):
         """Return port, baud rate, and the models of the servos on it by id, of each bus."""
         return [
             (
-                each.bus.port_name,
+                each.bus.stable_port_name,
                 baud_rate,
                 {servo.id: servo.model.name for servo in each.bus.servos},
             )
