@@ -88,6 +88,9 @@ def main() -> int:
         interrupt_after(Supervisor, "_update", nodes_run)
     elif words[0] in (*programs.NODES, "transforms"):
         interrupt_after(StopSignal, "wait", lambda _: True)
+    elif words[0] == "calibrate":  # in 10 s, not 30
+        gathering = import_module("head_tracking.calibration.gathering")
+        vars(gathering).update(MOST_VIEWS=13, _SETTLING=0.15, _SPEED=2.0)
     sys.argv = ["head_tracking", *words]
     code: int = programs.head_tracking()
     return code
