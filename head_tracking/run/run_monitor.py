@@ -56,6 +56,8 @@ class RunMonitor:
             if self._judge is None or self._judge.head is not head:
                 self._judge = TrackingJudge(head, SETTLING_TIME, statistics=self._statistics)
             before = self._statistics.count
+            if control.error is None:
+                self._judge.target_lost(control.now)
             self._judge.joints_read(control.now, positions)
             for stamp, point in control.frames.take_recent():
                 self._judge.target_seen(stamp, point)

@@ -36,8 +36,8 @@ class TrackingJudge:
     """Compute by how much a head misses its target, at every moment its joints were measured.
 
     Points arrive late: a moment waits until the points before and after it are there, and the
-    target is interpolated between them. If no point arrives for 1 s, the latest one holds. Times
-    are in seconds.
+    target is interpolated between them. If no point arrives for 1 s, the latest one holds until the
+    target is lost. Times are in seconds.
 
     Args:
         head: the head that is judged.
@@ -48,7 +48,7 @@ class TrackingJudge:
     Attributes:
         head: as given.
         statistics: as given.
-        error: the latest one [rad]; None before the first.
+        error: the latest one [rad]; None before the first, and after the target was lost.
     """
 
     def __init__(
@@ -91,9 +91,18 @@ class TrackingJudge:
             time, positions = self._moments.popleft()
             self._judge(time, positions, self._between(time))
 
-    def _restart(self) -> None:
+    def target_lost(self, now: float) -> None:
+        """Judge no moment until the next point, if none has come for 1 s before `now`."""
+        if self._latest is not None and now > self._latest[0] + _LONGEST_WAIT:
+            self._forget()
+
+    def _forget(self) -> None:
         self._moments.clear()
-        self._latest = self._before = self._first = None
+        self._latest = self._before = self.error = None
+
+    def _restart(self) -> None:
+        self._forget()
+        self._first = None
 
     def _between(self, time: float) -> Vector3:
         """Return where the target was at a time before the latest point."""

@@ -275,6 +275,7 @@ class JointController:
         self._rest = Rest()
         self._side = 0.0
         self._goal = self._speed = math.nan
+        self._last = velocity  # the speed from which the next one may differ by the acceleration
 
     def steady_acceleration(self, most: float) -> float:
         """Return the highest acceleration of an oscillation that the joint follows [rad/s^2].
@@ -348,6 +349,7 @@ class JointController:
             goal = self._joint.clamp(rest.goal)
             motion.rest_at(reference.position)
             servo.hold(now, goal)
+            self._last = 0.0
             return goal, min(_REST_SPEED, limits.speed)
         if self._stands and abs(reference.position - servo.reading[1]) > _AWAY:
             return self._push(reference, now, limits)
@@ -370,6 +372,7 @@ class JointController:
             speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
             goal = self._goal_ahead(reference, setpoint, speed, period, limits.lead)
         servo.command(now, speed, goal)
+        self._last = astray[1] if astray and astray[1] else speed
         return goal, speed
 
     def _arrival(
@@ -387,7 +390,7 @@ class JointController:
         fast as `able` can brake. None while the joint moves away from the reference.
         """
         goal = self._joint.clamp(reference.position)
-        way, last = goal - setpoint, self.servo.speed
+        way, last = goal - setpoint, self._last
         change = min(limits.acceleration, _RAMP * able.acceleration) * elapsed
         away = last * way < 0.0 and abs(last) > change and abs(way) > abs(last) * period
         if away or abs(way) > limits.lead:
@@ -422,11 +425,12 @@ class JointController:
         self.motion.velocity = speed
         self.servo.restart(stamp, position)
         self.servo.command(now, speed, position + way)
+        self._last = speed
         return position + way, abs(speed)
 
     def _limited(self, speed: float, elapsed: float, limits: MotionLimits) -> float:
         """Return the nearest speed that the limits allow after the last one."""
-        last, change = self.servo.speed, limits.acceleration * elapsed
+        last, change = self._last, limits.acceleration * elapsed
         if abs(last) > limits.speed:
             change = max(change, abs(last) - limits.speed)
         speed = min(max(speed, last - change), last + change)

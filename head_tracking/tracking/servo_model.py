@@ -46,6 +46,7 @@ _UNEXPLAINED = 0.2  # of that distance counts as an error
 _FAR = 0.15  # rad; limit of that distance
 _STEP = 0.03  # s; the speed of a shaft is measured over two of these
 _ASTRAY = 0.07  # rad; least distance of a shaft that does not follow
+_COMING = 0.5  # rad/s; a shaft that comes faster to its set-point follows it, however late
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
 _PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARITY[:, None]
 """Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
@@ -198,11 +199,6 @@ class ServoModel:
         self.delay = self.given.delay or self.mean
 
     @property
-    def speed(self) -> float:
-        """The latest commanded speed."""
-        return self._speeds[-1]
-
-    @property
     def reading(self) -> tuple[float, float]:
         """Stamp and position of the latest reading."""
         return self._readings[-1]
@@ -270,8 +266,8 @@ class ServoModel:
         if abs(position - here) < _ASTRAY or before is None:
             return None
         speed = (position - before) / (2.0 * _STEP)
-        if speed * (position - here) > 0.0:
-            return None  # a shaft that moves away brakes as hard as it can
+        if speed * (position - here) > 0.0 or abs(speed) > _COMING:
+            return None  # away it brakes as hard as it can, and a fast one comes by itself
         likely = self._grid[0, self._filled - _CELLS : self._filled] + self._offset
         if likely.min() - _AWAY < position < likely.max() + _AWAY:
             return None  # some delay explains it

@@ -53,6 +53,18 @@ def test_a_swing_that_is_too_fast_for_the_servo_is_followed_in_time(head, accele
     assert ours.between(10.0).rms < 0.8 * standing
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_weak_servo_that_has_left_its_commands_is_caught_where_it_is(head, seed):
+    def stop_and_go(t):
+        phase = t % 4.0
+        return around(0.4 * (min(phase, 1.0) - min(max(phase - 2.0, 0.0), 1.0)))
+
+    weak = PlainServo(acceleration=5.0)
+    conditions = replace(BESIDE, duration=12.0, delay=0.08, servos=weak, seed=seed)
+    recording, _ = run(head, stop_and_go, conditions)
+    assert recording.rms < 0.065
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_late_computer_does_not_carry_the_head_past_its_target(head, seed):
     late = replace(BESIDE, late=0.1, seed=seed)

@@ -20,6 +20,8 @@ class FakeControl:
         self.head = self._head(model)
         self.now = 1000.0
         self.bearing = 0.0
+        self.error = 0.0
+        self.has_points = True
 
     @staticmethod
     def _head(model):
@@ -35,6 +37,8 @@ class FakeControl:
 
     def take_recent(self):
         far = 1000.0
+        if not self.has_points:
+            return []
         return [(self.now, (far * math.cos(self.bearing), far * math.sin(self.bearing), 0.0))]
 
 
@@ -88,3 +92,23 @@ def test_a_jump_of_the_clock_does_not_change_the_judged_time(control, run, jump)
 
 def test_a_target_just_before_the_end_is_not_judged(run):
     assert run(0.3) is None
+
+
+def test_a_target_that_was_given_up_is_not_judged(control, run):
+    run(SETTLING_TIME + 5.0)
+    control.error, control.has_points = None, False
+    control.bearing = math.radians(76.0)
+    largest, seconds = run(20.0)
+    assert largest < 1.0
+    assert seconds == pytest.approx(5.0, abs=1.2)
+    control.error, control.has_points = control.bearing, True
+    largest, seconds = run(5.0)
+    assert largest == pytest.approx(76.0, abs=1.0)
+    assert seconds == pytest.approx(10.0, abs=1.6)
+
+
+def test_points_that_are_not_followed_are_judged(control, run):
+    control.error, control.bearing = None, math.radians(76.0)
+    largest, seconds = run(SETTLING_TIME + 5.0)
+    assert largest == pytest.approx(76.0, abs=1.0)
+    assert seconds == pytest.approx(5.0, abs=0.3)
