@@ -183,6 +183,9 @@ def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
     assert rig.torque is Torque.OFF_TO_COOL
     with pytest.raises(GoalError):
         rig.bus.command({"head_pan_joint": Goal(0.1)})
+    with pytest.raises(TorqueError):
+        run(rig.bus.switching_torque(["head_pan_joint"], True))
+    assert rig.pan["Torque Enable"] == 0
     rig.pan["Present Temperature"] = 60
     assert rig.events() == []
     rig.pan["Present Temperature"] = 59
@@ -254,6 +257,9 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     assert rig.torque is Torque.OFF_STOPPED
     with pytest.raises(GoalError):
         rig.bus.command({"head_pan_joint": Goal(0.1)})
+    with pytest.raises(TorqueError):
+        run(rig.bus.switching_torque(["head_pan_joint"], True))
+    assert rig.pan["Torque Enable"] == 0
     run(rig.bus.stopping(None))  # twice is harmless
     run(rig.bus.switching_torque(None, False))
     assert rig.torque is Torque.OFF_STOPPED

@@ -10,6 +10,7 @@ from head_tracking.dynamixel import (
     BusThread,
     ConfigurationError,
     DynamixelPort,
+    EventKind,
     ServoBus,
     Torque,
     TorqueError,
@@ -38,6 +39,7 @@ def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end() -> None:
     port.servos[1].ignored = {24}  # its cable is out
     with pytest.raises(TorqueError):
         run(bus.stopping([PAN.joint_name]))
+    assert EventKind.TORQUE_FAILED in [event.kind for event in bus.step().events]
     assert bus.close() == (PAN.joint_name,)
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [1, 0]
 
@@ -49,6 +51,10 @@ def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end
     port.servos[1].answers = False
     assert bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
     run(bus.switching_torque(None, False))
+    port.servos[2].answers = False  # relaxed, too, but not taken out of the cycle
+    problems = bus.relax_at_once(1.0)
+    assert problems[TILT.joint_name] and not problems[PAN.joint_name]
+    port.servos[2].answers = True
     assert bus.close() == ()
 
 
