@@ -92,7 +92,6 @@ class Procedures:
 
     def braking(self) -> Steps[None]:
         """Make the present position the goal of every joint with torque on; wait until it stops."""
-        self._requests.drop_goals()
         moving: list[Servo] = []
         for joint in [joint for joint in self._bus.joints.values() if joint.on]:
             for servo in joint.servos:  # a silent one gets the position read last
@@ -222,7 +221,6 @@ class Procedures:
         A protocol 1.0 servo of Dynamixel has set its Torque Limit to 0 and gets it back; others
         restart, and are lost until the bus finds them again.
         """
-        self._requests.drop_goals(joint.name)
         if joint.lost:
             raise ServoError("the servo does not answer")
         problems = yield from self.relax([joint])

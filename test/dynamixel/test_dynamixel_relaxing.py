@@ -276,10 +276,10 @@ def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(
     port = FakePort()
     bus = connected(port)
 
-    def interrupt() -> None:
+    def interrupt(_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bus.requests, "drop_goals", lambda joint=None: joint or interrupt())
+    monkeypatch.setattr(bus._procedures, "write_goals", interrupt)
     with pytest.raises(KeyboardInterrupt):
         bus.close()
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
