@@ -276,6 +276,8 @@ class ServoBus:
     def connect(self, *, allow_missing: bool = False) -> str:
         """Open the port, find and relax all servos, and return `summary`.
 
+        Where this fails, the servos that can be used are relaxed all the same.
+
         Args:
             allow_missing: Go on without servos that do not answer, and keep asking them.
 
@@ -295,14 +297,20 @@ class ServoBus:
             if len(found) < len(servos):
                 self._pause(_PATIENCE)
                 found += answering(servo for servo in servos if servo.id not in found)
+            problem: DynamixelError | None = None
+            for servo in servos:
+                if servo.id not in found:
+                    servo.lose(0)
+                    continue
+                try:
+                    self._identify_at_once(servo)
+                except DynamixelError as cause:
+                    problem = problem or cause
             if len(found) < len(servos) and not allow_missing:
                 asked = [servo.id for servo in servos]
                 raise ServoNotFoundError(asked, found, self._port.name, self._port.baud_rate)
-            for servo in servos:
-                if servo.id in found:
-                    self._identify_at_once(servo)
-                else:
-                    servo.lose(0)
+            if problem is not None:
+                raise problem
             for joint in self._all:
                 joint.require_range()
         except BaseException:

@@ -12,6 +12,7 @@ from head_tracking.dynamixel import (
     DynamixelPort,
     EventKind,
     ServoBus,
+    ServoError,
     Torque,
     TorqueError,
     relax_servos,
@@ -29,7 +30,22 @@ def connected(port: FakePort) -> ServoBus:
     return bus
 
 
-# The end of a run
+# The start and the end of a run
+
+
+@pytest.mark.parametrize("register", [None, "Model Number", "CCW Angle Limit"])
+def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | None) -> None:
+    port = FakePort()
+    for servo in port.servos.values():
+        servo["Torque Enable"] = 1  # left so by a program that was killed
+    if register is None:
+        port.servos[1].answers = False
+    else:
+        port.servos[1][register] = 0
+    with pytest.raises(ServoError):
+        ServoBus(port, [PAN, TILT], pause=lambda _: None).connect()  # type: ignore[arg-type]
+    assert port.servos[2]["Torque Enable"] == 0
+    assert not port.opened
 
 
 def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end() -> None:
