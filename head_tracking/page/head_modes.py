@@ -191,7 +191,7 @@ class HeadModes:
             return f"{' and '.join(controllers)} both control the head"
         senders = [name for name in SENDERS if self._is_enabled(name)]
         if self._sending is not None:
-            if not senders and time.monotonic() - self._others_sent < _RECENT:
+            if not senders and self._others_sent > max(self._begun, time.monotonic() - _RECENT):
                 senders.append(f"another program ({' or '.join(self._others())})")
             senders.append("this page")
         if self._is_enabled(TRACKER) and len(senders) > 1:

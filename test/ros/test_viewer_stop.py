@@ -10,8 +10,10 @@ from typing import Any
 import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import Header
 from viewing import PATIENCE, view
 from waiting import wait_for
 
@@ -291,8 +293,12 @@ def test_two_senders_or_two_controllers_are_named(start, page):
     camera = start(ControllerStandIn("visual_target"))
     wait_for(lambda: robot.modes.mode() is Mode.VISUAL, PATIENCE)
     wait_for(lambda: "base_link" in robot.buffer.frames())
+    seen = PointStamped(header=Header(frame_id="base_link"))
+    targets = camera.create_publisher(PointStamped, "target_point", 10)
+    wait_for(lambda: targets.publish(seen) or robot.observe().target is not None)
     assert robot.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
     assert camera.on is False, "one sender only"
+    assert robot.observe()
     assert robot.notices() == ()
 
 
