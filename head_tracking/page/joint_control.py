@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState as JointStateMsg
 from std_srvs.srv import SetBool, Trigger
 
@@ -59,7 +60,7 @@ class JointControl:
         self._is_published_by_others = True
         self._had_servos = False
         self._commands = node.create_publisher(JointStateMsg, "joint_commands", 10)
-        self._states = node.create_publisher(JointStateMsg, "joint_states", 10)
+        self._states: Publisher | None = None  # while positions are published: see `discover`
         self._timer = node.create_timer(_PERIOD, self._publish_positions)
         self._timer.cancel()
 
@@ -80,11 +81,15 @@ class JointControl:
         )
         self._robot.services.know(SetBool, *(f"{one}{_TORQUE}" for one in self._controllers))
         self._had_servos |= bool(self._controllers)
-        own = self._node.get_fully_qualified_name()
-        self._is_published_by_others = any(
-            f"{one.node_namespace.rstrip('/')}/{one.node_name}" != own
-            for one in self._node.get_publishers_info_by_topic(self._states.topic_name)
-        )
+        topic = self._node.resolve_topic_name("joint_states")
+        publishers = [
+            (one.node_namespace, one.node_name)
+            for one in self._node.get_publishers_info_by_topic(topic)
+        ]
+        own = self._node.get_namespace(), self._node.get_name()
+        if self._states is not None and own in publishers:
+            publishers.remove(own)  # another page on this robot has the same name
+        self._is_published_by_others = bool(publishers)
 
     def servos(self) -> tuple[Servo, ...]:
         """Return the servos whose torque can be switched."""
@@ -147,7 +152,12 @@ class JointControl:
         model = self._robot.buffer.model
         if model is None or not self.free:
             self._timer.cancel()
+            if self._states is not None:
+                self._node.destroy_publisher(self._states)
+                self._states = None
             return
+        if self._states is None:
+            self._states = self._node.create_publisher(JointStateMsg, "joint_states", 10)
         states = JointStates(model, {}, default_positions=True).complete(
             {name: JointState(position) for name, position in dict(self._positions).items()}
         )

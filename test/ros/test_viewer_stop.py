@@ -302,6 +302,16 @@ def test_two_senders_or_two_controllers_are_named(start, page):
     assert robot.notices() == ()
 
 
+def test_of_two_pages_without_hardware_one_publishes_the_joints(page):
+    pages = [page(), page()]
+    for robot in pages:
+        wait_for(lambda robot=robot: robot.joints.free, PATIENCE)
+    assert pages[0].joints.move({"head_pan_joint": 0.25}).done
+    wait_for(lambda: not pages[1].joints.free, PATIENCE)
+    wait_for(lambda: pages[1].observe().joints.get("head_pan_joint") == 0.25, PATIENCE)
+    assert pages[0].joints.free
+
+
 def test_two_pages_that_both_send_targets_name_each_other(start, page):
     start(ControllerStandIn("head_tracker"))
     pages = [page(), page()]
