@@ -20,6 +20,7 @@ from head_tracking.transforms import (
 )
 
 _PICTURE_AGE = _TARGET_AGE = 2_000_000_000  # ns
+_MOST_FRAMES = 200  # outside the model
 _PICTURE_PERIOD = 200_000_000  # ns between pictures of the last minute, which need memory
 ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
 """The topic on which each controller publishes its error."""
@@ -90,7 +91,8 @@ def observed(
         without: frames that are left out.
     """
     frames = {}
-    for frame in set(buffer.frames()).difference(model.children_of_joints, without, [model.root]):
+    outside = set(buffer.frames()).difference(model.children_of_joints, without, [model.root])
+    for frame in sorted(outside)[:_MOST_FRAMES]:
         with contextlib.suppress(TransformException):
             frames[frame] = buffer.lookup_transform(model.root, frame).transform
     is_recent = target is not None and abs(now - target[2]) <= _TARGET_AGE
