@@ -107,6 +107,7 @@ class RestartedProcess:
         self.start_at: float | None = None
         self._started_once: set[str] = set()
         self._ends_in_a_row = 0
+        self._refuses = False  # a node; if it was the only one, the process ends
 
     def add(self, node: dict[str, Any]) -> None:
         """Add a node, and plan the start of the process if it does not run."""
@@ -132,6 +133,7 @@ class RestartedProcess:
             self.nodes[name]["enabled"] = report["enabled"]
         elif not self._is_kept(name):
             self.nodes.pop(name, None)
+            self._refuses = True
 
     def _is_kept(self, name: str) -> bool:
         """Return whether a node is started again: it has run once, or is the page."""
@@ -145,8 +147,10 @@ class RestartedProcess:
         code = self.running.wait()
         problem = f"the {self.name} process {_describe_end(code)}"
         self.running = None
-        # a first start that was killed is tried once more; one that failed would fail again
-        is_retried = code < 0 and not self._ends_in_a_row
+        # a first start that was killed is tried once more; one that failed would fail again, but
+        # not one that was requested while the process ended because of another node
+        is_retried = self._refuses or (code < 0 and not self._ends_in_a_row)
+        self._refuses = False
         failed = [name for name in self.nodes if not (is_retried or self._is_kept(name))]
         for name in failed:
             del self.nodes[name]

@@ -66,13 +66,16 @@ def test_the_servos_are_relaxed_and_all_processes_end_when_the_supervisor_is_kil
     assert bench.servos.torque == [0, 0]
 
 
-def test_the_control_process_loads_no_parser_and_no_cryptography(bench):
+def test_the_supervisor_loads_no_ros_and_control_no_parser_and_no_cryptography(bench):
     """They would take a fifth of the memory that the control process may use."""
     run = under_way(bench)
+    bench.person.wait_for_joints()
+    assert "rclpy" not in Path(f"/proc/{run.process.pid}/maps").read_text()
     libraries = Path(f"/proc/{child(run, 'control')}/maps").read_text()
-    assert "/numpy/" in libraries
+    assert "/numpy/" in libraries and "rclpy" in libraries
     for name in ("lxml", "pyexpat", "_hashlib", "cv2", "scipy/"):
         assert name not in libraries
+    assert run.end(signal.SIGINT) == 0, run.output
 
 
 @needs_opencv
@@ -127,14 +130,6 @@ def test_the_page_is_restarted(bench):
     wait_for(lambda: run.output.count("the robot is at http") == 2)
     run.process.kill()
     wait_for(lambda: has_ended(page))
-
-
-def test_the_supervisor_does_not_load_ros(bench):
-    run = bench.start("head_tracking", "--sim")
-    bench.person.wait_for_joints()
-    assert "rclpy" not in Path(f"/proc/{run.process.pid}/maps").read_text()
-    assert "rclpy" in Path(f"/proc/{child(run, 'control')}/maps").read_text()
-    assert run.end(signal.SIGINT) == 0
 
 
 @needs_opencv
