@@ -289,9 +289,7 @@ class Procedures:
         except ConfigurationError:
             release(self._bus.port, (servo,))
             raise
-        if keep and not (joint.on or joint.resumes):  # relaxed meanwhile
-            release(self._bus.port, (servo,))
-            return joint.torque.value
+        keep = keep and (joint.on or joint.resumes)  # unless it was relaxed meanwhile
         if keep and identity.faulted:
             self.cut(joint)
         elif keep and identity.powered:

@@ -127,6 +127,23 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_a_servo_that_shut_down_while_its_cable_was_out_is_relaxed_when_it_returns(
+    name: str,
+) -> None:
+    servo = SimulatedServo(1, servo_model(name))
+    rig = Rig(servo)
+    rig.go(0.3)
+    servo.set_register("ID", 91)
+    servo.overload()
+    rig.step(20)
+    assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
+    servo.set_register("ID", 1)
+    rig.step(20)
+    assert rig.bus.joint("j1").torque is Torque.OFF_BY_FAULT
+    assert rig.torque == [0]
+
+
 def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_recovered() -> None:
     servo = SimulatedServo(1)
     servo.overload()
