@@ -209,6 +209,25 @@ def test_a_pair_that_kept_its_torque_while_its_cable_was_out_holds_unless_it_was
 
 
 @pytest.mark.parametrize("name", MODELS)
+def test_no_servo_of_a_pair_holds_alone_when_the_other_one_lost_its_power_while_both_were_away(
+    name: str,
+) -> None:
+    pair = Pair(name)
+    pair.go(0.6)
+    for servo in pair.servos:
+        servo.set_register("ID", servo.id + 90)
+    pair.step(20)
+    pair.servos[0].set_register("ID", 1)
+    pair.step(20)
+    pair.servos[1].set_register("Torque Enable", 0)
+    pair.servos[1].set_register("ID", 2)
+    pair.step(20)
+    assert pair.powered == 0
+    pair.go(0.2)
+    assert pair.bus.joint("j").torque is Torque.ON
+
+
+@pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("relaxed", [0, 1])
 def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(
     name: str, relaxed: int
