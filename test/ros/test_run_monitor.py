@@ -8,6 +8,7 @@ import pytest
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.run.run_monitor import SETTLING_TIME, RunMonitor
+from head_tracking.tracking import TargetState
 
 
 class FakeControl:
@@ -20,7 +21,7 @@ class FakeControl:
         self.head = self._head(model)
         self.now = 1000.0
         self.bearing = 0.0
-        self.error = 0.0
+        self.code = TargetState.TRACKING
         self.has_points = True
 
     @staticmethod
@@ -34,6 +35,9 @@ class FakeControl:
     @property
     def frames(self):
         return self
+
+    def state(self):
+        return self.code, ""
 
     def take_recent(self):
         far = 1000.0
@@ -96,19 +100,21 @@ def test_a_target_just_before_the_end_is_not_judged(run):
 
 def test_a_target_that_was_given_up_is_not_judged(control, run):
     run(SETTLING_TIME + 5.0)
-    control.error, control.has_points = None, False
+    control.code, control.has_points = TargetState.HOLDING, False
+    assert run(5.0)[1] == pytest.approx(10.0, abs=1.2)
+    control.code = TargetState.RECENTERING
     control.bearing = math.radians(76.0)
     largest, seconds = run(20.0)
     assert largest < 1.0
-    assert seconds == pytest.approx(5.0, abs=1.2)
-    control.error, control.has_points = control.bearing, True
+    assert seconds == pytest.approx(10.0, abs=1.2)
+    control.code, control.has_points = TargetState.TRACKING, True
     largest, seconds = run(5.0)
     assert largest == pytest.approx(76.0, abs=1.0)
-    assert seconds == pytest.approx(10.0, abs=1.6)
+    assert seconds == pytest.approx(15.0, abs=1.6)
 
 
 def test_points_that_are_not_followed_are_judged(control, run):
-    control.error, control.bearing = None, math.radians(76.0)
+    control.code, control.bearing = TargetState.IDLE, math.radians(76.0)
     largest, seconds = run(SETTLING_TIME + 5.0)
     assert largest == pytest.approx(76.0, abs=1.0)
     assert seconds == pytest.approx(5.0, abs=0.3)
