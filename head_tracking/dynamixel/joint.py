@@ -220,7 +220,6 @@ class Joint:
         """Drop the goal; without one, torque counts as off."""
         self.on = False
         self.goal_ticks = ()
-        self.commanded_at = None
 
     def hold(self) -> None:
         """Make the measured position the goal, at the speed of the previous goal."""

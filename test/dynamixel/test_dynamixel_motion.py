@@ -72,8 +72,10 @@ def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     run(bus.switching_torque(["head_pan_joint"], False))
     run(bus.switching_torque(["head_pan_joint"], True))
-    bus.step()
+    assert bus.step().states["head_pan_joint"].goal == PAN.position(512)
     assert port.servos[1]["Goal Position"] == 512
+    run(bus.switching_torque(["head_pan_joint"], False))
+    assert bus.step().states["head_pan_joint"].goal is None
 
 
 @pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])
