@@ -100,10 +100,11 @@ def commands(code: str) -> Iterator[str]:
         words, _, _ = line.partition(" #")
         if words.startswith(LONG) and words.rstrip().endswith("&"):
             yield f"timeout --kill-after 20 {PATIENCE} {words}"  # the shell lets it ignore SIGINT
+        elif words.startswith(LONG):
+            # beside other work a simulated servo may answer late once, and then they end with 1
+            yield f"{words} || {words}"
         else:
-            # beside other work a simulated servo may answer late once, and these tools tell
-            tells = " doctor " in words or " servo " in words
-            yield f"{words} || {words}" if tells else words
+            yield words
 
 
 @pytest.mark.parametrize("code", blocks("python"))
