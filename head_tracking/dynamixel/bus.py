@@ -341,11 +341,17 @@ class ServoBus:
                     with suppress(DynamixelError):
                         run(self._procedures.braking(), self._pause)
                 finally:  # also after an interrupt
-                    problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
+                    problems = self._relax_all()
+                    if any(problems.values()):
+                        self._pause(_PATIENCE)
+                        problems = self._relax_all()
         finally:
             self._connected = False
             self._port.close()
         return tuple(name for name, problem in problems.items() if problem)
+
+    def _relax_all(self) -> Mapping[str, str]:
+        return run(self._procedures.relax(self._all, disarm=True), self._pause)
 
     def step(self) -> BusReading:
         """Run one cycle; see `Cycle.read` and `Cycle.write`.

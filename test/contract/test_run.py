@@ -303,13 +303,13 @@ def test_keys_stop_and_resume_a_run_in_the_foreground(bench, monkeypatch):
         assert bench.servos.torque == [1, 1]
         terminal.type("fg\n")
         press("\x1b[A\x1bOS ", [0, 0])
-        assert bench.person.stopped
+        wait_for(lambda: bench.person.stopped)
         terminal.type("x\x1a")
         terminal.waits_for("Stopped")
         assert terminal.is_as_before()
         terminal.type("fg\n")
         press("r", [1, 1])
-        assert not bench.person.stopped
+        wait_for(lambda: not bench.person.stopped)
         terminal.type("\x03")
         terminal.waits_for(r"bus cycles.*\$ ")
         assert terminal.is_as_before()

@@ -179,6 +179,23 @@ def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_ans
     assert bus.close() == ()
 
 
+def test_a_servo_that_is_silent_for_a_moment_at_the_end_is_relaxed() -> None:
+    port, clock = FakePort(), FakeClock(tick=1000)
+
+    def pause(seconds: float) -> None:
+        clock.pass_time(seconds)
+        if clock() > silent_until:
+            port.servos[1].answers, port.servos[1].ignored = True, set()
+
+    bus = ServoBus(port, [PAN, TILT], monotonic=clock, pause=pause)  # type: ignore[arg-type]
+    bus.connect()
+    run(bus.switching_torque(None, True))
+    silent_until = clock() + 0.8e9
+    port.servos[1].answers, port.servos[1].ignored = False, {24}
+    assert bus.close() == ()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+
+
 def test_a_stop_without_time_relaxes_all_the_same() -> None:
     port = FakePort(1)
     bus = ServoBus(port, [PAN], monotonic=FakeClock(tick=1000))  # type: ignore[arg-type]
