@@ -342,15 +342,23 @@ class ServoBus:
                         run(self._procedures.braking(), self._pause)
                 finally:  # also after an interrupt
                     problems = self._relax_all()
-                    if any(problems.values()):
-                        self._pause(_PATIENCE)
-                        problems = self._relax_all()
         finally:
             self._connected = False
             self._port.close()
         return tuple(name for name, problem in problems.items() if problem)
 
     def _relax_all(self) -> Mapping[str, str]:
+        """Relax all joints; where that fails, look for lost servos, and try once more."""
+        problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
+        if not any(problems.values()):
+            return problems
+        self._pause(_PATIENCE)
+        with suppress(DynamixelError):  # as of a port that is lost
+            lost = [servo for servo in self.servos if servo.lost]
+            found = answering(lost)
+            for servo in lost:
+                if servo.id in found:
+                    servo.note_reply()
         return run(self._procedures.relax(self._all, disarm=True), self._pause)
 
     def step(self) -> BusReading:

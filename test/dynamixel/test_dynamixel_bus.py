@@ -277,6 +277,15 @@ def test_servo_is_lost_after_five_failed_cycles_and_reported_once(
     assert all("head_tilt_joint" in reading.states for reading in readings)
 
 
+def test_one_answer_starts_the_count_again(port, bus) -> None:
+    for _ in range(4):
+        port.servos[1].answers = False
+        for _ in range(4):
+            bus.step()
+        port.servos[1].answers = True
+        assert "head_pan_joint" in bus.step().states
+
+
 def test_lost_servo_is_asked_every_40_ms(port: FakePort, bus: ServoBus, clock: FakeClock) -> None:
     lose_pan(bus, port)
     for _ in range(100):
@@ -331,6 +340,20 @@ def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_
     for _ in range(5):
         bus.step()
     assert port.servos[1]["Torque Enable"] == 0
+
+
+def test_servo_that_lost_its_power_returns_relaxed(
+    port: FakePort, bus: ServoBus, clock: FakeClock
+) -> None:
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    lose_pan(bus, port)
+    port.servos[1] = FakeServo(1)
+    clock.pass_time(0.6)
+    readings = [bus.step() for _ in range(2)]
+    assert readings[-1].states["head_pan_joint"].goal is None
+    assert port.servos[1]["Torque Enable"] == 0
+    assert writes(port.log) == []
 
 
 @pytest.mark.parametrize("held_before", [False, True])

@@ -12,6 +12,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 
+STEP = math.radians(300.0) / 1024
 PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
 TILT = JointConfiguration("head_tilt_joint", 2, 512, 300, 800, controller="head_tilt_controller")
 REVERSED = JointConfiguration("head_pan_joint", 1, 500, 800, 200, controller="head_pan_controller")
@@ -23,6 +24,17 @@ REVERSED = JointConfiguration("head_pan_joint", 1, 500, 800, 200, controller="he
 def test_every_tick_round_trips(joint: JointConfiguration) -> None:
     for tick in range(1024):
         assert joint.ticks(joint.position(tick)) == tick
+
+
+def test_zero_is_at_init_and_positions_rise_with_ticks() -> None:
+    joint = replace(PAN, init=400)
+    assert joint.position(400) == 0.0
+    assert joint.position(401) == pytest.approx(STEP)
+
+
+def test_positions_of_a_reversed_servo_fall_with_ticks() -> None:
+    assert REVERSED.direction == -1
+    assert REVERSED.position(501) == pytest.approx(-STEP)
 
 
 def test_no_load_speed_is_the_limit_unless_configured() -> None:

@@ -68,6 +68,18 @@ def test_first_command_pins_the_servo_before_it_moves() -> None:
     assert bus.joint("head_tilt_joint").torque is Torque.OFF_UNTIL_COMMANDED
 
 
+def test_torque_on_holds_the_present_position() -> None:
+    port = FakePort()
+    port.servos[1]["Present Position"] = 450
+    bus = connected(port)
+    run(bus.switching_torque(["head_pan_joint"], True))
+    assert port.take_log() == pin(1, 450)
+    reading = bus.step()
+    assert writes(port.log) == [("sync", GOAL, {1: goal_bytes(450, 1)})]
+    assert reading.states["head_pan_joint"].goal == PAN.position(450)
+    assert [event.kind for event in reading.events] == [EventKind.TORQUE_ON]
+
+
 def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     run(bus.switching_torque(["head_pan_joint"], False))
@@ -76,6 +88,18 @@ def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
     assert port.servos[1]["Goal Position"] == 512
     run(bus.switching_torque(["head_pan_joint"], False))
     assert bus.step().states["head_pan_joint"].goal is None
+
+
+def test_nothing_is_written_to_a_relaxed_servo(port, bus) -> None:
+    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
+    bus.step()
+    run(bus.switching_torque(["head_pan_joint"], False))
+    port.take_log()
+    bus.joint("head_pan_joint").set_default_speed(1.0)
+    for _ in range(3):
+        bus.step()
+    assert all(set(packet[2]) == {2} for packet in writes(port.log))  # type: ignore[call-overload]
+    assert port.servos[1]["Torque Enable"] == 0
 
 
 @pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])

@@ -138,6 +138,15 @@ def test_error_bits_that_judge_a_packet_are_no_alarm() -> None:
     assert rig.events(3) == []
 
 
+def test_fault_that_is_still_there_after_recover_is_told_again() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.OVERHEATING
+    rig.steps()
+    run(rig.bus.recovering())
+    assert rig.events(2) == [EventKind.RECOVERED, EventKind.FAULTED]
+    assert rig.torque is Torque.OFF_BY_FAULT
+
+
 def test_recover_that_fails_says_so() -> None:
     rig = Rig().switched_on()
     rig.pan.error = ErrorBits.OVERLOAD
@@ -207,6 +216,19 @@ def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_
     assert rig.torque is Torque.OFF_UNTIL_COMMANDED
     assert {packet[1] for packet in writes(rig.port.log)} == {TORQUE}
     assert rig.pan["Torque Enable"] == 0
+
+
+def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None:
+    rig = Rig().switched_on(0.5)
+    rig.pan.answers = False
+    rig.steps()
+    rig.port.take_log()
+    rig.steps(2)
+    assert writes(rig.port.log) == []
+    rig.pan.answers = True
+    assert rig.events(3) == []
+    assert rig.torque is Torque.ON
+    assert writes(rig.port.log)[-1][0] == "sync"
 
 
 # Watchdog

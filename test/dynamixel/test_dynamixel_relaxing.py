@@ -86,6 +86,17 @@ def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_
     assert bus.close() == (PAN.joint_name,)
 
 
+def test_a_stop_that_failed_and_succeeds_later_is_confirmed() -> None:
+    port = FakePort()
+    bus = connected(port)
+    port.servos[1].answers = False
+    with pytest.raises(TorqueError):
+        run(bus.stopping([PAN.joint_name]))
+    port.servos[1].answers = True
+    assert bus.close() == ()
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+
+
 def test_no_joint_is_called_relaxed_when_the_adapter_has_gone() -> None:
     port = FakePort()
     bus = connected(port)

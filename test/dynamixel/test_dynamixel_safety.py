@@ -241,6 +241,18 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
+def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
+    for steps in range(12):
+        rig = Rig(SimulatedServo(1), SimulatedServo(2))
+        rig.step(3)
+        submit(rig.bus, rig.bus.switching_torque(None, True))
+        rig.step(steps)
+        submit(rig.bus, rig.bus.switching_torque(["j1"], False))
+        rig.step(30)
+        assert rig.torque[0] == 0, steps
+        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
+
+
 def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     rig.step(3)
@@ -540,6 +552,19 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
                 age = (bench.now() - state.stamp) * 1e-9
                 assert abs(state.position - true) < 0.02 + 3.0 * age
     assert repeated > 100
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("cycles", range(8))
+def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cycles: int) -> None:
+    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
+    run(rig.bus.switching_torque(None, False))
+    submit(rig.bus, rig.bus.switching_torque(None, True))
+    rig.step(cycles)
+    assert set(rig.bus.relax_at_once(0.4).values()) == {""}
+    rig.step(20)
+    assert rig.torque == [0, 0]
+    assert {rig.bus.joint(f"j{i}").torque for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
 
 
 # A stop that comes in the midst of something

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from head_tracking.dynamixel import ConfigurationError, ServoModel, servo_model
-from head_tracking.dynamixel.models import TABLES, read_model
-from head_tracking.simulation.models import registers_of
+from head_tracking.dynamixel.models import TABLES, all_models, read_model
+from head_tracking.simulation.models import registers_of, simulated_model
 
 PUBLISHED = Path(__file__).parents[1] / "published" / "registers.csv"
 with PUBLISHED.open(encoding="utf-8") as lines:
@@ -62,6 +62,14 @@ initial_step = 2, range = [0, 9]}
 """
 
 
+@pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
+def test_every_model_of_the_driver_can_be_simulated(model: ServoModel) -> None:
+    simulated = simulated_model(model)
+    assert simulated.number == model.model_number
+    names = {register.name for register in model.control_table}
+    assert names == {r.name for r in registers_of(model.name, 50)}
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for path in TABLES.glob("*.toml"):
@@ -106,3 +114,11 @@ def test_a_file_that_describes_no_model_is_refused(folder: Path, right: str, wro
     assert right in NEW_MODEL
     with pytest.raises(ConfigurationError, match=r"new\.toml|W999"):
         add(folder, NEW_MODEL.replace(right, wrong))
+
+
+def test_every_data_file_is_found_by_its_own_name() -> None:
+    for path in TABLES.glob("*.toml"):
+        model = read_model(path)
+        assert servo_model(model.name) is model
+        for alias in model.aliases:
+            assert servo_model(alias.lower()) is model

@@ -102,6 +102,19 @@ def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot
     assert models == same and set(models) == {1, 2}
 
 
+def test_torque_that_is_switched_off_during_a_stop_stays_off_after_resume(robot):
+    assert robot.call("torque_enable", True).success
+    assert robot.call("stop").success
+    assert robot.call("head_pan_controller/torque_enable", False).success
+    assert robot.call("relax").success  # repeats the STOP
+    assert robot.call("resume").success
+    wait_for(lambda: register(robot, 2, "Torque Enable") == 1)
+    wait_for(bus_thread(robot).call(lambda bus: None).done)
+    assert register(robot, 1, "Torque Enable") == 0
+    assert robot.call("torque_enable", True).success
+    assert register(robot, 1, "Torque Enable") == 1
+
+
 def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
     def narrow(bus):
         bus[1].set_register("CW Angle Limit", 500)

@@ -84,6 +84,23 @@ def test_read_only_registers_are_refused(model: ServoModel) -> None:
 
 
 @MODEL
+def test_every_model_goes_to_its_goal(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    servo.advance(0)
+    goal = model.center + model.ticks // 10
+    data = model.encode_goal(goal, 0)
+    servo.execute(packets(model).write(1, model.control_table["Torque Enable"].address, b"\1"), 0)
+    servo.execute(packets(model).write(1, model.goal.address, data), 0)
+    path = []
+    for now in range(0, 3_000_000_000, 5_000_000):
+        servo.advance(now)
+        path.append(servo.true_ticks)
+    assert path[-1] == pytest.approx(goal, abs=model.ticks * 0.004)
+    assert max(path) < goal + model.ticks * 0.03  # no ringing worth the name
+    assert servo.register("Present Position") == round(servo.true_ticks)
+
+
+@MODEL
 def test_a_goal_speed_is_kept(model: ServoModel) -> None:
     servo = SimulatedServo(1, model)
     servo.advance(0)
