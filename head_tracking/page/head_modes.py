@@ -192,7 +192,9 @@ class HeadModes:
         senders = [name for name in SENDERS if self._is_enabled(name)]
         if self._sending is not None:
             if not senders and self._others_sent > max(self._begun, time.monotonic() - _RECENT):
-                senders.append(f"another program ({' or '.join(self._others())})")
+                able = self._graph.publishers_beside("target_point", own=True)
+                others = [name for name in able if name not in SENDERS]
+                senders.append(f"another program ({' or '.join(others)})")
             senders.append("this page")
         if self._is_enabled(TRACKER) and len(senders) > 1:
             return f"{' and '.join(senders)} all send targets"
@@ -203,13 +205,6 @@ class HeadModes:
         now = time.monotonic()
         if target not in self._sent and now > self._begun + _RECENT:  # earlier ones come late
             self._others_sent = now
-
-    def _others(self) -> list[str]:
-        """Return the names of unknown nodes that can send targets; one may be another page."""
-        publishers = self._node.get_publishers_info_by_topic(self._targets.topic_name)
-        names = [one.node_name for one in publishers if one.node_name not in SENDERS]
-        names.remove(self._node.get_name())
-        return names
 
     @_answered
     def look_at(self, frame: str, point: Vector3, *, wait: bool = False) -> str:

@@ -81,15 +81,9 @@ class JointControl:
         )
         self._robot.services.know(SetBool, *(f"{one}{_TORQUE}" for one in self._controllers))
         self._had_servos |= bool(self._controllers)
-        topic = self._node.resolve_topic_name("joint_states")
-        publishers = [
-            (one.node_namespace, one.node_name)
-            for one in self._node.get_publishers_info_by_topic(topic)
-        ]
-        own = self._node.get_namespace(), self._node.get_name()
-        if self._states is not None and own in publishers:
-            publishers.remove(own)  # another page on this robot has the same name
-        self._is_published_by_others = bool(publishers)
+        self._is_published_by_others = bool(
+            self._robot.graph.publishers_beside("joint_states", own=self._states is not None)
+        )
 
     def servos(self) -> tuple[Servo, ...]:
         """Return the servos whose torque can be switched."""

@@ -40,8 +40,8 @@ _UNUSED = 3.0  # s without a request until a subscription ends
 _DISCOVERY_PERIOD = 0.25  # s
 _MOST_STATUSES = 200  # of a node
 _MOST_STRANGERS = 50  # names in diagnostics that are no nodes
-_MOST_VALUES = 100  # of a status
-_MOST_TEXT = 300  # characters
+_MOST_VALUES = 200  # of a status
+_MOST_TEXT = 1000  # characters
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
 _CALIBRATION_PERIOD = 1.0  # s

@@ -19,7 +19,7 @@ from head_tracking.tf import Buffer
 
 
 class ViewerNode(ClosingNode):
-    """Serves the page; nothing of the robot depends on it.
+    """Serves the page, and `joint_states` where nobody else does; no node depends on it.
 
     Args:
         buffer: fed by another node of this process; None: by this node.

@@ -12,7 +12,7 @@ from head_tracking.run.status_line import Colour
 from head_tracking.tracking import ErrorStatistics, TargetState, TrackingJudge
 
 _ON_TARGET = math.radians(2.0)
-_WITHOUT_TARGET = TargetState.IDLE, TargetState.RECENTERING, TargetState.SEARCHING
+_GIVEN_UP = TargetState.IDLE, TargetState.RECENTERING, TargetState.SEARCHING
 
 SETTLING_TIME = 2.0
 """Time [s] from the first target until the tracking error counts."""
@@ -57,7 +57,7 @@ class RunMonitor:
             if self._judge is None or self._judge.head is not head:
                 self._judge = TrackingJudge(head, SETTLING_TIME, statistics=self._statistics)
             before = self._statistics.count
-            if control.state()[0] in _WITHOUT_TARGET:
+            if control.state()[0] in _GIVEN_UP:
                 self._judge.target_lost(control.now)
             self._judge.joints_read(control.now, positions)
             for stamp, point in control.frames.take_recent():

@@ -372,7 +372,7 @@ class JointController:
             speed = self._limited(speed, elapsed if astray is None else math.inf, limits)
             goal = self._goal_ahead(reference, setpoint, speed, period, limits.lead)
         servo.command(now, speed, goal)
-        self._last = astray[1] if astray and astray[1] else speed
+        self._last = speed if astray is None else astray[1]
         return goal, speed
 
     def _arrival(

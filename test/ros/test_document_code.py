@@ -101,8 +101,8 @@ def commands(code: str) -> Iterator[str]:
         if words.startswith(LONG) and words.rstrip().endswith("&"):
             yield f"timeout --kill-after 20 {PATIENCE} {words}"  # the shell lets it ignore SIGINT
         elif words.startswith(LONG):
-            # beside other work a simulated servo may answer late once, and then they end with 1
-            yield f"{words} || " + ("(($? == 1))" if " doctor " in words else words)
+            # beside other work a simulated servo may answer late once, and doctor counts that
+            yield f"{words} || {words}" if " doctor " in words else words
         else:
             yield words
 

@@ -73,12 +73,12 @@ def message_with(rnd: random.Random, kind: type) -> Any:
     return kind(**{name: filled(rnd, of) for name, of in fields.items()})
 
 
-def told(viewer: ViewerNode) -> dict[str, Any]:
-    """What a browser that comes now is told first, of what changes slowly."""
+def told(viewer: ViewerNode, kind: str = "about") -> dict[str, Any]:
+    """The first message of a kind that a browser is sent that comes now."""
     with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
         for _ in range(1000):
             said: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
-            if said["type"] == "about":
+            if said["type"] == kind:
                 return said
     raise AssertionError("nothing about the robot was sent")
 
@@ -142,21 +142,11 @@ def test_no_message_ends_the_page(threads, viewer):
     stranger.destroy_node()
 
 
-def heard(viewer: ViewerNode) -> dict[str, Any]:
-    """What a browser that comes now is told first, of what changes often."""
-    with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
-        for _ in range(1000):
-            said: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
-            if said["type"] == "state":
-                return said
-    raise AssertionError("no state was sent")
-
-
 def test_a_part_that_fails_costs_no_other(viewer, monkeypatch):
     live = viewer.page._live
     monkeypatch.setattr(live, "_prediction", lambda: {"predicted": [math.nan]})
     monkeypatch.setattr(live, "_boxes", lambda: {"boxes": ["one"]})
-    said = heard(viewer)
+    said = told(viewer, "state")
     assert said.keys() >= {"joints", "boxes"}
     assert "predicted" not in said
     wait_for(lambda: told(viewer)["failing"].keys() == {"prediction"}, PATIENCE)
