@@ -108,7 +108,7 @@ def has_ros() -> bool:
 def node_class(name: str) -> str:
     """Return the name of a node's class: head_tracking.ros.bus.servo_bus.ServoBusNode."""
     kind = name.title().replace("_", "") + "Node"
-    return f"head_tracking.{NODES.get(name, 'run')}.{name}.{kind}"
+    return f"head_tracking.{NODES[name]}.{name}.{kind}"
 
 
 def _module(name: str) -> str:

@@ -94,9 +94,7 @@ class Robot:
         self._before: TransformedTarget | None = None
         self._is_refused = False
         self.topics = OtherTopics(node, self._polled, self.graph)
-        self.parameters = OtherParameters(
-            requests, self.graph, (node.get_name(), "run_monitor", "node_starter")
-        )
+        self.parameters = OtherParameters(requests, self.graph, (node.get_name(),))
         self.recorder = Recorder(
             node, self.graph.is_below, recorder_parameters, self.parameters.values
         )

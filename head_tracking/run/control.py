@@ -7,10 +7,12 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import rclpy
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
@@ -18,8 +20,9 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, KeptStop, is_heard_elsewhere
 from head_tracking.ros.kit.joint_owners import resume_report, stop_report
 from head_tracking.ros.kit.node_parameters import check_parameters
-from head_tracking.ros.kit.spinning import NodeThreads, describe, start_ros
+from head_tracking.ros.kit.spinning import ClosingNode, NodeThreads, describe, start_ros
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
+from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.run.child import SupervisorLink
 from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
 from head_tracking.run.options import Run, parse_arguments
@@ -83,8 +86,6 @@ class Composition:
             "buffer": self.buffer,
             "loop": self.loop,
             "connect": self._simulate if plan.simulated else None,
-            "start": self._start_on_request,
-            "startable": tuple(self._on_request),
             "true_position": self.true_position,
         }
         for spec in plan.nodes:
@@ -106,7 +107,9 @@ class Composition:
         return [resume_report(self.nodes["servo_bus"].backend.resume())]
 
     def _start(self, spec: NodeSpec) -> None:
-        if spec.process != CONTROL and self._start_elsewhere is not None:
+        if spec.process == PAGE:  # the supervisor has started it
+            self._offer_starts(self.nodes["servo_bus"])
+        elif spec.process != CONTROL and self._start_elsewhere is not None:
             self._start_elsewhere(spec)
             self._elsewhere.add(spec.name)
             if "true_position" in spec.needs and self.true_position is not None:
@@ -117,9 +120,25 @@ class Composition:
             self.nodes[spec.name] = spec.make(self._available)
             self._threads.start(self.nodes[spec.name])
 
-    def _start_on_request(self, name: str) -> None:
-        if name not in self.nodes and name not in self._elsewhere:
-            self._start(self._on_request[name])
+    def _offer_starts(self, node: ClosingNode) -> None:
+        """Offer the service `node_starter/NAME` for each node that the page can start."""
+        services, starting = UrgentServices(node), threading.Lock()
+
+        def start(name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                with starting:
+                    if name not in self.nodes and name not in self._elsewhere:
+                        self._start(self._on_request[name])
+                response.success, response.message = True, f"{name} is running"
+            except Exception as error:
+                response.message = describe(error)
+                node.get_logger().error(f"{name} cannot start: {response.message}")
+            return response
+
+        for name in self._on_request:
+            services.offer(Trigger, f"node_starter/{name}", partial(start, name))
+        node.closing.callback(services.close)
+        services.start()
 
     def _simulate(self, joints: Sequence[JointConfiguration]) -> str:
         self.simulated = self._resources.enter_context(SimulatedJoints(joints))
@@ -147,14 +166,12 @@ class OtherProcesses:
         self._changed = threading.Condition()
 
     def start(self, spec: NodeSpec) -> None:
-        """Start a node and wait until it runs; the supervisor has already started the page.
+        """Start a node and wait until it runs.
 
         Raises:
             HeadTrackingError: the node cannot start.
             EndRequestedError: `stop` was set meanwhile.
         """
-        if spec.process == PAGE:
-            return
         with self._changed:
             self._reports.pop(spec.name, None)
             self._link.send(enabled=True, **asdict(spec))

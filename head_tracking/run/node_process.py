@@ -50,14 +50,15 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         if spec["name"] in running:  # it was late, and was requested again
             report(spec["name"], *running[spec["name"]])
             return
+        node = None
         try:
             node = NodeSpec(**spec).make(resources)
             check_parameters([node], names=False)
         except Exception as error:
+            if node is not None:
+                node.destroy_node()
             link.send(node=spec["name"], problem=describe(error), enabled=enabled)
-            if running:  # the other nodes of the process continue
-                return
-            raise
+            return
         if hasattr(node, "enabled"):
             node.enabled = enabled
         threads.start(node)

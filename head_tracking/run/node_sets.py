@@ -22,8 +22,7 @@ class NodeSpec:
         name: the node's name.
         needs: constructor arguments that its process provides: "buffer", the transforms of the
             process; "loop", the control loop; "connect", the port of simulated servos, or None;
-            "true_position", the true position of a simulated joint [rad], or None; "start", starts
-            another node; "startable", the names of such nodes.
+            "true_position", the true position of a simulated joint [rad], or None.
         parameters: values of this run; they override parameter files.
         process: CONTROL, VISION or PAGE.
     """
@@ -103,7 +102,6 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     )
 
 
-STARTER = NodeSpec("node_starter", ("start", "startable"))
 VIEWER = NodeSpec("viewer", process=PAGE)
 
 

@@ -24,7 +24,6 @@ from head_tracking.run.node_sets import (
     ROBOT,
     SCENES,
     SIMULATED_PORT,
-    STARTER,
     TARGETS,
     VIEWER,
     NodeSpec,
@@ -169,7 +168,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     }
     head = MODES[options.mode]
     left_out = {head.name if name == HEAD else name for name in options.without}
-    page = [STARTER, VIEWER] if options.viewer else []
+    page = [VIEWER] if options.viewer else []
     nodes = [
         replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
         for node in (*ROBOT, head, *targets, *page)

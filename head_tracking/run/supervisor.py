@@ -107,7 +107,6 @@ class RestartedProcess:
         self.start_at: float | None = None
         self._started_once: set[str] = set()
         self._ends_in_a_row = 0
-        self._refuses = False  # a node; if it was the only one, the process ends
 
     def add(self, node: dict[str, Any]) -> None:
         """Add a node, and plan the start of the process if it does not run."""
@@ -131,13 +130,9 @@ class RestartedProcess:
         if not report["problem"]:
             self._started_once.add(name)
             self.nodes[name]["enabled"] = report["enabled"]
-        elif not self._is_kept(name):
+        elif name not in self._started_once:
             self.nodes.pop(name, None)
-            self._refuses = True
-
-    def _is_kept(self, name: str) -> bool:
-        """Return whether a node is started again: it has run once, or is the page."""
-        return name in self._started_once or self.name == PAGE
+            _print(report["problem"])
 
     def on_end(self) -> list[dict[str, Any]]:
         """Plan the restart; return reports of the nodes that have never started."""
@@ -147,11 +142,9 @@ class RestartedProcess:
         code = self.running.wait()
         problem = f"the {self.name} process {_describe_end(code)}"
         self.running = None
-        # a first start that was killed is tried once more; one that failed would fail again, but
-        # not one that was requested while the process ended because of another node
-        is_retried = self._refuses or (code < 0 and not self._ends_in_a_row)
-        self._refuses = False
-        failed = [name for name in self.nodes if not (is_retried or self._is_kept(name))]
+        # a first start that was killed is tried once more; one that failed would fail again
+        is_retried = code < 0 and not self._ends_in_a_row
+        failed = [name for name in self.nodes if not (is_retried or name in self._started_once)]
         for name in failed:
             del self.nodes[name]
         if self.nodes:
@@ -159,6 +152,8 @@ class RestartedProcess:
             self._ends_in_a_row += 1
             self.start_at = time.monotonic() + pause
             _print(f"{problem}; it is restarted in {pause:g} s")
+        else:
+            _print(problem)
         return [{"node": name, "problem": problem} for name in failed]
 
 
@@ -199,7 +194,8 @@ class Supervisor:
         for node in self._plan.nodes:
             if node.process == PAGE:  # first, because it takes the longest to start
                 self._others[PAGE].add({"enabled": True, **asdict(node)})
-        import head_tracking.dynamixel  # noqa: F401  now, because after a crash it would take time
+        if not self._plan.simulated:  # now, because after a crash it would take time
+            import head_tracking.dynamixel  # noqa: F401
 
         try:
             while control in self._selector.get_map():

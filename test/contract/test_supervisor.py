@@ -139,3 +139,18 @@ def test_a_node_of_vision_that_cannot_start_ends_the_run(bench):
     assert run.end() == 1
     assert "max_distance" in run.output
     assert "Traceback" not in run.output
+
+
+@pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
+@pytest.mark.parametrize("wrong", ["rate:=-1.0", "no_such:=1"])
+def test_a_page_that_cannot_start_is_left_out(bench, wrong):
+    words = ("--ros-args", "-p", "viewer:port:=0", "-p", f"viewer:{wrong}")
+    run = bench.start("head_tracking", "--sim", "--viewer", *words)
+    name = wrong.partition(":")[0]
+    run.read_until(name)
+    wait_for(lambda: bench.person.state("head_tracker") == "tracking")
+    page = child(run, "page")
+    time.sleep(2.0)  # it would be restarted after 1 s
+    assert child(run, "page") == page != 0
+    assert run.end(signal.SIGINT) == 0, run.output
+    assert run.output.count(name) == 1
