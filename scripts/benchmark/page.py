@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import statistics
 import subprocess
 import sys
@@ -13,14 +14,14 @@ from typing import Any, NamedTuple
 
 from browser import open_browser, open_page, open_tab
 from frame import row, table
+from processes import child
 from simulated_run import (
-    SimulatedRun,
     command,
     descendants,
     file_descriptors,
     memory,
-    own_domain,
     processor_time,
+    run_with_page,
     threads,
 )
 
@@ -64,12 +65,11 @@ PRESS_STOP = """async () => {
 
 def stopped() -> str:
     """Return a table of the time from the click on STOP to its answer, beside floods."""
-    own_domain()
     rows = []
-    with SimulatedRun("--viewer") as run, open_browser() as browser:
-        page = open_page(browser, run.port, 1280, 800)
+    with run_with_page() as (_, port), open_browser() as browser:
+        page = open_page(browser, port, 1280, 800)
         for name, request in FLOODS.items():
-            with _flood(run.port, *request):
+            with _flood(port, *request):
                 page.wait_for_timeout(1e3 * SETTLING)
                 times = [page.evaluate(PRESS_STOP) for _ in range(STOPS)]
             percentiles = statistics.quantiles(times, n=100)
@@ -98,18 +98,17 @@ class Sample(NamedTuple):
 
 def left_open(minutes: float) -> str:
     """Return a table with a row for each part of the time; a browser watches a tracking head."""
-    own_domain()
     rows = []
-    with SimulatedRun("--viewer") as run, open_browser() as browser:
-        viewer = run.viewer_pid
-        page = open_page(browser, run.port, 600, 500)
+    with run_with_page() as (run, port), open_browser() as browser:
+        viewer, control = child(run, "page"), child(run, "control")
+        page = open_page(browser, port, 600, 500)
         open_tab(page, "health")  # with the most changes
         debugger = page.context.new_cdp_session(page)
         debugger.send("Performance.enable")
         start = time.monotonic()
 
         def sample() -> Sample:
-            return Sample(time.monotonic(), processor_time(viewer), len(run.statuses))
+            return Sample(time.monotonic(), processor_time(viewer), len(run.output))
 
         before = sample()
         for number in range(SAMPLES + 1):
@@ -119,7 +118,7 @@ def left_open(minutes: float) -> str:
             debugger.send("HeapProfiler.collectGarbage")
             heap, nodes = _page_memory(debugger)
             seconds = now.at - before.at
-            rates = [one.rate for one in run.statuses[before.told :]]
+            rates = map(int, re.findall(r"\| bus (\d+) Hz", run.output[before.told :]))
             rows.append(
                 row(
                     f"{(now.at - start) / 60:.1f}",
@@ -130,7 +129,7 @@ def left_open(minutes: float) -> str:
                     f"{heap:.1f}",
                     nodes,
                     f"{_renderers():.0f}",
-                    f"{memory(run.control_pid):.1f}",
+                    f"{memory(control):.1f}",
                     f"{statistics.fmean(rates):.1f}",
                 )
             )

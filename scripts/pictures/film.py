@@ -13,7 +13,7 @@ from typing import Any
 from browser import open_browser, open_page, word
 from PIL import Image
 from playwright.sync_api import Error
-from simulated_run import SimulatedRun, own_domain
+from simulated_run import run_with_page
 from visitor import first_sight
 
 SIZE = (1120, 700)
@@ -69,9 +69,8 @@ def first_good(page: Any) -> list[tuple[float, bytes]]:
 def main() -> int:
     """Record the film; return 1 if the computer is too busy."""
     path = Path(sys.argv[1]) / "viewer.webp"
-    own_domain()
-    with open_browser() as browser, SimulatedRun("--viewer", "--target", "face") as run:
-        page = open_page(browser, run.port, *SIZE)
+    with open_browser() as browser, run_with_page("--target", "face") as (_, port):
+        page = open_page(browser, port, *SIZE)
         first_sight(page)
         page.wait_for_timeout(18e3)  # the strip needs something to show
         pictures = first_good(page)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from browser import open_browser, open_page, open_tab
-from simulated_run import SimulatedRun, own_domain
+from simulated_run import run_with_page
 from visitor import face, first_sight, stays_on_target
 
 SIZE, PHONE = (1280, 800), (390, 844)
@@ -26,10 +26,9 @@ def take(page: Any, path: Path) -> int:
 
 def main() -> int:
     """Take pictures of the page of a simulated head; return 1 if one is too large."""
-    own_domain()
     folder, sizes = Path(sys.argv[1]), []
-    with open_browser() as browser, SimulatedRun("--viewer") as run:
-        page = open_page(browser, run.port, *SIZE)
+    with open_browser() as browser, run_with_page() as (_, port):
+        page = open_page(browser, port, *SIZE)
         first_sight(page)
         page.get_by_text("Centre", exact=True).click()  # where the people are
         page.wait_for_timeout(3e3)
@@ -40,7 +39,7 @@ def main() -> int:
             open_tab(page, tab)
             sizes.append(take(page, folder / f"viewer-{tab}.png"))
         page.close()
-        page = open_page(browser, run.port, *PHONE, color_scheme="dark")
+        page = open_page(browser, port, *PHONE, color_scheme="dark")
         stays_on_target(page)
         sizes.append(take(page, folder / "viewer-phone.png"))
     return int(max(sizes) > LARGEST)
