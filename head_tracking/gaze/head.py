@@ -3,6 +3,9 @@
 Everything is computed in a frame called C: its origin lies on the pan axis, z points along the
 pan axis, and at pan 0 and tilt 0, y points along the tilt axis as far as that is square to z. So
 pan turns about z and tilt about y, whatever axes and signs the model has.
+
+What tilt carries is given in the tilt basis: the unit vectors x of C, down, and the tilt axis n, so
+that tilt turns the first of them towards the second.
 """
 
 from __future__ import annotations
@@ -142,19 +145,37 @@ class PanTiltHead:
             self.tilt_limits = tilt.limits.narrowed(*tilt_limits)
         except ValueError as error:
             raise RobotModelError(f"{pan_joint}, {tilt_joint}: {error}") from error
-        self._geometry = HeadGeometry.from_model(model, pan, tilt, pointing_frame, pointing_axis)
+        below_pan, below_tilt = _fixed_joints(model, pan, tilt, pointing_frame)
         self.pointing_axis = _pointing_axis(pointing_frame, pointing_axis)
+        T_pan_tilt = _product(below_pan) @ tilt.origin
+        T_tilt_camera = _product(below_tilt)
+        tilt_axis = T_pan_tilt.rotation @ tilt.axis
+        R_C_pan = _canonical(pan, tilt, tilt_axis)
+        R_C_tilt = R_C_pan @ T_pan_tilt.rotation
+        self._T_C_base = Transform((0.0, 0.0, 0.0), R_C_pan) @ pan.origin.inverse()
+        self._T_base_C = self._T_C_base.inverse()
+        # y and z of the tilt axis in C: (1, 0) on nearly every head; x is 0 by the choice of C
+        _, ny, nz = R_C_pan @ tilt_axis
+        self._slant = slant = (1.0, 0.0) if abs(nz) < _SAME else (ny, nz)
+        self._tilt_origin = R_C_pan @ T_pan_tilt.translation  # at pan 0, in C [m]
+        # in the tilt basis: from the tilt origin [m], and of length 1
+        self._camera = _in_tilt_basis(R_C_tilt @ T_tilt_camera.translation, slant)
+        axis = R_C_tilt @ (T_tilt_camera.rotation @ self.pointing_axis)
+        self._axis = _in_tilt_basis(axis, slant)
+        # how far before the pan axis the camera is, along its axis [m]
+        self._lead = self._tilt_origin[0] + math.fsum(map(mul, self._camera, self._axis))
+        self._nearly_square = abs(slant[1]) < _NEARLY_SQUARE and abs(self._axis[2]) < _NEARLY_SQUARE
 
     @property
     def slope(self) -> float:
         """How far down the pointing axis points where the tilt joint is at 0 [rad]."""
-        forwards, down, _ = self._geometry.axis
+        forwards, down, _ = self._axis
         return math.atan2(down, forwards)
 
     @property
     def axes(self) -> Rotation:
         """The rotation from `base_frame` to C."""
-        return self._geometry.T_C_base.rotation
+        return self._T_C_base.rotation
 
     def gaze(self, target: Sequence[float], pan: float, tilt: float) -> Gaze:
         """Return the joint positions that look at `target`, or come nearest to it.
@@ -171,7 +192,7 @@ class PanTiltHead:
         if not all(map(math.isfinite, target)):
             reason = f"the target {tuple(target)} is not finite"
             return Gaze(pan, tilt, GazeStatus.NOT_FINITE, math.pi, reason)
-        geometry, point = self._geometry, self._point(target)
+        point = self._point(target)
         on_axis = math.hypot(point[0], point[1]) < _CLOSE
         solutions = []
         for solution in self._solutions(point, pan, tilt, on_axis=on_axis):
@@ -180,19 +201,19 @@ class PanTiltHead:
                 nearest = wanted = solution
                 break
         else:
-            if not geometry.nearly_square and not on_axis:
+            if not self._nearly_square and not on_axis:
                 start = solutions[0] if solutions else None
                 nearest = self._search(point, start, (pan, tilt))
                 wanted = start or nearest
             elif solutions:
                 inside = {self._inside(point, solution): solution for solution in solutions}
-                nearest = min(inside, key=lambda positions: geometry.miss(point, *positions))
+                nearest = min(inside, key=lambda positions: self._miss(point, *positions))
                 wanted = inside[nearest]
             else:
                 reason = "the target is too close: no turn of the head brings it before the camera"
-                miss = geometry.miss(point, pan, tilt)
+                miss = self._miss(point, pan, tilt)
                 return Gaze(pan, tilt, GazeStatus.TOO_CLOSE, miss, reason)
-        miss = geometry.miss(point, *nearest)
+        miss = self._miss(point, *nearest)
         if on_axis:
             reason = "the target is on the pan axis: every pan looks at it alike"
             return Gaze(*nearest, GazeStatus.ON_PAN_AXIS, miss, reason)
@@ -210,17 +231,17 @@ class PanTiltHead:
             pan: of all turns that look there, the one nearest to this is taken [rad].
             tilt: the same for tilt [rad].
         """
-        geometry, point = self._geometry, self._point(target)
+        point = self._point(target)
         if math.hypot(point[0], point[1]) < _CLOSE:
             return None
-        direction = geometry.pan(point, backwards=False)
-        angle = None if direction is None else geometry.tilt(point, direction)
+        direction = self._pan_to(point, backwards=False)
+        angle = None if direction is None else self._tilt_to(point, direction)
         if direction is None or angle is None:
             return None
         return Ray(
             pan + math.remainder(direction - pan, math.tau),
             tilt + math.remainder(angle - tilt, math.tau),
-            geometry.distance(point, direction, angle),
+            max(math.hypot(*self._seen(point, direction, angle)) + self._lead, _CLOSE),
         )
 
     def gaze_along(self, ray: Ray, pan: float, tilt: float) -> Gaze:
@@ -235,7 +256,10 @@ class PanTiltHead:
 
     def point(self, ray: Ray) -> Vector3:
         """Return the point of a ray, shape (3,) [m], in `base_frame`."""
-        return self._geometry.ahead(*ray)
+        pan, tilt, distance = ray
+        distance = max(distance - self._lead, _CLOSE)
+        u, v, w = self._axis
+        return self.placed_in_base((distance * u, distance * v, distance * w), pan, tilt)
 
     def seen(self, target: Sequence[float], pan: float, tilt: float) -> Vector3:
         """Return a point of `base_frame` as seen from the camera at these joint positions.
@@ -248,7 +272,7 @@ class PanTiltHead:
         Returns:
             The point, shape (3,) [m], in axes fixed to the camera; `placed` takes it back.
         """
-        return self._geometry.seen(self._point(target), pan, tilt)
+        return self._seen(self._point(target), pan, tilt)
 
     def placed(self, seen: Vector3, pan: Array, tilt: Array) -> tuple[Array, Array, Array]:
         """Return where a point that the camera sees is, for each of N joint positions.
@@ -261,11 +285,22 @@ class PanTiltHead:
         Returns:
             x, y, z [m], shape (N,) each, along the axes of C, from a point on the pan axis.
         """
-        return self._geometry.placed(seen, pan, tilt)
+        u, v, w = (a + b for a, b in zip(seen, self._camera, strict=True))
+        cosine, sine = np.cos(tilt), np.sin(tilt)
+        (ny, nz), (ox, oy, oz) = self._slant, self._tilt_origin
+        down = cosine * v + sine * u
+        x = cosine * u - sine * v + ox
+        y = nz * down + (ny * w + oy)
+        cosine, sine = np.cos(pan), np.sin(pan)
+        return cosine * x - sine * y, cosine * y + sine * x, (nz * w + oz) - ny * down
 
     def placed_in_base(self, seen: Vector3, pan: float, tilt: float) -> Vector3:
         """Return the point of `base_frame` [m] that is seen like this; the inverse of `seen`."""
-        return self._geometry.in_base(seen, pan, tilt)
+        (u, v, w), (cu, cv, cw) = seen, self._camera
+        x, v, w = _turned((cu + u, cv + v, cw + w), -tilt)
+        (ny, nz), (ox, oy, oz) = self._slant, self._tilt_origin
+        point = _turned((x + ox, nz * v + ny * w + oy, nz * w - ny * v + oz), -pan)
+        return self._T_base_C.apply(point)
 
     def miss(self, target: Sequence[float], pan: float, tilt: float) -> float:
         """Return the angle [rad], 0 to pi, between the axis and the direction to a point.
@@ -275,26 +310,26 @@ class PanTiltHead:
             pan: position of the pan joint [rad].
             tilt: position of the tilt joint [rad].
         """
-        return self._geometry.miss(self._point(target), pan, tilt)
+        return self._miss(self._point(target), pan, tilt)
 
     def _point(self, target: Sequence[float]) -> Vector3:
         farthest = max(map(abs, target))
         if farthest > _FAR:
             target = [coordinate / farthest * _FAR for coordinate in target]
-        return self._geometry.T_C_base.apply(target)
+        return self._T_C_base.apply(target)
 
     def _solutions(
         self, point: Vector3, pan: float, tilt: float, *, on_axis: bool
     ) -> Iterator[tuple[float, float]]:
         """Yield all turns that point the axis at the point: ahead first, then backwards."""
         for backwards in (False,) if on_axis else (False, True):
-            direction = pan if on_axis else self._geometry.pan(point, backwards=backwards)
+            direction = pan if on_axis else self._pan_to(point, backwards=backwards)
             angle = None if direction is None else self._tilt(point, direction, tilt)
             if direction is not None and angle is not None:
                 yield turn_near(direction, pan, self.pan_limits), angle
 
     def _tilt(self, point: Vector3, pan: float, tilt: float) -> float | None:
-        angle = self._geometry.tilt(point, pan)
+        angle = self._tilt_to(point, pan)
         return None if angle is None else turn_near(angle, tilt, self.tilt_limits)
 
     def _allowed(self, positions: tuple[float, float]) -> bool:
@@ -324,7 +359,7 @@ class PanTiltHead:
         nearest, least = present, math.inf
         for start in starts:
             found = self._refined(point, start)
-            miss = self._geometry.miss(point, *found)
+            miss = self._miss(point, *found)
             if miss < least:
                 nearest, least = found, miss
             if least < _REACHED:
@@ -337,13 +372,13 @@ class PanTiltHead:
         Damped Newton on the two components of the direction to the point that are square to the
         pointing axis; a step that does not come nearer is halved.
         """
-        geometry, limits = self._geometry, (self.pan_limits, self.tilt_limits)
+        limits = self.pan_limits, self.tilt_limits
         positions = limits[0].clamp(start[0]), limits[1].clamp(start[1])
-        miss = geometry.miss(point, *positions)
+        miss = self._miss(point, *positions)
         for _ in range(_MOST_TURNS):
             if miss < 1e-13:
                 break
-            residual, by_pan, by_tilt = geometry.linearised(point, *positions)
+            residual, by_pan, by_tilt = self._linearised(point, *positions)
             step = _least_squares(residual, by_pan, by_tilt)
             # a joint that stands on its limit and would leave it takes no part
             free = [
@@ -360,7 +395,7 @@ class PanTiltHead:
                     limits[0].clamp(positions[0] + share * min(max(step[0], -1.0), 1.0)),
                     limits[1].clamp(positions[1] + share * min(max(step[1], -1.0), 1.0)),
                 )
-                nearer = geometry.miss(point, *trial)
+                nearer = self._miss(point, *trial)
                 if nearer < miss:
                     break
                 share *= 0.5
@@ -384,80 +419,7 @@ class PanTiltHead:
             f"the nearest gaze would miss it by {math.degrees(miss):.1f} degrees"
         )
 
-
-@dataclass(frozen=True, slots=True)
-class HeadGeometry:
-    """Where the axes of a head and its camera are.
-
-    What tilt carries is given in the tilt basis: the unit vectors x of C, down, and the tilt axis
-    n, so that tilt turns the first of them towards the second.
-
-    Attributes:
-        T_C_base: takes points from the link that carries the pan joint into C.
-        T_base_C: the other way round.
-        slant: y and z of n in C; (1, 0) on nearly every head. x is 0 by the choice of C.
-        tilt_origin: a point on the tilt axis at pan 0 [m], in C.
-        camera: the pointing frame's origin from `tilt_origin` [m], in the tilt basis.
-        axis: unit vector to point, in the tilt basis.
-    """
-
-    T_C_base: Transform
-    T_base_C: Transform
-    slant: tuple[float, float]
-    tilt_origin: Vector3
-    camera: Vector3
-    axis: Vector3
-
-    @staticmethod
-    def from_model(
-        model: RobotModel,
-        pan: Joint,
-        tilt: Joint,
-        pointing_frame: str,
-        pointing_axis: Sequence[float] | None,
-    ) -> HeadGeometry:
-        """Return the geometry of the head of these two joints and this frame.
-
-        Raises:
-            RobotModelError: they do not carry each other, something else moves between them, or
-                no direction can be pointed.
-        """
-        for joint in (pan, tilt):
-            if joint.type not in (JointType.REVOLUTE, JointType.CONTINUOUS) or joint.mimic:
-                raise RobotModelError(
-                    f"{joint.name!r} cannot turn the head: it must be revolute or continuous and "
-                    "mimic no other joint"
-                )
-        below_pan, below_tilt = _fixed_joints(model, pan, tilt, pointing_frame)
-        T_pan_tilt = _product(below_pan) @ tilt.origin
-        T_tilt_camera = _product(below_tilt)
-        tilt_axis = T_pan_tilt.rotation @ tilt.axis
-        R_C_pan = _canonical(pan, tilt, tilt_axis)
-        R_C_tilt = R_C_pan @ T_pan_tilt.rotation
-        _, ny, nz = R_C_pan @ tilt_axis
-        slant = (1.0, 0.0) if abs(nz) < _SAME else (ny, nz)
-        axis = R_C_tilt @ (T_tilt_camera.rotation @ _pointing_axis(pointing_frame, pointing_axis))
-        T_C_base = Transform((0.0, 0.0, 0.0), R_C_pan) @ pan.origin.inverse()
-        return HeadGeometry(
-            T_C_base=T_C_base,
-            T_base_C=T_C_base.inverse(),
-            slant=slant,
-            tilt_origin=R_C_pan @ T_pan_tilt.translation,
-            camera=_in_tilt_basis(R_C_tilt @ T_tilt_camera.translation, slant),
-            axis=_in_tilt_basis(axis, slant),
-        )
-
-    @property
-    def lead(self) -> float:
-        """How far before the pan axis the camera is, along its axis [m]."""
-        return self.tilt_origin[0] + math.fsum(map(mul, self.camera, self.axis))
-
-    @property
-    def nearly_square(self) -> bool:
-        """Whether tilt is all but square to pan and the camera looks all but square to tilt."""
-        return abs(self.slant[1]) < _NEARLY_SQUARE and abs(self.axis[2]) < _NEARLY_SQUARE
-
-    def pan(self, point: Vector3, *, backwards: bool) -> float | None:
+    def _pan_to(self, point: Vector3, *, backwards: bool) -> float | None:
         """Return the pan [rad] with which the axis can go through a point of C.
 
         The pointing axis keeps its height w over the plane that is square to the tilt axis, give
@@ -474,16 +436,16 @@ class HeadGeometry:
         """
         x, y, z = point
         rho, bearing = math.hypot(x, y), math.atan2(y, x)
-        ny, nz = self.slant
-        slope = self.axis[2] / ny
-        aside = self.tilt_origin[1] + (self.camera[2] - nz * (z - self.tilt_origin[2])) / ny
+        ny, nz = self._slant
+        slope = self._axis[2] / ny
+        aside = self._tilt_origin[1] + (self._camera[2] - nz * (z - self._tilt_origin[2])) / ny
         reach = math.hypot(rho, z)
         for _ in range(_MOST_TURNS):
             side = aside + slope * reach
             if rho <= abs(side):
                 return None
             offset = math.asin(side / rho)
-            behind = backwards is not (self.axis[0] < 0.0)
+            behind = backwards is not (self._axis[0] < 0.0)
             pan = bearing - math.pi + offset if behind else bearing - offset
             if slope == 0.0:
                 return pan
@@ -495,7 +457,7 @@ class HeadGeometry:
             reach = found
         return None
 
-    def tilt(self, point: Vector3, pan: float) -> float | None:
+    def _tilt_to(self, point: Vector3, pan: float) -> float | None:
         """Return the tilt [rad] that brings the axis to a point of C, seen along the tilt axis.
 
         None if no tilt will do.
@@ -504,35 +466,17 @@ class HeadGeometry:
         reach = self._range(u, v)
         if reach is None or reach <= _CLOSE:
             return None
-        (cu, cv, _), (au, av, _) = self.camera, self.axis
+        (cu, cv, _), (au, av, _) = self._camera, self._axis
         return math.atan2(v, u) - math.atan2(cv + reach * av, cu + reach * au)
 
-    def miss(self, point: Vector3, pan: float, tilt: float) -> float:
+    def _miss(self, point: Vector3, pan: float, tilt: float) -> float:
         """Return the angle between the pointing axis and the direction to a point of C [rad]."""
-        x, y, z = self.seen(point, pan, tilt)
-        ax, ay, az = self.axis
+        x, y, z = self._seen(point, pan, tilt)
+        ax, ay, az = self._axis
         across = math.hypot(ay * z - az * y, az * x - ax * z, ax * y - ay * x)
         return math.atan2(across, ax * x + ay * y + az * z)
 
-    def distance(self, point: Vector3, pan: float, tilt: float) -> float:
-        """How far a point of C on the pointing axis is from where that passes the pan axis [m]."""
-        return max(math.hypot(*self.seen(point, pan, tilt)) + self.lead, _CLOSE)
-
-    def ahead(self, pan: float, tilt: float, distance: float) -> Vector3:
-        """Return the point of the axis at a distance from the pan axis, in the base frame [m]."""
-        distance = max(distance - self.lead, _CLOSE)
-        u, v, w = self.axis
-        return self.in_base((distance * u, distance * v, distance * w), pan, tilt)
-
-    def in_base(self, seen: Vector3, pan: float, tilt: float) -> Vector3:
-        """Return the point of the base frame [m] of a point from the camera: inverse of `seen`."""
-        (u, v, w), (cu, cv, cw) = seen, self.camera
-        x, v, w = _turned((cu + u, cv + v, cw + w), -tilt)
-        (ny, nz), (ox, oy, oz) = self.slant, self.tilt_origin
-        point = _turned((x + ox, nz * v + ny * w + oy, nz * w - ny * v + oz), -pan)
-        return self.T_base_C.apply(point)
-
-    def linearised(
+    def _linearised(
         self, point: Vector3, pan: float, tilt: float
     ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
         """By how much the direction to a point is off, to two sides [rad], and its changes.
@@ -540,18 +484,18 @@ class HeadGeometry:
         Returns:
             The residual, its derivative by pan and that by tilt.
         """
-        x, y, z = self.seen(point, pan, tilt)
+        x, y, z = self._seen(point, pan, tilt)
         distance = math.hypot(x, y, z)
         dx, dy, dz = x / distance, y / distance, z / distance
         px, py, _ = _turned(point, pan)
-        ny, nz = self.slant
+        ny, nz = self._slant
         by_pan = (*_turned((py, -nz * px, 0.0), tilt)[:2], -ny * px)
-        by_tilt = (y + self.camera[1], -x - self.camera[0], 0.0)
-        across = _across(self.axis)
+        by_tilt = (y + self._camera[1], -x - self._camera[0], 0.0)
+        across = _across(self._axis)
         first, second = (bx * dx + by * dy + bz * dz for bx, by, bz in across)
         # the sine of the angle is a residual that vanishes behind the head as well: use the angle
         sine = math.hypot(first, second)
-        ax, ay, az = self.axis
+        ax, ay, az = self._axis
         scale = math.atan2(sine, ax * dx + ay * dy + az * dz) / sine if sine > 1e-9 else 1.0
         changes = []
         for mx, my, mz in (by_pan, by_tilt):
@@ -567,29 +511,18 @@ class HeadGeometry:
     def _beside(self, point: Vector3, pan: float) -> Vector3:
         """A point of C from the tilt axis, in the tilt basis at tilt 0 [m]."""
         x, y, z = _turned(point, pan)
-        ox, oy, oz = self.tilt_origin
-        return _in_tilt_basis((x - ox, y - oy, z - oz), self.slant)
+        ox, oy, oz = self._tilt_origin
+        return _in_tilt_basis((x - ox, y - oy, z - oz), self._slant)
 
-    def seen(self, point: Vector3, pan: float, tilt: float) -> Vector3:
+    def _seen(self, point: Vector3, pan: float, tilt: float) -> Vector3:
         """A point of C from the camera, in the tilt basis as tilt carries it [m]."""
         u, v, w = _turned(self._beside(point, pan), tilt)
-        cu, cv, cw = self.camera
+        cu, cv, cw = self._camera
         return u - cu, v - cv, w - cw
-
-    def placed(self, seen: Vector3, pan: Array, tilt: Array) -> tuple[Array, Array, Array]:
-        """Return x, y, z in C [m] of a point from the camera, for arrays of joint positions."""
-        u, v, w = (a + b for a, b in zip(seen, self.camera, strict=True))
-        cosine, sine = np.cos(tilt), np.sin(tilt)
-        (ny, nz), (ox, oy, oz) = self.slant, self.tilt_origin
-        down = cosine * v + sine * u
-        x = cosine * u - sine * v + ox
-        y = nz * down + (ny * w + oy)
-        cosine, sine = np.cos(pan), np.sin(pan)
-        return cosine * x - sine * y, cosine * y + sine * x, (nz * w + oz) - ny * down
 
     def _range(self, u: float, v: float) -> float | None:
         """How far along the pointing axis [m] it is as far from the tilt axis as (u, v)."""
-        (cu, cv, _), (au, av, _) = self.camera, self.axis
+        (cu, cv, _), (au, av, _) = self._camera, self._axis
         square = au * au + av * av
         if square < 1e-9:
             return None
@@ -661,6 +594,12 @@ def _fixed_joints(
     model: RobotModel, pan: Joint, tilt: Joint, pointing_frame: str
 ) -> tuple[list[Joint], list[Joint]]:
     """Return the joints from pan to tilt, and from tilt to the pointing frame."""
+    for joint in (pan, tilt):
+        if joint.type not in (JointType.REVOLUTE, JointType.CONTINUOUS) or joint.mimic:
+            raise RobotModelError(
+                f"{joint.name!r} cannot turn the head: it must be revolute or continuous and "
+                "mimic no other joint"
+            )
     if pointing_frame not in model.links:
         raise RobotModelError(
             f"the model {model.name!r} has no link {pointing_frame!r} to point; "
