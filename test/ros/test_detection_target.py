@@ -30,7 +30,7 @@ class Scene:
         parameters = {"fixed_frame": "", **parameters}
         self.node = self.world.make(DetectionTargetNode, parameters, buffer=self.world.buffer)
         self.warnings = []
-        self.node._target.warn = self.warnings.append
+        self.node.warn = self.warnings.append
         self._targets = self.world.record("/target_point")
         self._ids = self.world.record("/detection_target/id")
 

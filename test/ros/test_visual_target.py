@@ -88,7 +88,7 @@ def look(world):
         node = world.make(VisualTargetNode, parameters, buffer=world.buffer)
         world.nodes.append(node)
         node.warnings = []
-        node._target.warn = node.warnings.append
+        node.warn = node.warnings.append
         world.run(0.1)  # the joints become known
         return node
 
@@ -423,8 +423,8 @@ def test_detection_does_not_block_the_executor(monkeypatch):
             assert go.wait(10.0)
             return []
 
-    look._target.tracker.detector = Slow()
-    look._target._on_info(camera_info(header(1, "c"), CAMERA))
+    look.tracker.detector = Slow()
+    look._on_info(camera_info(header(1, "c"), CAMERA))
     for stamp in (1, 2, 3):
         look._on_image(image_message(header(stamp, "c"), "bgr8", np.zeros((240, 320, 3), "u1")))
         wait_for(lambda: looked)
@@ -437,9 +437,9 @@ def test_detection_does_not_block_the_executor(monkeypatch):
     wait_for(lambda: looked == [1, 3])
     for follow in ["marker", "colour"] * 25 + ["marker"]:
         assert look.set_parameters([Parameter("follow", value=follow)])[0].successful
-    wait_for(lambda: isinstance(look._target.tracker.detector, GivenDetector))
-    assert set(made_in) == {"visual target"}
+    wait_for(lambda: isinstance(look.tracker.detector, GivenDetector))
+    assert set(made_in) == {"visual_target"}
     executor.shutdown()
     look.destroy_node()
     rclpy.try_shutdown()
-    assert "visual target" not in {thread.name for thread in threading.enumerate()}
+    assert "visual_target" not in {thread.name for thread in threading.enumerate()}

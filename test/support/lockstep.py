@@ -24,7 +24,7 @@ from rclpy.time import Time
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import Goal, JointConfiguration
 from head_tracking.ros.head import head_actions, head_node
-from head_tracking.ros.targets import detection_target, simulated_camera, visual_target
+from head_tracking.ros.targets import sighted_target, simulated_camera
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
 from head_tracking.tracking import ClockWatch
@@ -116,8 +116,7 @@ class World:
             mock.patch.object(head_node, "ClockWatch", self._clock_watch),
             mock.patch.object(head_actions, "serve_goals"),  # goals are handed over as objects
             mock.patch.object(simulated_camera, "Worker", self._worker),
-            mock.patch.object(visual_target, "Worker", self._worker),
-            mock.patch.object(detection_target, "Worker", self._worker),
+            mock.patch.object(sighted_target, "Worker", self._worker),
         ):
             return self._made(kind, parameters, **handed)
 

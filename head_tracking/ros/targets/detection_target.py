@@ -14,12 +14,10 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import depth_of
 from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import ClosingNode
-from head_tracking.ros.kit.threads import Worker
 from head_tracking.ros.kit.topics import MEASUREMENT
 from head_tracking.ros.targets.detections import candidates, located, region_candidate
-from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTarget
-from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTargetNode
+from head_tracking.tf import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.transforms import TransformException, Vector3
 from head_tracking.vision import (
@@ -62,15 +60,9 @@ class DetectionTargetParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    fixed_frame: str = parameter(
-        "base_link",
-        "A frame that does not move with the head, in which objects are tracked; empty: the frame "
-        "of the detections.",
-        fixed=True,
-    )
 
 
-class DetectionTargetNode(ClosingNode):
+class DetectionTargetNode(SightedTargetNode):
     """Publishes `target_point` from detections of other programs.
 
     Raises:
@@ -78,29 +70,20 @@ class DetectionTargetNode(ClosingNode):
     """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
-        super().__init__("detection_target", **options)
+        super().__init__("detection_target", buffer, **options)
         self._parameters_read = NodeParameters(self, DetectionTargetParameters)
         p = self._parameters_read.value
         kind = message_class(_MESSAGES.get(p.source, "hri_msgs/msg/IdsList"))
         if p.source != "detections_3d":
             require_opencv()
         self._detector = GivenDetector()
-        self._buffer = (buffer or listening_buffer(self)).core
-        self._worker: Worker[Any] = Worker("detection target", self._process)
-        self.closing.callback(self._worker.close)
-        self._target = SightedTarget(
-            self,
-            self._detector,
-            self._buffer,
-            p.fixed_frame,
-            self._worker,
-        )
+        self.set_detector(self._detector)
         self._depths: deque[tuple[int, Image]] = deque(maxlen=_DEPTHS_KEPT)
         self._regions: dict[str, Subscription] = {}
         self._latest: dict[str, Any] = {}
         self._name = self.create_publisher(String, "~/id", 10)
         if p.source in _MESSAGES:
-            self.create_subscription(kind, "detections", self._worker.offer, LATEST_ONLY)
+            self.create_subscription(kind, "detections", self.worker.offer, LATEST_ONLY)
         else:
             self._region_class = message_class("hri_msgs/msg/NormalizedRegionOfInterest2D")
             tracked = f"{p.humans}/{p.source}/tracked"
@@ -125,7 +108,7 @@ class DetectionTargetNode(ClosingNode):
                 LATEST_ONLY,
             )
         if not message.ids:
-            self._worker.offer((stamp_to_ns(message.header.stamp), message.header.frame_id, {}))
+            self.worker.offer((stamp_to_ns(message.header.stamp), message.header.frame_id, {}))
 
     def _on_region(self, name: str, region: Any) -> None:
         """Collect the regions of one image until they are complete or the next image comes."""
@@ -141,19 +124,20 @@ class DetectionTargetNode(ClosingNode):
         regions, self._latest = self._latest, {}
         latest = max(regions.values(), key=lambda region: stamp_to_ns(region.header.stamp))
         header = latest.header
-        self._worker.offer((stamp_to_ns(header.stamp), header.frame_id, regions))
+        self.worker.offer((stamp_to_ns(header.stamp), header.frame_id, regions))
 
-    def _process(self, found: Any) -> None:
+    def process(self, found: Any) -> None:
+        """See `SightedTargetNode`."""
         p = self._parameters_read.value
         if isinstance(found, tuple):
             stamp, frame_id, regions = found
         else:
             stamp, frame_id = stamp_to_ns(found.header.stamp), found.header.frame_id
         if p.source == "detections_3d":
-            pose = self._target.pose(frame_id, stamp)
+            pose = self.pose(frame_id, stamp)
             things = located(found.detections, p.class_id)
-            sighting = self._target.tracker.update(stamp, things, pose)
-            self._target.send(stamp, frame_id, sighting)
+            sighting = self.tracker.update(stamp, things, pose)
+            self.send(stamp, frame_id, sighting)
         else:
 
             def frame(camera: Camera) -> Frame:
@@ -164,7 +148,7 @@ class DetectionTargetNode(ClosingNode):
                 self._detector.candidates = given
                 return Frame(stamp, camera, None, self._depth(stamp))
 
-            result = self._target.detect(frame_id, frame)
+            result = self.detect(frame_id, frame)
             if result is None:
                 return
             sighting = result[1]
@@ -190,7 +174,7 @@ class DetectionTargetNode(ClosingNode):
     def _position(self, person: str, camera: str, stamp: int) -> Vector3 | None:
         """Return the origin of the frame of a face or body [m], if it is published."""
         try:
-            return self._buffer.transform_point((0.0, 0.0, 0.0), camera, person, stamp)
+            return self.frames.transform_point((0.0, 0.0, 0.0), camera, person, stamp)
         except TransformException:
             return None
 

@@ -1,4 +1,4 @@
-"""ROS interface of a `VisualTracker`: parameters, camera_info, published target."""
+"""The base class of the nodes that publish a target from detections."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Float32
@@ -15,10 +14,12 @@ from std_srvs.srv import Trigger
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import camera_of, frame_pose
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import ClosingNode
 from head_tracking.ros.kit.target_point import TargetOutput
 from head_tracking.ros.kit.threads import Worker
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
-from head_tracking.transforms import Transform, TransformBuffer
+from head_tracking.transforms import Transform
 from head_tracking.vision import (
     Camera,
     CameraError,
@@ -37,56 +38,67 @@ LATEST_ONLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 @dataclass(frozen=True, slots=True)
 class CameraParameters:
-    """Interpretation of `camera_info`."""
+    """Interpretation of `camera_info`, and where objects are tracked."""
 
     rectified: bool = parameter(
         False,
         "The images are rectified (image_rect): use the matrix P of camera_info instead of K, D "
         "and R.",
     )
+    fixed_frame: str = parameter(
+        "base_link",
+        "A frame that does not move with the head, in which objects are tracked; empty: that of "
+        "the images or detections.",
+        fixed=True,
+    )
 
 
-class SightedTarget:
-    """Publishes `target_point` from detections.
+class SightedTargetNode(ClosingNode):
+    """Publishes `target_point` from detections; a subclass calls `set_detector`.
 
     Subscribes to `camera_info`; offers `~/reset` and `~/enable`; publishes `~/enabled` and
-    `~/confidence`. Call `set_detector`, `pose`, `send` and the tracker in the worker's thread only.
+    `~/confidence`. Call `set_detector`, `pose`, `send` and the tracker in the worker's thread only,
+    once the node is spun.
 
     Args:
-        node: the node of the topics, services and parameters.
-        detector: detects candidates.
-        buffer: the frames of the robot.
-        fixed_frame: a frame that does not move with the head; empty: objects are tracked in the
-            frame of the detections.
-        worker: thread for detection and tracking.
+        name: of the node.
+        buffer: the frames of the robot; None: subscribe to them.
+        options: of the node.
 
     Attributes:
+        worker: thread for detection and tracking, which calls `process`.
         output: publishes targets while the node is enabled.
         tracker: tracks one target.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        detector: Detector,
-        buffer: TransformBuffer,
-        fixed_frame: str,
-        worker: Worker[Any],
-    ) -> None:
-        self._buffer = buffer
-        self._fixed_frame = fixed_frame
-        self._worker = worker
-        self._log = node.get_logger()
-        self._camera_parameters = NodeParameters(node, CameraParameters)
-        self._distances = NodeParameters(node, DistanceParameters, on_change=self._on_parameters)
-        self._identity = NodeParameters(node, IdentityParameters, on_change=self._on_parameters)
-        self.set_detector(detector)
+    def __init__(self, name: str, buffer: Buffer | None, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.frames = (buffer or listening_buffer(self)).core
+        self._camera_parameters = NodeParameters(self, CameraParameters)
+        self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_distances)
+        self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_distances)
         self._camera: tuple[Camera, str] | None = None
         self._has_pose = False
-        self.output = TargetOutput(node)
-        self._confidence = node.create_publisher(Float32, "~/confidence", 10)
-        node.create_subscription(CameraInfo, "camera_info", self._on_info, LATEST_ONLY)
-        node.create_service(Trigger, "~/reset", self._on_reset)
+        self.worker: Worker[Any] = Worker(name, self.process)
+        self.closing.callback(self.worker.close)
+        self.output = TargetOutput(self)
+        self._confidence = self.create_publisher(Float32, "~/confidence", 10)
+        self.create_subscription(CameraInfo, "camera_info", self._on_info, LATEST_ONLY)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+
+    def process(self, item: Any) -> None:
+        """Detect the target in an item that was offered to the worker, and publish it."""
+        raise NotImplementedError
+
+    @property
+    def enabled(self) -> bool:
+        """Whether targets are published."""
+        return self.output.on
+
+    @enabled.setter
+    def enabled(self, enabled: bool) -> None:
+        if enabled != self.enabled:
+            self.output.set(enabled)
 
     @property
     def wanted(self) -> bool:
@@ -132,7 +144,8 @@ class SightedTarget:
 
     def pose(self, frame_id: str, stamp: int) -> Transform | None:
         """Return the pose of a frame in the fixed frame at a stamp [ns]; None: unknown."""
-        found = frame_pose(self._buffer, self._fixed_frame, frame_id, stamp)
+        fixed_frame = self._camera_parameters.value.fixed_frame
+        found = frame_pose(self.frames, fixed_frame, frame_id, stamp)
         if (found is not None) != self._has_pose:
             self._has_pose = found is not None
             self.tracker.identity.reset()
@@ -152,12 +165,12 @@ class SightedTarget:
 
     def warn(self, reason: str) -> None:
         """Log a warning, at most every 2 s."""
-        self._log.warning(reason, throttle_duration_sec=2.0)
+        self.get_logger().warning(reason, throttle_duration_sec=2.0)
 
-    def _on_parameters(self, _: Any) -> None:
-        self._worker.do(self._apply_parameters)
+    def _on_distances(self, _: Any) -> None:
+        self.worker.do(self._apply_distances)
 
-    def _apply_parameters(self) -> None:
+    def _apply_distances(self) -> None:
         self.tracker.distances = self._distances.value
         self.tracker.identity.parameters = self._identity.value
 
@@ -170,6 +183,6 @@ class SightedTarget:
             self.warn(str(error))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._worker.do(self.tracker.reset)
+        self.worker.do(self.tracker.reset)
         response.success, response.message = True, "searching for a new target"
         return response

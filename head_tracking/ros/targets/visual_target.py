@@ -14,10 +14,9 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
-from head_tracking.ros.kit.threads import Worker
-from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTarget
-from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTargetNode
+from head_tracking.tf import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision import (
     Box,
@@ -70,12 +69,6 @@ class VisualTargetParameters:
         maximum=1.0,
         fixed=True,
     )
-    fixed_frame: str = parameter(
-        "base_link",
-        "A frame that does not move with the head, in which objects are tracked; empty: the frame "
-        "of the camera.",
-        fixed=True,
-    )
 
 
 class _Images(NamedTuple):
@@ -86,7 +79,7 @@ class _Images(NamedTuple):
     depth: AnyImage | None
 
 
-class VisualTargetNode(ClosingNode):
+class VisualTargetNode(SightedTargetNode):
     """Publishes `target_point` from `image`, `depth` and `camera_info`.
 
     A thread processes the latest image. While the node is disabled and its outputs have no
@@ -94,23 +87,15 @@ class VisualTargetNode(ClosingNode):
     """
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
-        super().__init__("visual_target", **options)
         require_opencv()
+        super().__init__("visual_target", buffer, **options)
         self._kinds: dict[str, NodeParameters[Any]] = {}
         self._settings = p = NodeParameters(
             self, VisualTargetParameters, on_change=self._on_follow
         ).value
         self._declare(p.follow)
         self._followed = p.follow  # by the detector of the thread
-        self._worker: Worker[_Images] = Worker("visual target", self._process)
-        self.closing.callback(self._worker.close)
-        self._target = SightedTarget(
-            self,
-            self._detector(p.follow),
-            (buffer or listening_buffer(self)).core,
-            p.fixed_frame,
-            self._worker,
-        )
+        self.set_detector(self._detector(p.follow))
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._frame: Frame | None = None
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
@@ -120,16 +105,6 @@ class VisualTargetNode(ClosingNode):
         self._subscribe_as_needed()
         steady_timer(self, _SUBSCRIPTION_PERIOD, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
-
-    @property
-    def enabled(self) -> bool:
-        """Whether targets are published."""
-        return self._target.output.on
-
-    @enabled.setter
-    def enabled(self, enabled: bool) -> None:
-        if enabled != self.enabled:
-            self._target.output.set(enabled)
 
     def _detector(self, follow: str) -> Detector:
         """Create a detector; this may take long."""
@@ -143,7 +118,7 @@ class VisualTargetNode(ClosingNode):
             return
         self._declare(changed.follow)
         self._settings = changed
-        self._worker.do(lambda: self._change_detector(changed.follow))
+        self.worker.do(lambda: self._change_detector(changed.follow))
         self._subscribe_as_needed()
 
     def _declare(self, follow: str) -> None:
@@ -158,9 +133,9 @@ class VisualTargetNode(ClosingNode):
             return
         self._followed = follow
         try:
-            self._target.set_detector(self._detector(follow))
+            self.set_detector(self._detector(follow))
         except HeadTrackingError as error:
-            self._target.set_detector(GivenDetector())
+            self.set_detector(GivenDetector())
             self.get_logger().error(f"no detection: the detector {follow} failed: {error}")
         else:
             self.get_logger().info(f"detecting {follow}")
@@ -169,7 +144,7 @@ class VisualTargetNode(ClosingNode):
         """Subscribe to the images that are needed, and to no others."""
         p = self._settings
         outputs = (self._region, self._annotated)
-        wanted = self._target.wanted or any(one.get_subscription_count() for one in outputs)
+        wanted = self.wanted or any(one.get_subscription_count() for one in outputs)
         depth_only = DETECTORS[p.follow].depth_only
         wants_image = wanted and not depth_only
         wants_depth = wanted and (p.use_depth or depth_only)
@@ -185,10 +160,10 @@ class VisualTargetNode(ClosingNode):
             self._depth = None
 
     def _on_parameters(self, _: Any) -> None:
-        self._worker.do(self._apply_parameters)
+        self.worker.do(self._apply_parameters)
 
     def _apply_parameters(self) -> None:
-        self._target.tracker.detector.parameters = self._kinds[self._followed].value
+        self.tracker.detector.parameters = self._kinds[self._followed].value
 
     def _subscribe(
         self, topic: str, transport: str, callback: Callable[[AnyImage], None]
@@ -201,30 +176,30 @@ class VisualTargetNode(ClosingNode):
     def _on_image(self, message: AnyImage) -> None:
         depth = self._depth
         if depth is None or not self.count_publishers(depth.topic_name):
-            self._worker.offer(_Images(message, message, None))
+            self.worker.offer(_Images(message, message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._worker.offer(_Images(pair[0], *pair))
+            self.worker.offer(_Images(pair[0], *pair))
         elif self._pairs.dropped > 2:
-            self._target.warn(
+            self.warn(
                 f"{self._pairs.dropped} images without a depth image within "
                 f"{self._settings.depth_tolerance:g} s (depth_tolerance)"
             )
 
     def _on_depth(self, message: AnyImage) -> None:
         if DETECTORS[self._settings.follow].depth_only:
-            self._worker.offer(_Images(message, None, message))
+            self.worker.offer(_Images(message, None, message))
             return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self._worker.offer(_Images(pair[0], *pair))
+            self.worker.offer(_Images(pair[0], *pair))
 
-    def _process(self, shot: _Images) -> None:
-        """Detect the target in one image and publish it."""
+    def process(self, shot: _Images) -> None:
+        """See `SightedTargetNode`."""
         stamped, image, depth = shot
         header = stamped.header
-        result = self._target.detect(
+        result = self.detect(
             header.frame_id,
             lambda camera: Frame(
                 stamp_to_ns(header.stamp),
@@ -245,7 +220,7 @@ class VisualTargetNode(ClosingNode):
     def _publish_annotated(
         self, frame: Frame, sighting: Sighting | None, stamped: AnyImage
     ) -> None:
-        tracker = self._target.tracker
+        tracker = self.tracker
         if frame.picture is not None:
             picture = frame.picture.bgr
         else:
@@ -255,17 +230,17 @@ class VisualTargetNode(ClosingNode):
         self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:
-        self._worker.do(lambda: self._select(message))
+        self.worker.do(lambda: self._select(message))
 
     def _select(self, message: RegionOfInterest) -> None:
         box = Box(message.x_offset, message.y_offset, message.width, message.height)
         if self._frame is None or min(box.clipped(*_size(self._frame))[2:]) <= 0:
-            self._target.warn(
+            self.warn(
                 "the selection is ignored: "
                 + ("no image received yet" if self._frame is None else f"{box} is empty")
             )
             return
-        self._target.tracker.select(self._frame, box)
+        self.tracker.select(self._frame, box)
 
 
 def _size(frame: Frame) -> tuple[int, int]:
