@@ -105,6 +105,14 @@ class HeadState(StrEnum):
     CLOSED = "closed"
 
 
+_REFUSING = {
+    Reason.STOPPED: HeadState.STOPPED,
+    Reason.FAULT: HeadState.STOPPED,
+    Reason.RELAXED: HeadState.RELAXED,
+    Reason.CLOSED: HeadState.CLOSED,
+}
+
+
 class Head:
     """A pan/tilt head on Dynamixel servos; `open` and `simulated` create one.
 
@@ -185,8 +193,6 @@ class Head:
         )
         self._control.use(model)
         self._control.begin()
-        self._relaxed = self._closed = False
-        self._relaxations = 0
         self._failure: BaseException | None = None
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
@@ -500,7 +506,6 @@ class Head:
         """
         self._require_open()
         with self._control.lock:
-            self._relaxed, self._relaxations = True, self._relaxations + 1
             self._end_following()
             self._control.disable(Reason.RELAXED)
             switched = self._servos.switch_torque(None, False)
@@ -517,16 +522,17 @@ class Head:
         """
         self._require_open()
         with self._control.lock, _refused_if_stopped():
-            epoch, relaxations = self._owners.epoch.value, self._relaxations
+            epoch = self._owners.epoch.value
             if self._owners.stopped:
                 self._owners.resume(epoch)
+            off = self._control.off
             switched = self._servos.switch_torque(None, True, epoch)
         _confirm(switched)
         with self._control.lock, _refused_if_stopped():
-            if relaxations != self._relaxations:
-                raise RefusedCommandError(HeadState.RELAXED)
+            self._owners.permit()
+            if self._control.off is not off:
+                raise RefusedCommandError(self.state)
             self._control.enable()
-            self._relaxed = False
 
     def close(self) -> None:
         """Brake and relax the servos and close the port; may be called twice.
@@ -568,12 +574,8 @@ class Head:
     @property
     def state(self) -> HeadState | TargetState:
         """What the head does now."""
-        if self._closed:
-            return HeadState.CLOSED
-        if self._owners.stopped:
-            return HeadState.STOPPED
-        if self._relaxed:
-            return HeadState.RELAXED
+        if (refusing := self._refusing) is not None:
+            return refusing
         if self._control.motion is not self._tracking:
             return HeadState.TURNING
         state = self._tracker.state
@@ -685,24 +687,28 @@ class Head:
         elif end is MotionEnd.NO_TRANSFORM:
             error = FrameError(target.frame_id, reason)
         elif end is MotionEnd.DISABLED:
-            state = HeadState.RELAXED if self._relaxed else HeadState.STOPPED
-            error = RefusedCommandError(HeadState.CLOSED if self._closed else state)
+            error = RefusedCommandError(self._refusing or HeadState.STOPPED)
             error.__cause__ = self._failure
         else:
             error = BusStoppedError(reason)
         result.set_exception(error)
 
+    @property
+    def _refusing(self) -> HeadState | None:
+        """The state in which commands are refused; None: they are accepted."""
+        off = self._control.off
+        return None if off is None else _REFUSING.get(off.reason)
+
     def _require_open(self) -> None:
-        if self._closed:
+        if self._refusing is HeadState.CLOSED:
             raise RefusedCommandError(HeadState.CLOSED)
 
     def _permit(self, epoch: int | None = None) -> int:
         """Return the epoch of a command that is given now; refuse one of an earlier epoch."""
-        self._require_open()
+        if (refusing := self._refusing) is not None:
+            raise RefusedCommandError(refusing)
         with _refused_if_stopped():
             now = self._owners.permit()
-        if self._relaxed:
-            raise RefusedCommandError(HeadState.RELAXED)
         if epoch not in (None, now):
             raise RefusedCommandError(HeadState.STOPPED)
         return now
@@ -726,11 +732,10 @@ class Head:
 
     def _fail(self, error: BaseException) -> None:
         """Close the head after a failure of the port, which has relaxed the servos if possible."""
-        self._closed, self._failure = True, error
+        self._failure = error
         self._control.disable(Reason.CLOSED)
 
     def _close(self) -> None:
-        self._closed = True
         atexit.unregister(self._close)
         self._control.disable(Reason.CLOSED)
         try:

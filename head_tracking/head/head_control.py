@@ -177,7 +177,8 @@ class HeadControl(Controller):
         """Why the head is disabled; None: it is enabled, because this owns the joints."""
         if self._owners.owns(self.name, self.joints):
             return None
-        return Obstacle(Reason.STOPPED) if self._owners.stopped else self._disabled
+        is_stopped = self._owners.stopped and self._disabled.reason is not Reason.CLOSED
+        return Obstacle(Reason.STOPPED) if is_stopped else self._disabled
 
     @property
     def is_stopped(self) -> bool:
@@ -207,8 +208,8 @@ class HeadControl(Controller):
     def disable(self, reason: Reason, detail: str = "") -> None:
         """Stop the head and release the joints, also after a STOP has ended."""
         with self.lock:
-            self._stop()
             self._disabled = Obstacle(reason, detail)
+            self._stop()
             self._owners.release(self.name)
         self.watch()
 

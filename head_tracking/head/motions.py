@@ -246,14 +246,14 @@ class TrajectoryMotion(Motion):
 
 
 class TargetMotion(Motion):
-    """What a head does with its targets. It has no result, and controls the head of `control`.
+    """What a head does with its targets. It has no result, and controls the head of `control`."""
 
-    Attributes:
-        fault: what is wrong with the head; empty: nothing is known to be.
-    """
-
-    fault = ""
     control: HeadControl
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the head; empty: nothing is known to be."""
+        return ""
 
     def use(self, control: HeadControl) -> None:
         """Use the head of `control`, whose model is known now or has changed."""
@@ -325,6 +325,11 @@ class Tracking(TargetMotion):
         self._settings = settings
         self._law = ""
 
+    @property
+    def fault(self) -> str:
+        """See `TargetMotion`."""
+        return "" if self.tracker is None else self.tracker.fault
+
     def use(self, control: HeadControl) -> None:
         """See `TargetMotion`."""
         super().use(control)
@@ -372,7 +377,7 @@ class Tracking(TargetMotion):
         control.refusal = tracker.machine.refusal
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
-        self.miss, self.fault, control.held = step.error, tracker.fault, None
+        self.miss, control.held = step.error, None
         for joint in tracker.law.take_contradicted():
             control.warn(joint, f"{joint}: the saved values of its servo do not fit any more")
         return step.command

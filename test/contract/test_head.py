@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 
 import pytest
@@ -30,7 +31,8 @@ from head_tracking.dynamixel.exceptions import (
     PortMissingError,
     ServoNotFoundError,
 )
-from head_tracking.transforms import Rotation, Transform
+from head_tracking.share import robot_file
+from head_tracking.transforms import Rotation, Transform, load_robot_model
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_msgs", "std_srvs", "sensor_msgs")
 LEFT, RIGHT = (2.0, 2.0, 0.6), (2.0, -2.0, 0.6)
@@ -92,6 +94,27 @@ def test_the_reported_angles_are_the_true_angles(head, servos):
     assert head.look_at(LEFT, max_velocity=4.0).arrived
     assert servos.true[0] == pytest.approx(bearing(LEFT), abs=DEGREE)
     assert list(head.joints.values()) == pytest.approx(servos.true, abs=DEGREE)
+
+
+def test_a_head_that_turns_the_wrong_way_is_stopped_until_resume():
+    """The camera sees what it would see if both servos were mounted the other way round."""
+    robot = load_robot_model(robot_file("kinectbot"))
+    with Head.simulated() as head:
+
+        def follows_until_it_stops():
+            joints = {joint: -position for joint, position in head.joints.items()}
+            pose = robot.transform("camera_optical_frame", "base_link", joints)
+            head.follow(pose @ LEFT, "camera_optical_frame", stamp=time.time())
+            time.sleep(0.02)
+            return head.state is HeadState.STOPPED
+
+        with suppress(RefusedCommandError):  # it stops between two points
+            wait_for(follows_until_it_stops)
+        with pytest.raises(RefusedCommandError) as refused:
+            head.look_at(RIGHT)
+        assert refused.value.state == HeadState.STOPPED
+        head.resume()
+        assert head.look_at(RIGHT).arrived
 
 
 def test_a_moving_target_is_followed(head, servos):
