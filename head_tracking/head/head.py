@@ -152,6 +152,16 @@ class Head:
         calibration: Calibration | None = None,
     ) -> None:
         pan, tilt = servos
+        parameters = HeadParameters(
+            pan.joint_name,
+            tilt.joint_name,
+            pointing_frame,
+            min_pan=pan.lower,
+            max_pan=pan.upper,
+            min_tilt=tilt.lower,
+            max_tilt=tilt.upper,
+        )
+        parameters.head(model)  # if there is none, the port is not opened
         self.calibration = calibration
         self.frames = TransformBuffer()
         self.frames.set_model(model)
@@ -178,14 +188,7 @@ class Head:
         self._control = HeadControl(
             self._loop,
             "head",
-            HeadParameters(
-                *self._joints,
-                pointing_frame,
-                min_pan=pan.lower,
-                max_pan=pan.upper,
-                min_tilt=tilt.lower,
-                max_tilt=tilt.upper,
-            ),
+            parameters,
             self._tracking,
             ClockWatch(time.time),
             period=1.0 / _RATE,

@@ -19,6 +19,7 @@ from head_tracking import (
     FrameError,
     Head,
     HeadState,
+    HeadTrackingError,
     JointConfiguration,
     RefusedCommandError,
     SupersededError,
@@ -115,6 +116,14 @@ def test_a_head_that_turns_the_wrong_way_is_stopped_until_resume():
         assert refused.value.state == HeadState.STOPPED
         head.resume()
         assert head.look_at(RIGHT).arrived
+
+
+def test_a_head_that_the_robot_does_not_have_leaves_the_port_alone(servos, kinectbot):
+    with pytest.raises(HeadTrackingError) as kept:  # as an interactive session keeps it
+        Head(servos.name, kinectbot, pointing_frame="nose", reply_timeout=0.2)
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        assert head.state is HeadState.HOLDING
+    assert "nose" in str(kept.value)
 
 
 def test_a_moving_target_is_followed(head, servos):
