@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -44,7 +43,6 @@ from head_tracking.tracking import (
 from head_tracking.transforms import RobotModel, RobotModelError, Vector3
 
 _LOG_PERIOD = 1.0  # s
-_MOST_WAITING = 1000  # targets, until the next cycle
 _CAUTIOUS_TIME = 2.0  # s with a target after a STOP, until the speed limit rises
 _FAST = 3.0  # rad/s; a speed limit above this ends the caution
 _FASTEST = 12.0  # rad/s of a motion; usually the model's limit is lower
@@ -141,7 +139,6 @@ class HeadControl(Controller):
         self._throttle = Throttle(_LOG_PERIOD)
         self._model: RobotModel | None = None
         self._refused_model: RobotModel | None = None
-        self._inbox: deque[Target] = deque(maxlen=_MOST_WAITING)
         self._listening_since = round(self.now * 1e9)
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since, self._is_troubled = math.inf, False
@@ -248,8 +245,6 @@ class HeadControl(Controller):
         with self.lock:
             self._check_owners()
             joints = self._measure()
-            while self._inbox:
-                self.frames.offer(self._inbox.popleft(), self._clock.checked)
             if joints is None:
                 self.error = None
             elif self._is_due(joints.stamp, self._clock.checked):
@@ -386,7 +381,7 @@ class HeadControl(Controller):
         self._listening_since = round(self._clock.checked * 1e9)
         if not self._clock.standing:
             self._buffer.clear()
-        self._forget_targets()
+        self.frames.forget()
         self._end_motion(MotionEnd.ABORTED, jump)
         self.send(self.targets.reset(jump, self.now))
         self.readings.clear()
@@ -432,7 +427,8 @@ class HeadControl(Controller):
 
     def accept(self, target: Target) -> None:
         """Accept a target for the next cycle; it is ignored if another motion is in progress."""
-        self._inbox.append(target)
+        with self.lock:
+            self.frames.offer(target, self._clock.checked)
 
     def recenter(self) -> Obstacle | None:
         """Turn the head to its centre, or return why not."""
@@ -440,7 +436,7 @@ class HeadControl(Controller):
             joints = self._measure()
             if joints is None or self.off is not None:
                 return self.off or self.trouble
-            self._forget_targets()
+            self.frames.forget()
             self._end_motion(MotionEnd.PREEMPTED, "the head is recentred")
             self.result = MotionResult(MotionEnd.SUCCEEDED, "sent to the centre")
             self.send(self.targets.recenter(joints))
@@ -452,13 +448,9 @@ class HeadControl(Controller):
         self.refusal, self.refusals = reason, self.refusals + 1
         self.warn(f"target in {target.frame_id}", f"target {target} refused: {reason}")
 
-    def _forget_targets(self) -> None:
-        self._inbox.clear()
-        self.frames.forget()
-
     def _restart_targets(self) -> None:
         self.error, self.refusal = None, ""
-        self._forget_targets()
+        self.frames.forget()
         off = self.off
         self.targets.restart("" if off is None else str(off), self.now)
 
@@ -478,7 +470,7 @@ class HeadControl(Controller):
                     watch.restart()
                 self.motion = motion
                 self.targets.restart(motion.title, self.now)
-            self._forget_targets()
+            self.frames.forget()
             self.result = None
 
     def point(

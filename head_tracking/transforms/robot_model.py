@@ -100,15 +100,6 @@ class Joint:
         """Whether the joint is not fixed."""
         return self.type is not JointType.FIXED
 
-    def motion(self, position: float) -> Transform:
-        """Return the transform from the child into the joint frame at a position [rad or m]."""
-        if self.type is JointType.PRISMATIC:
-            x, y, z = self.axis
-            return Transform((position * x, position * y, position * z), Rotation.identity())
-        if self.type is JointType.FIXED:
-            return Transform.identity()
-        return Transform((0.0, 0.0, 0.0), Rotation.from_axis_angle(self.axis, position))
-
     def steps(self, leader: Mimic, *, back: bool = False) -> tuple[Step, ...]:
         """Return `T_parent_child` as steps of a chain.
 
@@ -126,7 +117,14 @@ class Joint:
 
     def transform(self, position: float) -> Transform:
         """Return `T_parent_child` at a position [rad or m]."""
-        return self.origin @ self.motion(position)
+        if not self.moves:
+            return self.origin
+        if self.type is JointType.PRISMATIC:
+            x, y, z = self.axis
+            slide = Transform((position * x, position * y, position * z), Rotation.identity())
+            return self.origin @ slide
+        turn = Rotation.from_axis_angle(self.axis, position)
+        return self.origin @ Transform((0.0, 0.0, 0.0), turn)
 
 
 @dataclass(frozen=True, slots=True)
