@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from head_tracking.page.head_modes import CAMERA, Mode
+from head_tracking.page.head_modes import Mode
 from head_tracking.page.live import Live
 from head_tracking.page.path import Path, path_ahead
 from head_tracking.page.robot import Robot
@@ -34,7 +34,6 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
             {str(name): finite(value) for name, value in dict(of["joints"]).items()}
         ),
         "centre": lambda _: modes.centre(),
-        "camera": lambda _: modes.start(CAMERA),
         "torque": lambda of: joints.set_torque(str(of.get("controller", "")), of["on"] is True),
         "recover": lambda _: joints.recover(),
         "set": lambda of: tuning.set(str(of["node"]), str(of["name"]), of["value"]),
@@ -47,7 +46,7 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
 
 def _look(robot: Robot, live: Live, of: Fields) -> Outcome:
     """Look at a point of a frame, or at a place in the picture."""
-    model, modes = robot.model(), robot.modes
+    model = robot.model()
     if model is None:
         return Outcome(False, "No robot description has been received.")
     frame = model.root
@@ -58,11 +57,7 @@ def _look(robot: Robot, live: Live, of: Fields) -> Outcome:
         u, v = (_between(of, name, 0.0, 1.0) for name in ("u", "v"))
         stamp = None if of.get("stamp") is None else int(of["stamp"])
         x, y, z = live.point_at(u, v, stamp, str(of.get("topic", "")))
-    if of.get("take_over") and modes.mode() is Mode.OFF:
-        outcome = modes.set_mode(Mode.TRACK if Mode.TRACK in modes.possible() else Mode.POINT)
-        if not outcome.done:
-            return outcome
-    return modes.look_at(frame, (x, y, z), wait=of.get("wait") is True)
+    return robot.modes.look_at(frame, (x, y, z))
 
 
 def _follow_path(robot: Robot, of: Fields) -> Outcome:

@@ -18,7 +18,7 @@ from head_tracking.page.path import Path
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.target_point import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
-from head_tracking.tracking import Target, TargetState
+from head_tracking.tracking import Target
 from head_tracking.transforms import TransformException, Vector3
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target")
 _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
 _BUSY = 1.0  # s that a target waits for a change of the mode
-_REFUSAL = 0.8  # s in which a controller refuses a target
 _POLL = 0.02  # s
 _RECENT = 1.0  # s
 _MOST_SENT = 64  # targets that may still arrive
@@ -207,13 +206,12 @@ class HeadModes:
             self._others_sent = now
 
     @_answered
-    def look_at(self, frame: str, point: Vector3, *, wait: bool = False) -> str:
+    def look_at(self, frame: str, point: Vector3) -> str:
         """Send a target once to `point_head`, periodically to `head_tracker`.
 
         Args:
             frame: the frame of the point.
             point: the target [m].
-            wait: for a moment, for a refusal by the controller.
         """
         if not all(map(math.isfinite, point)):
             raise _Refused("The target is refused: x, y and z must be numbers in metres.")
@@ -221,7 +219,6 @@ class HeadModes:
             raise _Refused(f"The target is refused: there is no frame {frame!r}.")
         stops = self._stop.count
         _refuse_if(self._stop.refusal)
-        before, sent = {one: self._topics.status(one) for one in CONTROLLERS}, time.monotonic()
         if not self._changing.acquire(timeout=_BUSY):
             raise _Refused("The mode is being changed: try again in a moment.")
         try:
@@ -231,10 +228,6 @@ class HeadModes:
             self._send(target, mode, stops)
         finally:
             self._changing.release()
-        name = _NODES[mode][0]
-        while wait and time.monotonic() - sent < _REFUSAL:
-            _refuse_if(self._refusal_of(name, before[name]))
-            time.sleep(_POLL)
         return f"Target {target} sent" + (f"; the mode is {mode} now." if changed else ".")
 
     @_answered
@@ -290,9 +283,9 @@ class HeadModes:
     def _take_over(self, stops: int) -> tuple[Mode, bool]:
         """Let the page alone send targets; return the mode for that, and whether it has changed."""
         before = self.mode()
-        if before is Mode.OFF:
-            raise _Refused("No controller is enabled: choose a mode (point or track).")
         mode = Mode.POINT if before is Mode.POINT else Mode.TRACK
+        if before is Mode.OFF and mode not in self.possible():
+            mode = Mode.POINT
         if mode is not before or any(map(self._is_enabled, SENDERS)):
             self._wanted = mode, ""
             self._change(mode, "", stops)
@@ -337,19 +330,6 @@ class HeadModes:
         if not self._services.offered(f"node_starter/{name}"):
             return Outcome(False, f"{name} is not running: start it for this mode.")
         return self._services.trigger(f"node_starter/{name}")
-
-    def _refusal_of(self, name: str, before: Mapping[str, str]) -> str:
-        """Return why a controller refuses a target; empty if it has not refused it.
-
-        Args:
-            name: the controller.
-            before: its status before the target was sent.
-        """
-        status = self._topics.status(name)
-        if status.get("refusals") != before.get("refusals"):
-            return status.get("refusal", "")
-        is_at_limit = status != before and status.get("state") == TargetState.AT_LIMIT
-        return status["detail"] if is_at_limit else ""
 
     def _send(self, target: Target, mode: Mode, stops: int) -> None:
         """Send a target: once to a controller that keeps it, else periodically."""

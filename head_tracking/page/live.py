@@ -11,15 +11,13 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, NamedTuple
 
-from head_tracking.gaze import PanTiltHead
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
 from head_tracking.page.motion import Motion, number
 from head_tracking.page.other_topics import Picture
 from head_tracking.page.robot import Robot
-from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, robot_for_browser
+from head_tracking.page.robot_shapes import FindPackage, robot_for_browser
 from head_tracking.page.status import faults
-from head_tracking.page.target_path import TargetPath
 from head_tracking.recording.recording import LastMinute, Observation
 from head_tracking.ros.kit.diagnostics import Health, Level
 from head_tracking.ros.kit.images import frame_pose
@@ -32,7 +30,6 @@ _DISTANCE = 1.5  # m: of a point in an image without a target
 _FACE = 0.24  # m: side of the box around a person's face
 _HIDDEN = 10**9  # ns: a person that was measured longer ago is not marked
 _SLOW_PERIOD = 0.25  # s between samples of what changes slowly
-_PREDICTION_PERIOD, _AHEAD = 0.1, 0.5  # s: how often, and how far ahead
 _RECORDED = 60.0  # s
 _MOST_LISTED = 200_000  # characters of values in diagnostics
 _ORDER = {Level.ERROR: 0, Level.STALE: 1, Level.WARN: 2, Level.OK: 3}
@@ -51,7 +48,7 @@ class EncodedPicture(NamedTuple):
 
 
 class Live:
-    """Samples the robot; for one thread, except `point_at`, `describe` and `last_minute`.
+    """Samples the robot; for one thread, except `point_at` and `last_minute`.
 
     Args:
         robot: is sampled.
@@ -82,9 +79,7 @@ class Live:
         self._find_package = find_package
         self._model: RobotModel | None = None
         self._motion: Motion | None = None
-        self._path: TargetPath | None = None
-        self._predicted: list[Any] = []
-        self._prediction_due = self._slow_due = 0.0
+        self._slow_due = 0.0
         self._notices: list[str] = []
         self._camera_requested = False
         self.robot_text = self.slow_text = self.state_text = ""
@@ -107,7 +102,7 @@ class Live:
             topics: of the pictures; empty texts: the default topic.
         """
         self.observe(watched=True)
-        parts = {"joints": self._move, "prediction": self._prediction, "boxes": self._boxes}
+        parts = {"joints": self._move, "boxes": self._boxes}
         texts = [self._attempt(part, partial(_members, add)) for part, add in parts.items()]
         self.state_text = _message("state", *texts)
         now = time.monotonic()
@@ -117,12 +112,6 @@ class Live:
             failing = f'"failing": {json.dumps(self.failing)}'
             self.slow_text = _message("about", slow, failing)
         self._attempt("picture", lambda: self._encode_all(topics))
-
-    def describe(
-        self, model: RobotModel, head: PanTiltHead | None, meshes_at: str
-    ) -> RobotForBrowser:
-        """Return a robot for the browser; see `robot_for_browser`."""
-        return robot_for_browser(model, head, meshes_at, self._find_package)
 
     def point_at(self, u: float, v: float, stamp: int | None, topic: str = "") -> Vector3:
         """Return the point at a place in the picture, in the model's root [m].
@@ -176,14 +165,9 @@ class Live:
         if model is None or model is self._model:
             return
         self._model = model  # once: a model that fails is reported and not tried again
-        self._path = None
         head = self._robot.head
         self._motion = Motion(model, head)
-        if head is not None:
-            at_zero = dict.fromkeys(model.independent_joints, 0.0)
-            centre = model.transform(model.root, head.base_frame, at_zero).translation
-            self._path = TargetPath(_AHEAD, centre)
-        robot = self.describe(model, head, "/head/mesh/")
+        robot = robot_for_browser(model, head, "/head/mesh/", self._find_package)
         self.meshes, self._notices = robot.meshes, robot.about["notices"]
         about = {"type": "robot", **robot.about, "view": self._view}
         self.robot_text = json.dumps(about, allow_nan=False)
@@ -195,14 +179,6 @@ class Live:
 
     def _move(self) -> dict[str, Any]:
         return {} if self._motion is None else self._motion.of(self.observation)
-
-    def _prediction(self) -> dict[str, Any]:
-        live, path, now = self.observation, self._path, time.monotonic()
-        if path is not None and now >= self._prediction_due:
-            self._prediction_due = now + _PREDICTION_PERIOD
-            path.add(live.stamp, live.target, live.target_stamp)
-            self._predicted = [[round(x, 4) for x in point] for point in path.predicted()]
-        return {"predicted": self._predicted}
 
     def _boxes(self) -> dict[str, Any]:
         """Return boxes in the default picture: of what is followed, and of people's faces."""
@@ -269,7 +245,6 @@ class Live:
             "health": _listed(health),
             "frames": sorted({*live.frames, *links}),
             "images": sorted(robot.topics.images(), key=_rank),
-            "can_start_camera": robot.modes.can_start(CAMERA),
             "recording": robot.recorder.file is not None,
             "recorder": robot.recorder.status,
             "calibration": self.calibration.progress._asdict(),
@@ -277,11 +252,12 @@ class Live:
 
     def _start_camera(self) -> None:
         """Start the simulated camera once, where there are no pictures."""
-        robot = self._robot
-        if self._camera_requested or robot.topics.images() or not robot.modes.can_start(CAMERA):
-            return
-        self._camera_requested = True
-        threading.Thread(target=lambda: robot.modes.start(CAMERA), daemon=True).start()
+        modes = self._robot.modes
+        if self._robot.topics.images():
+            self._camera_requested = False
+        elif not self._camera_requested and modes.can_start(CAMERA):
+            self._camera_requested = True
+            threading.Thread(target=modes.start, args=[CAMERA], daemon=True).start()
 
     def _encode_all(self, topics: Collection[str]) -> None:
         """Encode a picture of each topic; one that fails costs no other."""

@@ -7,11 +7,10 @@ import threading
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from head_tracking.page.live import Live
 from head_tracking.page.motion import Motion
 from head_tracking.page.robot import Robot
-from head_tracking.page.robot_shapes import RobotForBrowser
-from head_tracking.recording.recording import Recording, RecordingError
+from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, robot_for_browser
+from head_tracking.recording.recording import LastMinute, Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording, write_recording
 from head_tracking.transforms import RobotModelError, parse_robot_model
 
@@ -31,11 +30,12 @@ class Replays:
 
     Args:
         robot: the present robot.
-        live: what the page has sampled.
+        last_minute: what the page has sampled.
+        find_package: for meshes at package:// addresses.
     """
 
-    def __init__(self, robot: Robot, live: Live) -> None:
-        self._robot, self._live = robot, live
+    def __init__(self, robot: Robot, last_minute: LastMinute, find_package: FindPackage) -> None:
+        self._robot, self._last_minute, self._find_package = robot, last_minute, find_package
         self._open: dict[str, OpenRecording] = {}
         self._lock = threading.Lock()
 
@@ -96,7 +96,7 @@ class Replays:
 
     def _present(self) -> Recording:
         model = self._robot.model()
-        return self._live.last_minute.recording("" if model is None else model.urdf)
+        return self._last_minute.recording("" if model is None else model.urdf)
 
     def _add(self, recording: Recording) -> dict[str, Any]:
         try:
@@ -106,7 +106,7 @@ class Replays:
         if model is None:
             raise RecordingError("The recording has no robot model, and none has been received.")
         key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(model)
-        robot = self._live.describe(model, head, f"/head/replay/{key}/mesh/")
+        robot = robot_for_browser(model, head, f"/head/replay/{key}/mesh/", self._find_package)
         with self._lock:
             self._open[key] = OpenRecording(recording, Motion(model, head), robot)
             for oldest in list(self._open)[:-_MOST]:

@@ -123,7 +123,7 @@ class Page:
     ) -> None:
         self._robot = robot
         self._live = live = Live(robot, find_package, parameters.horizontal_view, report)
-        self._replays = Replays(robot, live)
+        self._replays = Replays(robot, live.last_minute, find_package)
         self._limit, self._period = parameters.max_browsers, 1.0 / parameters.rate
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._sampled = asyncio.Event()

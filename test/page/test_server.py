@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import select
 import socket
@@ -218,7 +219,7 @@ def test_stop_does_not_wait_for_meshes_and_late_ones_are_left_out(
 
 _SHOW_ABOUT = """error => headPage.showAbout({
   error, word: "holding", text: "", stop: "", mode: "nothing", modes: [], target_text: "",
-  can_resume: false, images: ["/one/image", "/other/image"], can_start_camera: false, frames: [],
+  can_resume: false, images: ["/one/image", "/other/image"], frames: [],
   servos: [], movable: [], free: true, notices: [], warnings: [], failing: {}, recording: false,
   recorder: "", faults: [{ text: "overload", advice: "", command: "recover" }], can_recover: true,
   health: [{ name: "servo_bus", level: "ok", message: `${error}`, values: { load: `${error}` } }],
@@ -284,6 +285,33 @@ def test_boxes_are_shown_in_the_picture_that_they_belong_to(page: Page) -> None:
         cameras = {"": 1, "/one/image": 1, "/other/image": 0, "none": 0}
         for camera, boxes in cameras.items():
             assert tab.evaluate(_LABELS, camera) == boxes
+
+
+_PATH_AHEAD = """async () => {
+  const { pathAhead } = await import("/head/static/scene.js");
+  const points = (place, count = 20) => Array.from({ length: count }, (_, step) => (
+    { stamp: 9 + step / 20, at: place(step / 20, step) }));
+  const last = 9 + 19 / 20, resting = (_, step) => [1, 0.003 * Math.sin(7 * step), 0.5];
+  const moving = points((time) => [1, 0.4 * time, 0.5]);
+  return {
+    moving: pathAhead(moving, last + 0.1),
+    circling: pathAhead(points((time) => [Math.cos(time), Math.sin(time), 0.5]), last),
+    resting: pathAhead(points(resting), last),
+    lost: pathAhead(moving, last + 1),
+    new: pathAhead(moving.slice(-3), last),
+    none: pathAhead([], last),
+  };
+}"""
+
+
+def test_a_moving_target_has_a_path_ahead(page: Page) -> None:
+    with visited(page) as tab:
+        ahead = tab.evaluate(_PATH_AHEAD)
+    assert ahead["moving"][0] == pytest.approx([1.0, 0.38, 0.5])
+    assert ahead["moving"][1] == pytest.approx([1.0, 0.38 + 0.4 * 0.6, 0.5])
+    assert ahead["circling"][1] == pytest.approx([math.cos(1.45), math.sin(1.45), 0.5], abs=0.25)
+    for name in ("resting", "lost", "new", "none"):
+        assert ahead[name] == [], name
 
 
 _OLDER = """

@@ -144,12 +144,11 @@ def test_no_message_ends_the_page(threads, viewer):
 
 def test_a_part_that_fails_costs_no_other(viewer, monkeypatch):
     live = viewer.page._live
-    monkeypatch.setattr(live, "_prediction", lambda: {"predicted": [math.nan]})
-    monkeypatch.setattr(live, "_boxes", lambda: {"boxes": ["one"]})
+    monkeypatch.setattr(live, "_boxes", lambda: {"boxes": [math.nan]})
     said = told(viewer, "state")
-    assert said.keys() >= {"joints", "boxes"}
-    assert "predicted" not in said
-    wait_for(lambda: told(viewer)["failing"].keys() == {"prediction"}, PATIENCE)
+    assert said.keys() >= {"joints", "stamp"}
+    assert "boxes" not in said
+    wait_for(lambda: told(viewer)["failing"].keys() == {"boxes"}, PATIENCE)
 
 
 def test_pictures_that_cannot_be_shown_are_named(viewer):

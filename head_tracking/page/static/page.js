@@ -27,14 +27,14 @@ class Page {
     by("stop").onclick = () => this.stop(); // first: STOP must not depend on what comes below
     addEventListener("keydown", (event) => this.onKey(event));
     try {
-      this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point, take_over: true }));
+      this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point }));
     } catch (error) {
       this.failing.robot = error.message;
     }
     this.chart = new Chart(by("lines"));
     this.steer = new Steering();
     this.camera = new CameraPicture(
-      (u, v, stamp) => this.steer.send("look", { u, v, stamp, topic: by("source").value, take_over: true }),
+      (u, v, stamp) => this.steer.send("look", { u, v, stamp, topic: by("source").value }),
       (frame) => command("mode", { mode: "follow a frame", frame }),
     );
     this.joints = new Joints((joints) => this.steer.aim(joints));
@@ -43,7 +43,6 @@ class Page {
     this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob, "recorded") : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
     this.recordings = new Recordings((opened) => { this.replay.open(opened); this.openTab("live"); });
     by("resume").onclick = () => { by("resume").blur(); toast(""); send("/head/resume"); };
-    by("simulate").onclick = () => command("camera");
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
     this.makeTabs();
     this.makeTheme();
@@ -208,7 +207,7 @@ class Page {
     const angle = (name) => state.joints?.[names.indexOf(name)] ?? NaN;
     const [pan, tilt] = [angle(this.shownRobot?.pan), angle(this.shownRobot?.tilt)];
     this.attempt({
-      view: () => this.scene?.show(state.joints ?? [], state.target, state.predicted, state.stamp),
+      view: () => this.scene?.show(state.joints ?? [], state.target, state.stamp, state.target_stamp ?? state.stamp),
       marks: () => this.camera.mark(["", state.boxes_of].includes(by("source").value) ? state.boxes ?? [] : []), // they belong to one camera
       chart: () => this.chart.add(state.stamp, state.target_stamp ?? state.stamp, [pan, tilt, ...(state.wanted ?? []).map((value) => value ?? NaN)].map(degrees)),
       pad: () => this.steer.showPad(pan, tilt, state.wanted),
@@ -253,7 +252,6 @@ class Page {
       calibration: () => this.calibration.show(about.calibration),
     });
     this.showFailing(about.failing);
-    by("simulate").hidden = about.images.length > 0 || !about.can_start_camera;
   }
 }
 

@@ -2,6 +2,7 @@
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
 const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
+const FITTED = 0.5, PREDICTED = 0.5, SLOWEST = 0.02, CERTAIN = 4; // s, s, m/s, standard deviations
 const CLICK = 6, GRASP = 0.04, PERIOD = 33, SLOW_PERIOD = 250; // pixels, rad, ms
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
 
@@ -18,6 +19,20 @@ function draw(line, points) {
   points.forEach((point, number) => attribute.setXYZ(number, ...point));
   attribute.needsUpdate = true;
   line.geometry.setDrawRange(0, points.length);
+}
+
+/** Return both ends of a target's path in the next moment, by a line through its last points; empty if it may be at rest. */
+export function pathAhead(points, now) {
+  const last = points.at(-1)?.stamp, recent = points.filter(({ stamp }) => stamp > last - FITTED);
+  if (recent.length < 4 || now - last > FITTED) return [];
+  const mean = (of) => recent.reduce((sum, one) => sum + of(one), 0) / recent.length;
+  const middle = mean(({ stamp }) => stamp), spread = mean(({ stamp }) => (stamp - middle) ** 2);
+  const centre = [0, 1, 2].map((axis) => mean(({ at }) => at[axis]));
+  const speeds = centre.map((value, axis) => mean(({ stamp, at }) => (stamp - middle) * (at[axis] - value)) / spread);
+  const place = (stamp) => centre.map((value, axis) => value + speeds[axis] * (stamp - middle));
+  const error = mean(({ stamp, at }) => Math.hypot(...place(stamp).map((value, axis) => value - at[axis])) ** 2);
+  const deviation = Math.sqrt(error / (spread * (recent.length - 2)));
+  return Math.hypot(...speeds) < Math.max(SLOWEST, CERTAIN * deviation) ? [] : [place(last), place(now + PREDICTED)];
 }
 
 function put(node, [x, y, z, qx, qy, qz, qw]) {
@@ -80,7 +95,7 @@ export class RobotScene {
     this.target = new THREE.Mesh(new THREE.SphereGeometry(0.035, 24, 16), new THREE.MeshStandardMaterial({ color: COLOURS.target, emissive: 0x700c50 }));
     this.target.visible = false;
     this.trail = lineOf(COLOURS.trail, MOST_TRAIL);
-    this.prediction = lineOf(COLOURS.prediction, 64);
+    this.prediction = lineOf(COLOURS.prediction, 2);
     this.points = [];
     this.parts = { trail: this.trail, prediction: this.prediction };
     this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false, frames: false };
@@ -237,9 +252,10 @@ export class RobotScene {
     this.request();
   }
 
-  show(positions, target, predicted = [], stamp = 0) {
+  /** Show joint positions, and the target with the time [s] for which it was measured. */
+  show(positions, target, stamp, targetStamp) {
     if (!this.robot) return;
-    const shown = JSON.stringify([positions, target, predicted]);
+    const shown = JSON.stringify([positions, target, targetStamp, stamp - targetStamp > FITTED]);
     if (shown === this.shown) return;
     this.shown = shown;
     for (const joint of this.joints) {
@@ -251,14 +267,14 @@ export class RobotScene {
     }
     this.target.visible = Boolean(target);
     const before = this.points.at(-1);
-    if (!target || (before && (stamp < before.stamp || Math.hypot(...target.map((value, axis) => value - before.at[axis])) > 0.3))) this.points = [];
+    if (!target || (before && (targetStamp < before.stamp || Math.hypot(...target.map((value, axis) => value - before.at[axis])) > 0.3))) this.points = [];
     if (target) {
       this.target.position.set(...target);
-      this.points.push({ stamp, at: target });
-      while (this.points[0].stamp < stamp - TRAIL || this.points.length > MOST_TRAIL) this.points.shift();
+      if (targetStamp !== this.points.at(-1)?.stamp) this.points.push({ stamp: targetStamp, at: target });
+      this.points = this.points.filter((point) => point.stamp >= stamp - TRAIL).slice(-MOST_TRAIL);
     }
     draw(this.trail, this.points.map(({ at }) => at));
-    draw(this.prediction, target ? predicted.slice(0, 64) : []);
+    draw(this.prediction, pathAhead(this.points, stamp));
     if (!this.framed) this.frame();
     this.request();
   }

@@ -55,7 +55,7 @@ export class Steering {
   async go() {
     const speed = Number(this.speed.value);
     if (this.mode === "follow a frame") await command("mode", { mode: this.mode, frame: this.frame.value });
-    else if (this.mode !== "path") await command("look", { point: this.xyz.map((input) => Number(input.value)), frame: this.frame.value, wait: true });
+    else if (this.mode !== "path") await command("look", { point: this.xyz.map((input) => Number(input.value)), frame: this.frame.value });
     else if (this.shape.value === "points") await command("path", { points: this.points, speed });
     else await command("path", { shape: this.shape.value, size: Number(this.size.value), speed });
   }

@@ -213,7 +213,7 @@ export class Calibration {
 
 const CARDS = {
   camera: ["picture", "boxes", "marks"],
-  robot: ["robot", "model", "view", "prediction"],
+  robot: ["robot", "model", "view"],
   chart: ["motion", "joints", "chart"],
   lookat: ["state", "modes"],
   aim: ["pad"],
