@@ -437,10 +437,11 @@ class HeadModes:
         return present
 
     def _send_next(self) -> None:
-        """Send the next target, unless a STOP or another mode has ended that."""
+        """Send the next target, unless a STOP, another mode or another sender has ended that."""
         with self._send_lock:
             sending = self._sending
-            if sending is None or self._stop.count != sending.stops:
+            others = (n for n in SENDERS if self._topics.enabled(n) and self._exists(n))
+            if sending is None or self._stop.count != sending.stops or any(others):
                 self._sending = None
                 self._timer.cancel()
                 return

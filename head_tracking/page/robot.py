@@ -24,7 +24,7 @@ from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.status import Status, head_status
 from head_tracking.page.stop import Attempt, Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
-from head_tracking.recording.recording import Observation, observed
+from head_tracking.recording.recording import FollowedTarget, Observation, observed
 from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
 from head_tracking.ros.targets.latest_target import LatestTarget, TransformedTarget
@@ -91,8 +91,7 @@ class Robot:
         self.graph, self.services = Graph(node), OtherServices(requests)
         self._targets = LatestTarget(self._polled, self.buffer)
         self._heard: TransformedTarget | None = None
-        self._before: TransformedTarget | None = None
-        self._is_refused = False
+        self._followed = FollowedTarget()
         self.topics = OtherTopics(node, self._polled, self.graph)
         self.parameters = OtherParameters(requests, self.graph, (node.get_name(),))
         self.recorder = Recorder(
@@ -151,17 +150,13 @@ class Robot:
         status = self.topics.status(controller)
         target = self._targets.latest()
         if target is not None and target is not self._heard:
-            self._before = self._before if self._is_refused else self._heard
             self._heard = target
             self.modes.hear(target.target)
-        self._is_refused = mode is Mode.POINT and bool(status.get("refusal"))
-        if self._is_refused:  # the head keeps the target before
-            target = self._before
         return observed(
             self._now,
             self.buffer,
             model,
-            None if target is None else (target.target, target.point, target.stamp),
+            self._followed.of(target, controller, status),
             self.topics.error(controller) if controller and watched else None,
             controller,
             status,

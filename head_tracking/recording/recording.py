@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from head_tracking.tracking import Target
+from head_tracking.ros.targets.latest_target import TransformedTarget
 from head_tracking.transforms import (
     RobotModel,
     Transform,
@@ -66,11 +66,30 @@ class Observation:
         return ": ".join(filter(None, (self.controller, self.state, self.refusal or self.detail)))
 
 
+class FollowedTarget:
+    """Tells which target a controller follows: `point_head` keeps the one before a refused one."""
+
+    def __init__(self) -> None:
+        self._latest: TransformedTarget | None = None
+        self._before: TransformedTarget | None = None
+        self._is_refused = False
+
+    def of(
+        self, latest: TransformedTarget | None, controller: str, status: Mapping[str, str]
+    ) -> TransformedTarget | None:
+        """Return the followed target, by the latest one and by the controller's `~/status`."""
+        if latest is not self._latest:
+            self._before = self._before if self._is_refused else self._latest
+            self._latest = latest
+        self._is_refused = controller == "point_head" and bool(status.get("refusal"))
+        return self._before if self._is_refused else latest
+
+
 def observed(
     now: int,
     buffer: TransformBuffer,
     model: RobotModel,
-    target: tuple[Target, Vector3, int] | None,
+    target: TransformedTarget | None,
     error: float | None,
     controller: str,
     status: Mapping[str, str],
@@ -84,7 +103,7 @@ def observed(
         now: the moment [ns].
         buffer: has the robot's frames.
         model: of the robot.
-        target: as it was sent, in the model's root [m], and when it was there [ns]; None: none.
+        target: that the controller follows; None: none.
         error: angle by which the head misses the target [rad].
         controller: the node that controls the head; empty: none.
         status: the fields of its `~/status`.
@@ -95,7 +114,7 @@ def observed(
     for frame in sorted(outside)[:_MOST_FRAMES]:
         with contextlib.suppress(TransformException):
             frames[frame] = buffer.lookup_transform(model.root, frame).transform
-    is_recent = target is not None and abs(now - target[2]) <= _TARGET_AGE
+    is_recent = target is not None and abs(now - target.stamp) <= _TARGET_AGE
     has_target = status.get("target", "true" if is_recent else "false") == "true"
     sent, point, stamp = target if target is not None and has_target else ("", None, None)
     return Observation(

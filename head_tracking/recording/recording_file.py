@@ -28,6 +28,7 @@ from head_tracking.recording.bag_writer import (
 )
 from head_tracking.recording.recording import (
     ERRORS,
+    FollowedTarget,
     Moment,
     Observation,
     RecordedPicture,
@@ -37,6 +38,7 @@ from head_tracking.recording.recording import (
     observed,
 )
 from head_tracking.ros.kit.diagnostics import Level
+from head_tracking.ros.targets.latest_target import TransformedTarget
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -45,7 +47,6 @@ from head_tracking.transforms import (
     Transform,
     TransformBuffer,
     TransformException,
-    Vector3,
     parse_robot_model,
 )
 
@@ -227,7 +228,8 @@ class _Reading:
         self._first: int | None = None
         self._now = self._due = 0
         self._joint_stamp = 0
-        self._target: tuple[Target, Vector3, int] | None = None
+        self._target: TransformedTarget | None = None
+        self._followed = FollowedTarget()
         self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and the value
         self._levels: dict[str, int] = {}
         self._pictures: list[RecordedPicture] = []
@@ -323,7 +325,7 @@ class _Reading:
             self._now,
             self._buffer,
             model,
-            self._transformed_target(),
+            self._followed.of(self._transformed_target(), controller, status),
             error,
             controller,
             status,
@@ -332,12 +334,12 @@ class _Reading:
             seen = replace(seen, joints=self._seen[-1].joints)  # equal ones share one dict
         self._seen.append(seen)
 
-    def _transformed_target(self) -> tuple[Target, Vector3, int] | None:
+    def _transformed_target(self) -> TransformedTarget | None:
         """Return the latest target that could be transformed, with the joints at its stamp."""
         placed = self._placer.place_newest(self._now * 1e-9, {})
         if placed is not None:
             target, point = placed
-            self._target = target, point, target.stamp or self._now
+            self._target = TransformedTarget(target, point, target.stamp or self._now)
         return self._target
 
     def _on_joints(self, message: Any) -> None:

@@ -327,3 +327,16 @@ def test_two_pages_that_both_send_targets_name_each_other(start, page):
     wait_for(lambda: all("(viewer)" in one for one in notices()), PATIENCE)
     pages[0].modes.stop_sending()
     wait_for(lambda: notices() == ["", ""], PATIENCE)
+
+
+def test_a_page_stops_sending_when_another_sender_is_chosen_elsewhere(start, page):
+    start(ControllerStandIn("head_tracker"))
+    camera = start(ControllerStandIn("visual_target", on=False))
+    sends, other = page(), page()
+    wait_for(lambda: sends.modes.mode() is Mode.TRACK, PATIENCE)
+    assert sends.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
+    wait_for(lambda: Mode.FACE in other.modes.possible(), PATIENCE)
+    camera.switch(True)  # as the other page does
+    wait_for(lambda: all(one.modes.mode() is Mode.VISUAL for one in (sends, other)))
+    wait_for(lambda: sends.modes._sending is None)
+    assert [one.notices() for one in (sends, other)] == [(), ()]

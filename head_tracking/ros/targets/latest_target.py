@@ -20,19 +20,14 @@ class TransformedTarget(NamedTuple):
     """A target and its position in the requested frame.
 
     Attributes:
-        placed: time of the transformation [ns].
         target: the published target.
         point: position [m].
+        stamp: time of the target; if it has none, of the transformation [ns].
     """
 
-    placed: int
     target: Target
     point: Vector3
-
-    @property
-    def stamp(self) -> int:
-        """Time of the target [ns]."""
-        return self.target.stamp or self.placed
+    stamp: int
 
 
 class LatestTarget:
@@ -67,7 +62,7 @@ class LatestTarget:
         with self._lock:
             placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
         if placed is not None:
-            self._latest = TransformedTarget(now, *placed)
+            self._latest = TransformedTarget(*placed, placed[0].stamp or now)
         return self._latest
 
     @property
