@@ -661,6 +661,7 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(
         )
         wait_for(lambda pan=pans[wanted]: abs(pan_shown() - pan) < 3 * DEGREE, PATIENCE)
     assert word(page) == "replay"
+    wait_for(lambda: page.evaluate("headPage.scene.screen.visible"), PATIENCE)  # the picture in 3D
     assert "Live" not in page.locator("#fps").inner_text()
     press(page, "Centre")
     page.get_by_text("press Back to the robot first").first.wait_for()
@@ -673,7 +674,9 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(
     other.close()
 
 
-def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer, page):
+def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer, browser, page):
+    other = open_page(browser, viewer.page.port, 600, 500)
+    open_tab(other, "record")
     open_tab(page, "record")
     press(page, "Record everything")
     page.get_by_role("button", name="End recording").wait_for()
@@ -682,6 +685,8 @@ def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer,
     wait_for(lambda: shows_pan(file, bearing(0.2, 1.0)), PATIENCE)
     press(page, "End recording")
     page.get_by_role("button", name="Record everything").wait_for()
+    other.get_by_role("button", name=f"Replay {file.name}").wait_for()
+    other.close()
     press(page, f"Replay {file.name}")
     wait_for(lambda: word(page) == "replay", PATIENCE)
     press(page, "Play")

@@ -59,9 +59,9 @@ export class Chart {
       pen.beginPath();
       let down = false;
       for (const { stamp, seen, values } of this.points) {
-        const value = values[number];
-        if (Number.isFinite(value)) pen[down ? "lineTo" : "moveTo"](x(number < 2 ? stamp : seen), y(value));
-        down = Number.isFinite(value);
+        const value = values[number], at = number < 2 ? stamp : seen, isShown = Number.isFinite(value) && at >= now - SECONDS;
+        if (isShown) pen[down ? "lineTo" : "moveTo"](x(at), y(value));
+        down = isShown;
       }
       pen.stroke();
     });

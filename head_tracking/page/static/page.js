@@ -40,7 +40,7 @@ class Page {
     this.joints = new Joints((joints) => this.steer.aim(joints));
     this.tuning = new Tuning();
     this.calibration = new Calibration((text, yes) => this.tuning.ask(text, yes));
-    this.replay = new Replay((state) => this.show(state), (blob) => (blob ? this.camera.showBlob(blob, "recorded") : this.camera.clear()), (robot) => this.setRobot(robot ?? this.robot, !robot));
+    this.replay = new Replay((state) => this.show(state), (blob) => this.showRecorded(blob), (robot) => this.setRobot(robot ?? this.robot, !robot));
     this.recordings = new Recordings((opened) => { this.replay.open(opened); this.openTab("live"); });
     by("resume").onclick = () => { by("resume").blur(); toast(""); send("/head/resume"); };
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
@@ -155,6 +155,12 @@ class Page {
     };
   }
 
+  async showRecorded(blob) {
+    if (!blob) return this.camera.clear();
+    await this.camera.showBlob(blob, "recorded");
+    this.scene?.showPicture(this.camera.image);
+  }
+
   /** Show that no states come, and open another connection after a while: a dead one does not close by itself. */
   checkSilent() {
     if (this.socket.readyState !== WebSocket.OPEN || document.hidden) return;
@@ -229,7 +235,7 @@ class Page {
 
   live() {
     const { word, text, stop, mode, error } = this.about ?? {};
-    const off = error == null || word === "stopped" ? "" : `${degrees(error).toFixed(1)}° off`;
+    const off = error == null || ["stopped", "refused"].includes(word) ? "" : `${degrees(error).toFixed(1)}° off`;
     return { word, text: [text || (word === "on target" ? titleOf(mode) : ""), stop, off].filter(Boolean).join(" · ") };
   }
 

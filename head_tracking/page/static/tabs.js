@@ -268,7 +268,7 @@ export class Recordings {
   /** @param {(opened: object, name: string) => void} replay receives an open recording. */
   constructor(replay) {
     this.replay = replay;
-    by("recorder").onclick = async () => { by("recorder").blur(); const outcome = await command("record", { on: !this.runs }); if (outcome.done) toast(outcome.text); this.refresh(); };
+    by("recorder").onclick = async () => { by("recorder").blur(); const outcome = await command("record", { on: !this.runs }); if (outcome.done) toast(outcome.text); };
     by("replay-last").onclick = () => this.open("/head/replay/open", {}, "the last minute");
     by("upload").onchange = async () => {
       const [file] = by("upload").files;
@@ -286,6 +286,7 @@ export class Recordings {
   }
 
   show(state) {
+    if (this.runs !== state.recording) this.refresh(); // maybe by another browser
     this.runs = state.recording;
     write(by("recorder"), state.recording ? "End recording" : "Record everything");
     by("recorder").classList.toggle("on", state.recording);
