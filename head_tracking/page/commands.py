@@ -35,7 +35,7 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
         ),
         "centre": lambda _: modes.centre(),
         "torque": lambda of: joints.set_torque(str(of.get("controller", "")), of["on"] is True),
-        "recover": lambda _: joints.recover(),
+        "recover": lambda _: robot.services.trigger("recover"),
         "set": lambda of: tuning.set(str(of["node"]), str(of["name"]), of["value"]),
         "reset": lambda _: tuning.reset(),
         "preset": lambda of: tuning.choose(str(of["name"])),

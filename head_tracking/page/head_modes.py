@@ -189,12 +189,11 @@ class HeadModes:
         if len(controllers) > 1:
             return f"{' and '.join(controllers)} both control the head"
         senders = [name for name in SENDERS if self._is_enabled(name)]
-        if self._sending is not None:
-            if not senders and self._others_sent > max(self._begun, time.monotonic() - _RECENT):
-                able = self._graph.publishers_beside("target_point", own=True)
-                others = [name for name in able if name not in SENDERS]
-                senders.append(f"another program ({' or '.join(others)})")
-            senders.append("this page")
+        recently = max(self._begun, time.monotonic() - _RECENT)
+        if self._sending is not None and self._others_sent > recently:
+            able = self._graph.publishers_beside("target_point", own=True)
+            others = [name for name in able if name not in SENDERS]
+            senders = [f"another program ({' or '.join(others)})", "this page"]
         if self._is_enabled(TRACKER) and len(senders) > 1:
             return f"{' and '.join(senders)} all send targets"
         return ""

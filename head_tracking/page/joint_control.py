@@ -138,10 +138,6 @@ class JointControl:
         name = f"{controller}{_TORQUE}" if controller else _TORQUE[1:]
         return self._robot.services.switch(name, on)
 
-    def recover(self) -> Outcome:
-        """Clear the faults of the servos."""
-        return self._robot.services.trigger("recover")
-
     def _publish_positions(self) -> None:
         model = self._robot.buffer.model
         if model is None or not self.free:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
@@ -35,18 +35,6 @@ _MOST_LISTED = 200_000  # characters of values in diagnostics
 _ORDER = {Level.ERROR: 0, Level.STALE: 1, Level.WARN: 2, Level.OK: 3}
 
 
-class EncodedPicture(NamedTuple):
-    """A picture for browsers.
-
-    Attributes:
-        number: differs for each picture.
-        data: stamp [ns, 8 bytes, little-endian], then a JPEG.
-    """
-
-    number: int
-    data: bytes
-
-
 class Live:
     """Samples the robot; for one thread, except `point_at` and `last_minute`.
 
@@ -60,7 +48,8 @@ class Live:
         robot_text: the robot as JSON; empty while there is no model.
         slow_text: what changes slowly, as JSON.
         state_text: the rest, as JSON.
-        pictures: the latest pictures by topic; empty: of the default topic.
+        pictures: the latest pictures by topic (empty: the default topic), each with a number that
+            differs for each: stamp [ns, 8 bytes, little-endian], then a JPEG.
         meshes: of that robot.
         failing: parts that can't be shown, each with the reason.
         last_minute: what has been sampled.
@@ -83,7 +72,7 @@ class Live:
         self._notices: list[str] = []
         self._camera_requested = False
         self.robot_text = self.slow_text = self.state_text = ""
-        self.pictures: Mapping[str, EncodedPicture] = {}
+        self.pictures: Mapping[str, tuple[int, bytes]] = {}
         self.meshes: tuple[bytes, ...] = ()
         self.failing: dict[str, str] = {}
         self.last_minute = LastMinute(_RECORDED)
@@ -271,17 +260,17 @@ class Live:
         if reasons:
             raise ImageError("; ".join(reasons))
 
-    def _encode(self, topic: str) -> EncodedPicture | None:
+    def _encode(self, topic: str) -> tuple[int, bytes] | None:
         picture, before = self.latest_picture(topic), self.pictures.get(topic)
         if picture is None:
             return None
-        if before is not None and before.number == picture.number:
+        if before is not None and before[0] == picture.number:
             return before
         data = picture.jpeg(_WIDEST)
         if not topic:
             self.last_minute.add_picture(data)
         stamp = picture.stamp.to_bytes(8, "little", signed=True)
-        return EncodedPicture(picture.number, stamp + data)
+        return picture.number, stamp + data
 
     def _camera(self, picture: Picture) -> Camera:
         camera = self._robot.topics.camera(picture)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -46,27 +46,16 @@ class Path:
         return x, y, z
 
 
-def _circle(angle: float) -> tuple[float, float]:
-    return math.cos(angle), math.sin(angle)
+SHAPES = ("circle", "square", "figure of eight")
 
 
-def _square(angle: float) -> tuple[float, float]:
-    x, y = _circle(angle)
-    largest = max(abs(x), abs(y))
-    return x / largest, y / largest
-
-
-def _figure_of_eight(angle: float) -> tuple[float, float]:
-    """Gerono's lemniscate, half as high as wide."""
-    return math.cos(angle), math.sin(angle) * math.cos(angle)
-
-
-SHAPES: Mapping[str, Callable[[float], tuple[float, float]]] = {
-    "circle": _circle,
-    "square": _square,
-    "figure of eight": _figure_of_eight,
-}
-"""Shapes in a plane, of half width 1, by the angle around their centre [rad]."""
+def _place(shape: str, angle: float) -> tuple[float, float]:
+    """Return the place on a shape of half width 1, by the angle around its centre [rad]."""
+    x, y = math.cos(angle), math.sin(angle)
+    if shape == "square":
+        largest = max(abs(x), abs(y))
+        return x / largest, y / largest
+    return x, x * y if shape == "figure of eight" else y  # Gerono's lemniscate is half as high
 
 
 def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) -> Path:
@@ -75,12 +64,14 @@ def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) ->
     Args:
         model: has the head.
         head: looks along the path.
-        shape: a key of `SHAPES`.
+        shape: one of `SHAPES`.
         size: half the path's width [m].
 
     Raises:
-        KeyError: there is no such shape.
+        ValueError: there is no such shape.
     """
+    if shape not in SHAPES:
+        raise ValueError(f"There is no shape {shape!r}: choose {', '.join(SHAPES)}.")
     at_zero = dict.fromkeys(model.independent_joints, 0.0)
     camera = model.transform(model.root, head.pointing_frame, at_zero)
     ahead: Vector3 = camera.rotation @ head.pointing_axis
@@ -88,7 +79,7 @@ def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) ->
     cx, cy, cz = (c + _DISTANCE * a for c, a in zip(camera.translation, ahead, strict=True))
     points = []
     for step in range(_STEPS):
-        right, up = SHAPES[shape](math.tau * step / _STEPS)
+        right, up = _place(shape, math.tau * step / _STEPS)
         x, y, z = turn @ (0.0, -size * right, size * up)
         points.append((cx + x, cy + y, cz + z))
     return Path(points)

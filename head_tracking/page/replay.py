@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import threading
+from contextlib import nullcontext
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -47,21 +48,17 @@ class Replays:
         """
         return write_recording(self._present())
 
-    def open_last_minute(self) -> dict[str, Any]:
-        """Open the last minute; see `open_file`."""
-        return self._add(self._present())
-
-    def open_file(self, file: Path | IO[bytes]) -> dict[str, Any]:
-        """Open a recording; return its key, duration [s], moments and robot for JSON.
+    def open(self, file: Path | IO[bytes] | None = None) -> dict[str, Any]:
+        """Open a recording, or the last minute; return its key, duration, moments, robot for JSON.
 
         Raises:
             RecordingError: the file can't be read, or has no model of the robot.
         """
+        if file is None:
+            return self._add(self._present())
         try:
-            if isinstance(file, Path):
-                with file.open("rb") as stream:
-                    return self._add(read_recording(stream))
-            return self._add(read_recording(file))
+            with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
+                return self._add(read_recording(stream))
         except OSError as error:
             raise RecordingError(f"The file can't be read: {error}") from error
 

@@ -233,9 +233,8 @@ class Page:
         }
 
         def open_recording(fields: dict[str, Any]) -> Any:
-            if fields.get("name"):
-                return replays.open_file(self._recording(str(fields["name"])))
-            return replays.open_last_minute()
+            name = str(fields.get("name", ""))
+            return replays.open(self._recording(name) if name else None)
 
         return [
             Route("/head/stop", self._stop, methods=["POST"]),
@@ -315,7 +314,7 @@ class Page:
                 async for chunk in _chunks(request, _LARGEST_RECORDING):
                     await loop.run_in_executor(self._working, file.write, chunk)
                 file.seek(0)
-                return await _respond(self._reading, self._replays.open_file, file)
+                return await _respond(self._reading, self._replays.open, file)
 
     async def _watch(self, browser: WebSocket) -> None:
         """Send states and pictures to a browser. A slow one skips those it has no time for."""
@@ -338,7 +337,7 @@ class Page:
                 await sending
 
     async def _send(self, browser: WebSocket, watcher: _Watcher) -> None:
-        live, robot, slow, number = self._live, "", "", (-1, "")
+        live, robot, slow, sent = self._live, "", "", (-1, "")
         while True:
             await self._sampled.wait()
             if robot != live.robot_text:
@@ -351,10 +350,10 @@ class Page:
             topic = watcher.topic
             if not watcher.ready or topic is None:
                 continue
-            picture = live.pictures.get(topic)
-            if picture is not None and (picture.number, topic) != number:
-                number, watcher.ready = (picture.number, topic), False
-                await browser.send_bytes(picture.data)
+            number, data = live.pictures.get(topic, (-1, b""))
+            if data and (number, topic) != sent:
+                sent, watcher.ready = (number, topic), False
+                await browser.send_bytes(data)
 
 
 class _Watcher:

@@ -67,7 +67,7 @@ def test_the_head_can_look_along_every_path_which_has_the_requested_width(robot,
 
 
 def test_an_unknown_shape_is_refused(robot, head):
-    with pytest.raises(KeyError):
+    with pytest.raises(ValueError):
         path_ahead(robot, head, "spiral", 0.3)
 
 

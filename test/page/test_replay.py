@@ -13,9 +13,9 @@ def test_the_recording_that_nobody_uses_is_closed_first(kinectbot):
     last_minute = LastMinute(60.0)
     last_minute.add(Observation(1))
     replays = Replays(robot, last_minute, lambda _: None)  # type: ignore[arg-type]
-    used, unused = (replays.open_last_minute()["key"] for _ in range(2))
+    used, unused = (replays.open()["key"] for _ in range(2))
     for _ in range(10):
-        replays.open_last_minute()
+        replays.open()
         assert replays.at(used, 0.0)
     with pytest.raises(RecordingError):
         replays.at(unused, 0.0)

@@ -259,8 +259,7 @@ export function showHealth(state) {
   const tracker = state.health.filter(({ name }) => name.endsWith("head_tracker: target"));
   const learned = tracker.flatMap(({ values }) => Object.entries(values)).filter(([name]) => name.includes(": "));
   rows(by("learned-values"), "tr", learned, (row, [name]) => { element(row, "th", { scope: "row" }, name); element(row, "td"); }, (row, [, value]) => write(row.lastChild, value), ([name]) => name);
-  const failing = Object.entries(state.failing).map(([part, why]) => `${part} can't be shown: ${why}`);
-  const lines = [...failing, ...state.notices, ...state.warnings];
+  const lines = [...state.notices, ...state.warnings];
   rows(by("notices"), "li", lines.length ? lines : ["None."], (row, line) => write(row, line));
 }
 
