@@ -31,7 +31,7 @@ from head_tracking.ros.kit.threads import PolledNode
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision.camera import Camera, CameraError
-from head_tracking.vision.images import ImageError, decode_picture
+from head_tracking.vision.images import ImageError, decode_depth, decode_picture
 
 _MOST_WARNINGS = 6
 _FRESH = 1.0  # s
@@ -334,10 +334,11 @@ _MODES = {
     "rgba8": ("RGBA", "RGBA"), "bgra8": ("RGBA", "BGRA"), "mono8": ("L", "L"),
 }  # fmt: skip
 """The encodings that need no OpenCV: the mode of the image and that of the data, for Pillow."""
+_DEPTHS = ("16UC1", "32FC1")
 
 
 def image_of(message: ImageMsg | CompressedImage) -> Image.Image:
-    """Return an image in colour or grey.
+    """Return an image in colour or grey; a depth image is bright where it is near.
 
     Raises:
         ImageError: it is damaged or too large, or its encoding is not supported.
@@ -356,6 +357,9 @@ def image_of(message: ImageMsg | CompressedImage) -> Image.Image:
             ) from error
     _check_size(message.width, message.height)
     raw = raw_image(message)
+    if message.encoding in _DEPTHS:
+        depths = np.nan_to_num(decode_depth(raw).metres(), nan=np.inf)
+        return Image.fromarray((255.0 / (1.0 + depths)).astype(np.uint8))  # white is near
     if message.encoding not in _MODES:
         return Image.fromarray(np.ascontiguousarray(decode_picture(raw).bgr[..., ::-1]))
     mode, order = _MODES[message.encoding]

@@ -278,6 +278,22 @@ def test_what_changes_meanwhile_takes_no_click_and_no_focus(page: Page) -> None:
         assert tab.locator("#statuses dd").text_content() == "3"
 
 
+def test_what_was_said_of_a_stop_goes_when_another_browser_has_resumed(page: Page) -> None:
+    with visited(page) as tab:
+        tab.wait_for_function("window.headPage?.about")
+        told = tab.locator("#toast")
+        tab.evaluate(_SHOW_ABOUT.replace("can_resume: false", "can_resume: true"), 1)
+        tab.evaluate(
+            """async () => {
+              const { toast } = await import("/head/static/dom.js");
+              toast("The head is stopped.");
+            }"""
+        )
+        assert told.is_visible()
+        tab.evaluate(_SHOW_ABOUT, 1)
+        assert told.is_hidden()
+
+
 def test_boxes_are_shown_in_the_picture_that_they_belong_to(page: Page) -> None:
     with visited(page) as tab:
         tab.wait_for_function("window.headPage?.about")

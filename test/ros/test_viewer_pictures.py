@@ -41,6 +41,16 @@ def test_grey_and_rows_with_a_gap():
     assert np.asarray(image).tolist() == [[1, 2], [3, 4]]
 
 
+@pytest.mark.parametrize(("encoding", "unit"), [("16UC1", 1000), ("32FC1", 1.0)])
+def test_what_is_near_is_bright_in_a_depth_image(encoding, unit):
+    depths = unit * np.array([[0.5, 1.0, 4.0, 0.0]])
+    kind = np.uint16 if encoding == "16UC1" else np.float32
+    near, middle, far, unknown = np.asarray(
+        image_of(image_message(Header(), encoding, depths.astype(kind)))
+    )[0]
+    assert near > middle + 20 > far + 40 > unknown + 60 == 60
+
+
 @pytest.mark.parametrize(
     "message",
     [
@@ -48,7 +58,8 @@ def test_grey_and_rows_with_a_gap():
         Image(encoding="rgb8"),
         Image(encoding="rgb8", width=2, height=2, step=6, data=[0] * 11),
         Image(encoding="rgb8", width=2, height=1, step=5, data=[0] * 6),
-        Image(encoding="32FC1", width=1, height=1, step=4, data=[0] * 4),
+        Image(encoding="32FC1", width=1, height=1, step=4, data=[0] * 3),
+        Image(encoding="32FC2", width=1, height=1, step=8, data=[0] * 8),
         Image(encoding="rgb8", width=40000, height=40000, step=120000, data=[0] * 6),
         Image(encoding="mono8", width=2**32 - 1, height=2**32 - 1, step=2**32 - 1),
     ],

@@ -247,6 +247,7 @@ class Page {
       return this.showWord();
     }
     this.about = about;
+    if (!about.can_resume && !by("resume").hidden) toast(""); // somebody has resumed
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
     this.attempt({
