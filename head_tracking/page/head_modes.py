@@ -94,19 +94,19 @@ def _refuse_if(reason: str) -> None:
         raise _Refused(reason)
 
 
-def _text_of(outcome: Outcome) -> str:
-    """Return the text of an outcome; raise _Refused if the request was not done."""
+def _check(outcome: Outcome) -> None:
+    """Raise _Refused if the request was not done."""
     _refuse_if("" if outcome.done else outcome.text or "refused without a reason")
-    return outcome.text
 
 
-def _answered(ask: Callable[P, str]) -> Callable[P, Outcome]:
-    """Let a method that returns a text or raises _Refused return an Outcome."""
+def _answered(ask: Callable[P, None]) -> Callable[P, Outcome]:
+    """Let a method that may raise _Refused return an Outcome."""
 
     @wraps(ask)
     def answered(*arguments: P.args, **options: P.kwargs) -> Outcome:
         try:
-            return Outcome(True, ask(*arguments, **options))
+            ask(*arguments, **options)
+            return Outcome(True, "")
         except _Refused as refusal:
             return Outcome(False, str(refusal))
 
@@ -205,7 +205,7 @@ class HeadModes:
             self._others_sent = now
 
     @_answered
-    def look_at(self, frame: str, point: Vector3) -> str:
+    def look_at(self, frame: str, point: Vector3) -> None:
         """Send a target once to `point_head`, periodically to `head_tracker`.
 
         Args:
@@ -221,23 +221,22 @@ class HeadModes:
         if not self._changing.acquire(timeout=_BUSY):
             raise _Refused("The mode is being changed: try again in a moment.")
         try:
-            mode, changed = self._take_over(stops)
             x, y, z = map(float, point)
-            target = Target(0, frame, (x, y, z))
-            self._send(target, mode, stops)
+            self._send(Target(0, frame, (x, y, z)), self._take_over(stops), stops)
         finally:
             self._changing.release()
-        return f"Target {target} sent" + (f"; the mode is {mode} now." if changed else ".")
 
     @_answered
-    def centre(self) -> str:
+    def centre(self) -> None:
         """Recentre the head with its controller; what the camera finds there is followed."""
+        stops = self._stop.count
+        _refuse_if(self._stop.refusal)
         with self._changing:
             mode = self.mode()
             if mode not in FOUND_IN_PICTURES:
-                mode, _ = self._take_over(self._stop.count)
+                mode = self._take_over(stops)
                 self.stop_sending()
-        return _text_of(self._services.trigger(f"{_NODES[mode][0]}/recenter"))
+        _check(self._services.trigger(f"{_NODES[mode][0]}/recenter"))
 
     def stop_sending(self) -> None:
         """Send no more targets."""
@@ -246,7 +245,7 @@ class HeadModes:
             self._timer.cancel()
 
     @_answered
-    def set_mode(self, mode: Mode, frame: str = "") -> str:
+    def set_mode(self, mode: Mode, frame: str = "") -> None:
         """Enable one controller and at most one node that sends it targets; disable all others.
 
         Nodes that are needed are started, where the run can do that. While the head is stopped,
@@ -266,10 +265,9 @@ class HeadModes:
             self._change(mode, frame, stops)
             if mode is Mode.FOLLOW:
                 self._begin_sending(mode, self._frame_target(frame), stops)
-        return f"mode: {mode}" + (f" {frame}" if mode is Mode.FOLLOW else "")
 
     @_answered
-    def follow_path(self, path: Path, speed: float) -> str:
+    def follow_path(self, path: Path, speed: float) -> None:
         """Let the tracker follow a path in the model's root at a speed [m/s]."""
         _refuse_if(self._stop.refusal)
         stops = self._stop.count
@@ -277,10 +275,9 @@ class HeadModes:
         with self._changing:
             self._change(Mode.PATH, "", stops)
             self._begin_sending(Mode.PATH, self._path_target(path, speed), stops)
-        return f"mode: {Mode.PATH}"
 
-    def _take_over(self, stops: int) -> tuple[Mode, bool]:
-        """Let the page alone send targets; return the mode for that, and whether it has changed."""
+    def _take_over(self, stops: int) -> Mode:
+        """Let the page alone send targets; return the mode for that."""
         before = self.mode()
         mode = Mode.POINT if before is Mode.POINT else Mode.TRACK
         if before is Mode.OFF and mode not in self.possible():
@@ -288,7 +285,7 @@ class HeadModes:
         if mode is not before or any(map(self._is_enabled, SENDERS)):
             self._wanted = mode, ""
             self._change(mode, "", stops)
-        return mode, mode is not before
+        return mode
 
     def _change(self, mode: Mode, frame: str, stops: int) -> None:
         """Enable the nodes of a mode and disable the others, until a STOP or another choice."""
@@ -311,14 +308,13 @@ class HeadModes:
             self._enable(name, True)
 
     @_answered
-    def release(self) -> str:
+    def release(self) -> None:
         """Disable the controllers of the head, and wait until they have released the joints."""
-        text = _text_of(self.set_mode(Mode.OFF))
+        _check(self.set_mode(Mode.OFF))
         _wait(
             lambda: not set(self._topics.owners().values()) & set(CONTROLLERS),
             "The controller of the head has not released the joints.",
         )
-        return text
 
     def can_start(self, name: str) -> bool:
         """Return whether a node does not exist yet and the run can start it."""
@@ -343,7 +339,7 @@ class HeadModes:
 
     def _start(self, name: str, ended: Callable[[], str]) -> None:
         """Start a node and wait until it can be disabled again."""
-        _text_of(self.start(name))
+        _check(self.start(name))
         late = f"{name} was started and does not answer: try again."
         _wait(lambda: self._services.offered(f"{name}/enable"), late, ended)
 
@@ -365,7 +361,7 @@ class HeadModes:
         """Enable or disable a node that is not so yet, and wait until it has published that."""
         service = f"{name}/enable"
         if self._services.offered(service) and self._topics.enabled(name) is not on:
-            _text_of(self._services.switch(service, on))
+            _check(self._services.switch(service, on))
             before, late = not on, f"{name} is still {'disabled' if on else 'enabled'}."
             _wait(lambda: self._topics.enabled(name) is not before, late)
         elif not on and self._is_enabled(name):
@@ -381,7 +377,7 @@ class HeadModes:
         late = f"{VISUAL} does not tell what it follows: try again."  # it may just have started
         _wait(lambda: self.value(VISUAL, "follow") is not None, late, ended)
         if self.value(VISUAL, "follow") != _FOLLOWS[mode]:
-            _text_of(self.set_value(VISUAL, "follow", _FOLLOWS[mode]))
+            _check(self.set_value(VISUAL, "follow", _FOLLOWS[mode]))
 
     def value(self, node: str, name: str) -> Any:
         """Return a parameter of a node of this robot; None if it is not known."""

@@ -118,12 +118,10 @@ class JointControl:
             return Outcome(True, "")
         if self._robot.stop.refusal:
             return Outcome(False, self._robot.stop.refusal)
-        text = ""
         if self._robot.modes.mode() is not Mode.OFF:
             outcome = self._robot.modes.release()
             if not outcome.done:
                 return outcome
-            text = "The controller of the head has been disabled to move joints by hand."
         owners = self._robot.topics.owners()
         for joint in positions:
             if owners.get(joint, "") not in ("", self._node.get_name()):
@@ -131,7 +129,7 @@ class JointControl:
         message = self._message(positions)
         message.header.frame_id = self._node.get_fully_qualified_name()
         self._commands.publish(message)
-        return Outcome(True, text)
+        return Outcome(True, "")
 
     def set_torque(self, controller: str, on: bool) -> Outcome:
         """Switch the torque of a servo; of all servos for an empty name."""

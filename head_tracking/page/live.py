@@ -218,7 +218,6 @@ class Live:
             "mode": str(robot.mode),
             "modes": [str(mode) for mode in robot.modes.possible()],
             "target_text": live.target_text,
-            "stopped": robot.stop.stopped,
             "can_resume": robot.stop.can_resume,
             "stop": "" if outcome is None else outcome.text,
             "notices": [*waiting, *self._notices, *robot.notices()],

@@ -266,6 +266,22 @@ def test_a_page_that_opens_late_knows_what_was_said_before(start, page):
     wait_for(lambda: set(robot.topics.owners().values()) == {"head_tracker"})
 
 
+def test_during_a_stop_nothing_is_enabled(start, page):
+    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker", on=False))
+    robot = page()
+    wait_for(lambda: Mode.TRACK in robot.modes.possible(), PATIENCE)
+    wait_for(lambda: "base_link" in robot.buffer.frames())
+    bus.say_stopped(True)
+    wait_for(lambda: robot.stop.stopped)
+    for ask in (robot.modes.centre, lambda: robot.modes.look_at("base_link", (1.0, 0.0, 0.5))):
+        assert not ask().done
+    assert tracker.asked == []
+    bus.say_stopped(False)
+    wait_for(lambda: not robot.stop.stopped)
+    assert robot.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
+    assert tracker.on is True
+
+
 def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(start, page):
     bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
     robot = page()
