@@ -249,6 +249,21 @@ def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, page: Page) ->
         assert not {"torque", "centre", "reset", "record"} & set(asked)
 
 
+_SHOW_RECORDED = """async (robot) => {
+  headPage.scene.setRobot({ ...robot, camera: "base", axis: [0, 0, 1], field: [], view: 1 });
+  const canvas = document.createElement("canvas"), { screen } = headPage.scene;
+  const before = screen.visible;
+  await headPage.replay.showPicture(await new Promise((end) => canvas.toBlob(end)));
+  return [before, screen.visible];
+}"""
+
+
+def test_a_recorded_picture_is_shown_in_the_view_of_the_robot_as_well(page: Page) -> None:
+    with visited(page) as tab:
+        tab.wait_for_function("window.headPage?.about")
+        assert tab.evaluate(_SHOW_RECORDED, robot_with(range(0))) == [False, True]
+
+
 def test_parameters_are_not_asked_for_again_before_the_answer(page: Page) -> None:
     with visited(page) as tab:
         tab.wait_for_function("window.headPage?.about")

@@ -661,7 +661,6 @@ def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(
         )
         wait_for(lambda pan=pans[wanted]: abs(pan_shown() - pan) < 3 * DEGREE, PATIENCE)
     assert word(page) == "replay"
-    wait_for(lambda: page.evaluate("headPage.scene.screen.visible"), PATIENCE)  # the picture in 3D
     assert "Live" not in page.locator("#fps").inner_text()
     press(page, "Centre")
     page.get_by_text("press Back to the robot first").first.wait_for()
