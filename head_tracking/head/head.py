@@ -597,7 +597,11 @@ class Head:
 
     @property
     def joints(self) -> Mapping[str, float]:
-        """The measured positions of pan and tilt [rad]."""
+        """The measured positions of pan and tilt [rad].
+
+        Raises:
+            DynamixelError: the servos have not answered since the clock jumped.
+        """
         return dict(zip(self._joints, self._positions(), strict=True))
 
     @property
@@ -639,8 +643,8 @@ class Head:
 
     def _positions(self) -> tuple[float, float]:
         pan, tilt = (self.frames.latest_joint_position(name) for name in self._joints)
-        assert pan is not None  # the constructor waits for them
-        assert tilt is not None
+        if pan is None or tilt is None:  # the constructor has waited for them
+            raise BusStoppedError("the servos have not answered since the clock jumped")
         return pan[1], tilt[1]
 
     def _lookup(

@@ -126,6 +126,29 @@ def test_a_head_that_the_robot_does_not_have_leaves_the_port_alone(servos, kinec
     assert "nose" in str(kept.value)
 
 
+def test_the_joints_are_not_known_if_the_servos_are_silent_after_a_jump_of_the_clock(
+    servos, kinectbot, monkeypatch
+):
+    """As on a laptop that was suspended: its USB adapter returns later."""
+    clock, jump = time.time, [0.0]
+    monkeypatch.setattr(time, "time", lambda: clock() + jump[0])
+    head = Head(servos.name, kinectbot, reply_timeout=0.2)
+    servos.port.close()
+    jump[0] = 100.0
+
+    def is_unknown():
+        try:
+            return not head.joints
+        except DynamixelError:
+            return True
+
+    wait_for(is_unknown)
+    with pytest.raises(DynamixelError):
+        head.look_at(LEFT)
+    with pytest.raises(DynamixelError):
+        head.close()
+
+
 def test_a_moving_target_is_followed(head, servos):
     began, errors, states = time.time(), [], set()
 
