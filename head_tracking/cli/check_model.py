@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from head_tracking.command_line import DONE, exit_code
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
-from head_tracking.transforms.robot_model import walk
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,11 +24,15 @@ def _check(name: str) -> int:
     """Print the tree in the format of urdf's check_urdf, and the number of links and joints."""
     model = load_robot_model(robot_file(name))
     print(f"robot name is: {model.name}\n---------- Successfully Parsed XML ---------------")
-    for entry in walk(model):
-        if entry.depth == 0:
-            print(f"root Link: {entry.link} has {entry.children} child(ren)")
-        else:
-            print(f"{'    ' * entry.depth}child({entry.rank}):  {entry.link}")
+    print(f"root Link: {model.root} has {len(model.children(model.root))} child(ren)")
+    lines = [("", model.root)]
+    while lines:
+        line, link = lines.pop()
+        if line:
+            print(f"{line}{link}")
+        indent = " " * (len(line) - len(line.lstrip()) + 4)
+        below = enumerate(model.children(link), start=1)
+        lines += reversed([(f"{indent}child({rank}):  ", child) for rank, child in below])
     moving = [joint for joint in model.joints.values() if joint.moves]
     mimics = sum(joint.mimic is not None for joint in moving)
     print(

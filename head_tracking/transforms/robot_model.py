@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from operator import itemgetter
 
@@ -319,36 +319,6 @@ def _resolve(joints: Mapping[str, Joint], name: str, mimics: Mapping[str, Mimic]
             raise RobotModelError("mimic joints form a loop: " + " -> ".join([*chain, name]))
         chain.append(name)
     return Mimic(name, multiplier, offset)
-
-
-@dataclass(frozen=True, slots=True)
-class TreeEntry:
-    """One link of a tree.
-
-    Attributes:
-        link: its name.
-        depth: 0 for the root.
-        rank: its number among the children of its parent, from 1; 0 for the root.
-        children: number of its children.
-    """
-
-    link: str
-    depth: int
-    rank: int
-    children: int
-
-
-def walk(model: RobotModel) -> Iterator[TreeEntry]:
-    """Yield all links of a model, parents before children."""
-    stack = [(model.root, 0, 0)]
-    while stack:
-        link, depth, rank = stack.pop()
-        children = model.children(link)
-        yield TreeEntry(link, depth, rank, len(children))
-        stack.extend(
-            (child, depth + 1, number)
-            for number, child in reversed(list(enumerate(children, start=1)))
-        )
 
 
 def _refuse_duplicates(kind: str, names: Iterable[str]) -> None:

@@ -23,23 +23,18 @@ class Graph:
 
     Args:
         node: in that namespace; nodes whose names begin with its name are left out.
+
+    Attributes:
+        namespace: of the nodes.
+        nodes: their names without the namespace, sorted.
+        services: the type of each service by its full name.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self.namespace: str = node.get_namespace()
-        self._nodes: tuple[str, ...] = ()
-        self._services: Mapping[str, str] = {}
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """Their names without the namespace, sorted."""
-        return self._nodes
-
-    @property
-    def services(self) -> Mapping[str, str]:
-        """The type of each service by its full name."""
-        return self._services
+        self.nodes: tuple[str, ...] = ()
+        self.services: Mapping[str, str] = {}
 
     def look(self) -> None:
         """Discover nodes and services."""
@@ -55,7 +50,7 @@ class Graph:
             except NodeHasGone:
                 continue
             services.update((service, types[0]) for service, types in offered)
-        self._nodes, self._services = tuple(sorted(nodes)), services
+        self.nodes, self.services = tuple(sorted(nodes)), services
 
     def publishers_beside(self, topic: str, *, own: bool) -> list[str]:
         """Return the names of the nodes that publish a topic, one for each of their publishers.

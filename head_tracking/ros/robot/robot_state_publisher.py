@@ -126,7 +126,10 @@ class RobotStatePublisherNode(Node):
     ) -> None:
         super().__init__("robot_state_publisher", **options)
         self._settings = NodeParameters(
-            self, RobotStatePublisherParameters, on_change=self._on_change, check=_check_model
+            self,
+            RobotStatePublisherParameters,
+            on_change=lambda changed: self._use(changed.model()),
+            check=_check_model,
         )
         p = self._settings.value
         self._buffer = buffer or Buffer(node=self)
@@ -151,9 +154,6 @@ class RobotStatePublisherNode(Node):
                 self._values[name] = f"{change} +- {deviation}"
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_calibration)
-
-    def _on_change(self, parameters: RobotStatePublisherParameters) -> None:
-        self._use(parameters.model())
 
     def _use(self, model: RobotModel) -> None:
         """Use and publish a model."""
