@@ -5,7 +5,6 @@ from __future__ import annotations
 import array
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -188,15 +187,11 @@ class ServoBusNode(ClosingNode):
         """Declare the parameters of a joint, which apply new speeds and limits at once."""
         prefix = f"{dynamixel}_controller."
 
-        def check_speeds(p: ControllerParameters) -> None:
-            replace(joint, joint_speed=p.joint_speed, max_speed=p.max_speed or None)
-
         def set_speeds(p: ControllerParameters) -> None:
             self._set_limits(p.joint_name, max_speed=p.max_speed)
             self.backend.joint(p.joint_name).set_default_speed(p.joint_speed)
 
         def check_limits(p: MotorParameters) -> None:
-            replace(joint, min=p.min, max=p.max)
             self.backend.joint(joint.joint_name).reconfigured(p.min, p.max)
 
         def set_limits(p: MotorParameters) -> None:
@@ -217,8 +212,7 @@ class ServoBusNode(ClosingNode):
             prefix,
             {"joint_name": f"{dynamixel}_joint"},
             set_speeds,
-            check_speeds,
-            {"joint_speed": fastest, "max_speed": fastest},
+            maxima={"joint_speed": fastest, "max_speed": fastest},
         ).value
         other = NodeParameters(self, SecondMotorParameters, f"{prefix}second_motor.").value
         joint = configured_joint(dynamixel, controller, motor, other)
