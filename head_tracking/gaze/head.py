@@ -167,12 +167,6 @@ class PanTiltHead:
         self._nearly_square = abs(slant[1]) < _NEARLY_SQUARE and abs(self._axis[2]) < _NEARLY_SQUARE
 
     @property
-    def slope(self) -> float:
-        """How far down the pointing axis points where the tilt joint is at 0 [rad]."""
-        forwards, down, _ = self._axis
-        return math.atan2(down, forwards)
-
-    @property
     def axes(self) -> Rotation:
         """The rotation from `base_frame` to C."""
         return self._T_C_base.rotation

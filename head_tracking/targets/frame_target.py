@@ -72,9 +72,10 @@ class FrameTarget:
             mirror=p.mirror_skeleton,
             user=p.skeleton_user,
         )
-        stamp, x, y, z = self._buffer.locate(p.offset, p.reference_frame, frame)
+        found = self._buffer.lookup_transform(p.reference_frame, frame)
+        stamp, point = found.stamp, found.transform @ p.offset
         if stamp == LATEST:
-            return Target(now, p.reference_frame, (x, y, z))
+            return Target(now, p.reference_frame, point)
         age = (now - stamp) * 1e-9
         if age < -p.max_age:
             raise StaleFrameError(
@@ -89,7 +90,7 @@ class FrameTarget:
         if stamp == self._sent:
             return None
         self._sent = stamp
-        return Target(stamp, p.reference_frame, (x, y, z))
+        return Target(stamp, p.reference_frame, point)
 
     def _stamp_of(self, frame: str) -> int:
         try:

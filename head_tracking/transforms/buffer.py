@@ -356,15 +356,8 @@ class TransformBuffer:
         self, point: Sequence[float], target_frame: str, source_frame: str, stamp: int = LATEST
     ) -> Vector3:
         """Transform a point, shape (3,) [m], from source to target; see `lookup_transform`."""
-        return self.locate(point, target_frame, source_frame, stamp)[1:]
-
-    def locate(
-        self, point: Sequence[float], target_frame: str, source_frame: str, stamp: int = LATEST
-    ) -> tuple[int, float, float, float]:
-        """Transform a point; return the time of the transform [ns], x, y and z."""
-        found = self.lookup_transform(target_frame, source_frame, stamp)
-        x, y, z = point
-        return found.stamp, *found.transform.apply((float(x), float(y), float(z)))
+        x, y, z = map(float, point)
+        return self.lookup_transform(target_frame, source_frame, stamp).transform.apply((x, y, z))
 
     def transform_points(
         self, points: npt.ArrayLike, target_frame: str, source_frame: str, stamp: int = LATEST

@@ -6,7 +6,10 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from lockstep import World
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
+from waiting import wait_for
 
 from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.targets.detection_target import DetectionTargetNode
@@ -178,6 +181,21 @@ def test_faces_and_bodies_of_ros4hri_are_followed_by_their_ids(scene, source):
     assert world.show(people(["xyz"])) == [], "the other one is not taken at once"
     world.show(lambda head: [(f"/humans/{source}/tracked", hri.IdsList(header=head))])
     assert world.world.listeners(f"/humans/{source}/xyz/roi") == 0
+
+
+@pytest.mark.parametrize("name", ["a b", "1x", "", "{x}", "3f2a-91"])
+def test_an_id_that_no_topic_can_have_costs_that_id_only(threads, name):
+    robot = Node("robot")
+    tracked = robot.create_publisher(hri.IdsList, "/humans/faces/tracked", 10)
+    threads.start(robot)
+    threads.start(DetectionTargetNode(parameter_overrides=[Parameter("source", value="faces")]))
+
+    def hears_the_other():
+        tracked.publish(hri.IdsList(ids=[name]))
+        tracked.publish(hri.IdsList(ids=["abc"]))
+        return robot.count_subscribers("/humans/faces/abc/roi")
+
+    wait_for(hears_the_other)
 
 
 def test_a_face_with_a_frame_is_taken_from_there(scene):

@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.exceptions import NameValidationException
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
@@ -101,12 +102,15 @@ class DetectionTargetNode(SightedTargetNode):
             self.destroy_subscription(self._regions.pop(gone))
             self._latest.pop(gone, None)
         for new in set(message.ids) - self._regions.keys():
-            self._regions[new] = self.create_subscription(
-                self._region_class,
-                f"{p.humans}/{p.source}/{new}/roi",
-                lambda region, name=new: self._on_region(name, region),
-                LATEST_ONLY,
-            )
+            try:
+                self._regions[new] = self.create_subscription(
+                    self._region_class,
+                    f"{p.humans}/{p.source}/{new}/roi",
+                    lambda region, name=new: self._on_region(name, region),
+                    LATEST_ONLY,
+                )
+            except (NameValidationException, ValueError):
+                self.warn(f"{new!r} is ignored: an id must be a valid part of a topic's name")
         if not message.ids:
             self.worker.offer((stamp_to_ns(message.header.stamp), message.header.frame_id, {}))
 
