@@ -99,6 +99,22 @@ def test_vision_is_restarted_in_the_same_state(bench):
 
 
 @needs_opencv
+def test_a_disabled_detection_target_is_still_disabled_when_vision_was_restarted(bench):
+    pytest.importorskip("vision_msgs.msg")
+    run = bench.start("head_tracking", "--sim", "--target", "detections_2d")
+    enabled = bench.person.hear("detection_target/enabled", Bool, LATCHED)
+    assert bench.person.call("detection_target/enable", False).success
+    wait_for(lambda: enabled and not enabled[-1].data)
+    vision = child(run, "vision")
+    time.sleep(0.3)  # the state is reported every 0.1 s
+    os.kill(vision, signal.SIGKILL)
+    enabled.clear()
+    wait_for(lambda: child(run, "vision") not in (0, vision))
+    wait_for(lambda: enabled and not enabled[-1].data)
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
+@needs_opencv
 def test_vision_is_restarted_when_it_is_killed_during_its_start(bench):
     run = bench.start("head_tracking", "--sim", "--target", "ball")
     vision = wait_for(lambda: child(run, "vision"))
