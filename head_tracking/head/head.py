@@ -586,9 +586,9 @@ class Head:
 
     @property
     def reason(self) -> str:
-        """Why `follow` has its state, as text; empty: no target is followed."""
+        """Why `follow` has its state, or why its targets are refused; empty: there are none."""
         machine = self._tracker.machine
-        return "" if machine.state is TargetState.IDLE else machine.reason
+        return machine.refusal if machine.state is TargetState.IDLE else machine.reason
 
     @property
     def error(self) -> float | None:

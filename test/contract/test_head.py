@@ -149,6 +149,14 @@ def test_the_joints_are_not_known_if_the_servos_are_silent_after_a_jump_of_the_c
         head.close()
 
 
+def test_the_reason_says_why_a_target_is_not_followed(head):
+    there = Transform((2.0, 0.0, 0.6), Rotation.identity())
+    head.frames.set_transform(time.time_ns(), "another_tree", "thing", there)
+    head.follow((0.0, 0.0, 0.0), "thing")
+    assert "another_tree" in wait_for(lambda: head.reason)
+    assert head.state is HeadState.HOLDING
+
+
 def test_a_moving_target_is_followed(head, servos):
     began, errors, states = time.time(), [], set()
 
