@@ -229,6 +229,7 @@ def test_in_the_loop_the_model_is_that_of_the_buffer(world):
     assert buffer.lookup_transform("base", "arm").stamp == 2
 
 
-def test_a_zero_that_is_no_number_is_an_error(world):
+@pytest.mark.parametrize("zero", ["up", math.nan, math.inf, 1e300])
+def test_a_zero_that_is_no_number_or_no_position_is_an_error(world, zero):
     with pytest.raises(ValueError):
-        world.make(JointStatePublisherNode, {"zeros.elbow": "up"})
+        world.make(JointStatePublisherNode, {"zeros.elbow": zero})

@@ -116,8 +116,10 @@ class JointStatePublisherNode(Node):
             dynamic_typing=True,
         )
         value = self.declare_parameter(name, default, descriptor).value
-        if not isinstance(value, int | float):
-            raise ParameterError(f"{name} is {value!r}; it must be a number")
+        if not isinstance(value, int | float) or not abs(value) <= LARGEST_POSITION:
+            raise ParameterError(
+                f"{name} is {value!r}; it must be a number within {LARGEST_POSITION:g}"
+            )
         return float(value)
 
     def _on_description(self, message: String) -> None:
