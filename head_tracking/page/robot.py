@@ -12,13 +12,7 @@ from rclpy.node import Node
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_parameters import HeadParameters
-from head_tracking.page.head_modes import (
-    FOUND_IN_PICTURES,
-    POINTER,
-    TRACKER,
-    HeadModes,
-    Mode,
-)
+from head_tracking.page.head_modes import FOUND_IN_PICTURES, POINTER, TRACKER, HeadModes, Mode
 from head_tracking.page.joint_control import JointControl
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.status import Status, head_status
@@ -69,8 +63,8 @@ class Robot:
         node: Node,
         buffer: Buffer | None,
         head_parameters: HeadParameters,
-        recorder_parameters: RecorderParameters = RecorderParameters(),  # noqa: B008, it is frozen
-        report: Callable[[str], None] = print,
+        recorder_parameters: RecorderParameters,
+        report: Callable[[str], None],
     ) -> None:
         self._node = node
         self._head_parameters = head_parameters
