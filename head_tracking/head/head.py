@@ -44,8 +44,7 @@ from head_tracking.share import robot_file, robot_parameters
 from head_tracking.tracking import (
     ClockWatch,
     LearnedValue,
-    Learning,
-    PredictiveLawParameters,
+    LearningParameters,
     Target,
     TargetState,
     Tracker,
@@ -451,6 +450,7 @@ class Head:
         servo_delay: float = 0.0,
         servo_dead_band: float = 0.0,
         servo_acceleration: float = 0.0,
+        camera_delay: float = 0.0,
     ) -> None:
         """Choose what tracking learns: "learn", "freeze" (use and keep) or "forget" values.
 
@@ -461,27 +461,24 @@ class Head:
             servo_delay: from a command to the motion [s], given by hand; 0: learned.
             servo_dead_band: how far a servo stays behind its goal [rad], likewise.
             servo_acceleration: how hard a servo accelerates its joint [rad/s^2], likewise.
+            camera_delay: by how much the stamps of a camera on the head are too late [s], likewise.
 
         Raises:
             ValueError: there is no such mode, or a value is out of its range.
         """
-        try:
-            modes = [Learning(how if mode is None else mode) for mode in (servos, camera)]
-            Learning(how)
-        except ValueError as error:
-            raise ValueError(f"{error}; allowed are {', '.join(Learning)}") from None
         given = {
+            "servo_learning": str(how if servos is None else servos),
+            "camera_learning": str(how if camera is None else camera),
             "servo_delay": servo_delay,
             "servo_dead_band": servo_dead_band,
             "servo_acceleration": servo_acceleration,
+            "camera_delay": camera_delay,
         }
-        known = {each.name: parameter_info(each) for each in fields(PredictiveLawParameters)}
-        values = {name: checked(name, known[name], 0.0, given[name]) for name in given}
-        self._settings = TrackingSettings(
-            law_parameters=PredictiveLawParameters(**values),
-            servo_learning=modes[0],
-            camera_learning=modes[1],
-        )
+        values = {
+            each.name: checked(each.name, parameter_info(each), each.default, given[each.name])
+            for each in fields(LearningParameters)
+        }
+        self._settings = TrackingSettings(learning=LearningParameters(**values))
         with self._control.lock:
             self._tracking.tune()
 

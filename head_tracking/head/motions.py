@@ -21,6 +21,7 @@ from head_tracking.tracking import (
     JointReading,
     JointTrajectory,
     Learning,
+    LearningParameters,
     PredictiveLaw,
     Refusal,
     SpeedLimits,
@@ -294,8 +295,7 @@ class TrackingSettings:
         law_parameters: of this law, of its class `Parameters`.
         estimator: of the target's motion.
         state: what to do without a target.
-        servo_learning: of the servo models, a name in `Learning`.
-        camera_learning: of the timing of a camera on the head, a name in `Learning`.
+        learning: of the servo models, and of the timing of a camera on the head.
     """
 
     law: str = "predictive"
@@ -303,8 +303,7 @@ class TrackingSettings:
     law_parameters: Any = None
     estimator: EstimatorParameters = field(default_factory=EstimatorParameters)
     state: TargetStateParameters = field(default_factory=TargetStateParameters)
-    servo_learning: str = Learning.LEARN
-    camera_learning: str = Learning.LEARN
+    learning: LearningParameters = field(default_factory=LearningParameters)
 
 
 class Tracking(TargetMotion):
@@ -356,8 +355,8 @@ class Tracking(TargetMotion):
         tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
         tracker.estimator.parameters = settings.estimator
         tracker.machine.parameters = settings.state
-        tracker.learn(Learning(settings.servo_learning), Learning(settings.camera_learning))
-        if settings.servo_learning == Learning.FORGET:
+        tracker.learn(settings.learning)
+        if settings.learning.servo_learning == Learning.FORGET:
             self.control.memory.forget()
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:

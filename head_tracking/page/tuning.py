@@ -10,7 +10,7 @@ from typing import Any
 
 from head_tracking.page.head_modes import CONTROLLERS, TRACKER
 from head_tracking.ros.kit.others import OtherParameters, Outcome, Setting
-from head_tracking.tracking import LAWS
+from head_tracking.tracking import LAWS, LearningParameters
 
 _DECADES = 99.0
 """Ranges of at least this ratio have a logarithmic slider: two decades, rounded in degrees."""
@@ -29,9 +29,7 @@ _OFFERED = {
 }
 """Parameters outside the section for experts, by node; None: all."""
 
-_LEARNING = {
-    *("servo_learning", "camera_learning", "servo_delay", "servo_dead_band", "servo_acceleration")
-}
+_LEARNING = {field.name for field in dataclasses.fields(LearningParameters)}
 """Parameters of `head_tracker` that freeze, forget or replace learned values: on the tab Health."""
 
 _CAREFUL = {"servo_bus"}

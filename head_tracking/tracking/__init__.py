@@ -19,7 +19,7 @@ from head_tracking.tracking.laws import (
     SpeedLawParameters,
     SpeedLimits,
 )
-from head_tracking.tracking.learned import LearnedValue, Learning, ServoValues
+from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters, ServoValues
 from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.setpoint import SetpointStream
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
@@ -62,6 +62,7 @@ __all__ = [
     "JointTrajectory",
     "LearnedValue",
     "Learning",
+    "LearningParameters",
     "PositionLaw",
     "PredictiveLaw",
     "PredictiveLawParameters",

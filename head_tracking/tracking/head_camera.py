@@ -17,7 +17,7 @@ import numpy.typing as npt
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking.hypothesis_bank import HypothesisBank
 from head_tracking.tracking.joint_readings import JointReadings
-from head_tracking.tracking.learned import KNOWN, LearnedValue
+from head_tracking.tracking.learned import KNOWN, LearnedValue, Learning, LearningParameters
 from head_tracking.tracking.target import HeadBase
 from head_tracking.transforms import Rotation, Vector3
 
@@ -87,22 +87,21 @@ class HeadCamera:
         base: pose of the head's base frame; None: it does not move.
 
     Attributes:
-        applied: stamp error that is corrected [s].
+        parameters: whether points are scored; the stamp error that is given instead.
         fault: description of a wrong mounting; empty: none was found.
         waiting: rays to be scored: stamp [s] and point in camera axes [m].
-        is_learning: whether points are scored.
         is_unsure: whether the last point lies at the mean over the possible errors.
     """
 
     def __init__(
         self, head: PanTiltHead, readings: JointReadings, base: HeadBase | None = None
     ) -> None:
-        self.applied, self.fault, self.is_learning, self.is_unsure = 0.0, "", True, False
+        self.parameters, self.fault, self.is_unsure = LearningParameters(), "", False
         self.waiting: deque[tuple[float, Vector3]] = deque()
         self._head, self._readings, self._base = head, readings, base
         self._came = self._judged = -math.inf
         self._range = math.nan
-        self._rate = self._placed_for = 0.0
+        self._rate = self._applied = self._placed_for = 0.0
         self._first: Rotation | None = None
         self._deviation = math.inf  # of the applied error, when the points told it best
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
@@ -114,6 +113,15 @@ class HeadCamera:
         self._probabilities = _probabilities(self._prior)
 
     @property
+    def applied(self) -> float:
+        """The stamp error that is corrected [s]."""
+        return self.parameters.camera_delay or self._applied
+
+    @property
+    def _is_learning(self) -> bool:
+        return self.parameters.camera_learning == Learning.LEARN
+
+    @property
     def stamp_error(self) -> StampError:
         """The estimate from the points alone, without the prior."""
         return _moments(_probabilities(self._timing))
@@ -122,7 +130,15 @@ class HeadCamera:
     def learned(self) -> LearnedValue:
         """The corrected stamp error."""
         deviation = max(min(self._deviation, self.stamp_error.deviation), _LEAST_DEVIATION)
-        return LearnedValue(self.applied, "s", deviation, self._judged, KNOWN)
+        return LearnedValue(
+            self.applied,
+            "s",
+            deviation,
+            self._judged,
+            KNOWN,
+            is_given=self.parameters.camera_delay != 0.0,
+            is_frozen=not self._is_learning,
+        )
 
     @property
     def _confirmed(self) -> bool:
@@ -153,10 +169,11 @@ class HeadCamera:
         if latest is not None and self._came < stamp < latest.stamp + _AHEAD:
             self._came = stamp
             self._recent.append((stamp, ray))
-            if self.is_learning:
+            if self._is_learning:
                 self.waiting.append((stamp, ray))
                 self._judge()
-        self.is_unsure = self.is_learning and self._is_uncertain and bool(self._turned.any())
+        estimated = self._is_learning and not self.parameters.camera_delay
+        self.is_unsure = estimated and self._is_uncertain and bool(self._turned.any())
         if self.is_unsure:
             return stamp - self.applied, self._mean_place(stamp, ray)
         return self._placed(stamp, ray) if self.applied else (stamp, point)
@@ -189,7 +206,7 @@ class HeadCamera:
 
     def keep(self, before: HeadCamera) -> None:
         """Continue with the correction of an earlier instance."""
-        self.applied = self._placed_for = before.applied
+        self._applied = self._placed_for = before.applied
         self._deviation = before._deviation
 
     def forget_target(self) -> None:
@@ -302,7 +319,7 @@ class HeadCamera:
             return
         if is_other or self.applied:
             found = _peak(self._timing)
-            self.applied = found if abs(found) > _WORTH else 0.0
+            self._applied = found if abs(found) > _WORTH else 0.0
 
     def _decide_mounting(self) -> None:
         """Report a wrong mounting, and exclude those that the points contradict."""

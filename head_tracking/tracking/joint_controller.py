@@ -335,7 +335,7 @@ class JointController:
         dead_band: float,
     ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
-        known = servo.given.delay > 0.0 or servo.deviation < _UNSURE
+        known = servo.parameters.servo_delay > 0.0 or servo.deviation < _UNSURE
         hardest = min(self._usable, math.inf if known else _CAUTIOUS)
         speed = min(limits.speed, math.inf if known else _BRAKED * _CAUTIOUS)
         acceleration = min(limits.acceleration, hardest)

@@ -22,8 +22,8 @@ from head_tracking.tracking.joint_controller import (
     Reference,
 )
 from head_tracking.tracking.joint_readings import JointReading
-from head_tracking.tracking.learned import LearnedValue, ServoValues
-from head_tracking.tracking.servo_model import GivenValues, ServoModel
+from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters, ServoValues
+from head_tracking.tracking.servo_model import ServoModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,32 +79,6 @@ class PredictiveLawParameters:
         minimum=0.0,
         maximum=0.1,
     )
-    servo_delay: float = parameter(
-        0.0,
-        "Time from a command to the motion it causes; 0: estimated while the head moves.",
-        unit="s",
-        minimum=0.0,
-        maximum=0.15,
-    )
-    servo_dead_band: float = parameter(
-        0.0,
-        "How far a servo stays behind its goal; 0: estimated while the head moves.",
-        unit="rad",
-        minimum=0.0,
-        maximum=0.05,
-    )
-    servo_acceleration: float = parameter(
-        0.0,
-        "How hard a servo accelerates its joint; 0: estimated while the head moves.",
-        unit="rad/s^2",
-        minimum=0.0,
-        maximum=500.0,
-    )
-
-    @property
-    def given(self) -> GivenValues:
-        """The values of a servo that are given, not estimated."""
-        return GivenValues(self.servo_delay, self.servo_dead_band, self.servo_acceleration)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,11 +162,14 @@ class TrackingLaw(ABC):
         values = {name: servo.to_save for name, servo in self.servos.items()}
         return {name: value for name, value in values.items() if value is not None}
 
-    def forget_learned(self) -> None:
-        """Discard the estimates of the servos."""
+    def learn(self, parameters: LearningParameters) -> None:
+        """Update, freeze, discard or replace the estimates of the servos."""
         for servo in self.servos.values():
-            servo.forget()
-        self._forget()
+            servo.parameters = parameters
+            if parameters.servo_learning == Learning.FORGET:
+                servo.forget()
+        if parameters.servo_learning == Learning.FORGET:
+            self._forget()
 
     def expect(self, saved: Mapping[str, ServoValues]) -> None:
         """Start with saved estimates of the servos, by joint."""
@@ -321,6 +298,7 @@ class PredictiveLaw(TrackingLaw):
     """
 
     Parameters = PredictiveLawParameters
+    parameters: PredictiveLawParameters
     description = "with the target's predicted motion"
     _aimed: tuple[float, float] | None
 
@@ -338,17 +316,6 @@ class PredictiveLaw(TrackingLaw):
         pan, tilt = self._joints
         self.servos = {head.pan_joint: pan.servo, head.tilt_joint: tilt.servo}
         super().__init__(head, period, limits, parameters)
-
-    @property
-    def parameters(self) -> PredictiveLawParameters:
-        """See `TrackingLaw`."""
-        return self._parameters
-
-    @parameters.setter
-    def parameters(self, parameters: PredictiveLawParameters) -> None:
-        self._parameters = parameters
-        for servo in self.servos.values():
-            servo.given = parameters.given
 
     def follow(
         self, target: TargetEstimate, joints: JointReading, now: float

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from head_tracking.compatibility import StrEnum
+from head_tracking.parameters import parameter
 
 
 class Learning(StrEnum):
@@ -14,6 +15,54 @@ class Learning(StrEnum):
     LEARN = "learn"
     FREEZE = "freeze"
     FORGET = "forget"
+
+
+_MODES = "learn, freeze (use and keep what was learned) or forget."
+
+
+@dataclass(frozen=True, slots=True)
+class LearningParameters:
+    """What tracking learns, and the values that are given instead."""
+
+    servo_learning: str = parameter(
+        Learning.LEARN.value,
+        f"What tracking learns of the servos: {_MODES}",
+        choices=tuple(Learning),
+    )
+    camera_learning: str = parameter(
+        Learning.LEARN.value,
+        f"What tracking learns of a camera on the head: {_MODES}",
+        choices=tuple(Learning),
+    )
+    servo_delay: float = parameter(
+        0.0,
+        "Time from a command to the motion it causes; 0: estimated while the head moves.",
+        unit="s",
+        minimum=0.0,
+        maximum=0.15,
+    )
+    servo_dead_band: float = parameter(
+        0.0,
+        "How far a servo stays behind its goal; 0: estimated while the head moves.",
+        unit="rad",
+        minimum=0.0,
+        maximum=0.05,
+    )
+    servo_acceleration: float = parameter(
+        0.0,
+        "How hard a servo accelerates its joint; 0: estimated while the head moves.",
+        unit="rad/s^2",
+        minimum=0.0,
+        maximum=500.0,
+    )
+    camera_delay: float = parameter(
+        0.0,
+        "By how much the stamps of a camera on the head are too late; 0: estimated while the head "
+        "moves.",
+        unit="s",
+        minimum=-0.2,
+        maximum=0.9,
+    )
 
 
 _UNITS = (86_400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s")

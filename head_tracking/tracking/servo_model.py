@@ -14,12 +14,17 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from head_tracking.tracking.learned import KNOWN, LearnedValue, ServoValues
+from head_tracking.tracking.learned import (
+    KNOWN,
+    LearnedValue,
+    Learning,
+    LearningParameters,
+    ServoValues,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -88,38 +93,23 @@ def _statistics(weights: Array, values: npt.ArrayLike) -> tuple[float, float]:
     return mean, math.sqrt(square)
 
 
-class GivenValues(NamedTuple):
-    """Values of a servo that the user has given, instead of the posterior's; 0: none.
-
-    Attributes:
-        delay: [s].
-        dead_band: [rad].
-        acceleration: [rad/s^2].
-    """
-
-    delay: float = 0.0
-    dead_band: float = 0.0
-    acceleration: float = 0.0
-
-
 class ServoModel:
     """Estimate one joint's set-point, and the delay, dead band and acceleration of its shaft.
 
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.
 
     Attributes:
-        given: values that are used instead of the posterior's.
+        parameters: whether the posterior changes; values that are used instead of it.
         delay: from a command to the motion it causes, as used [s]; it follows `mean` slowly.
         mean: of the delay's posterior [s].
         deviation: standard deviation of the delay's posterior [s].
-        is_learning: whether the posterior changes.
         learned: time of its last change [s]; -inf: never.
         saved: values of an earlier run; None: none, or they were contradicted.
         is_contradicted: whether `saved` was given and did not fit; the reader resets it.
     """
 
     def __init__(self) -> None:
-        self.given, self.is_learning = GivenValues(), True
+        self.parameters = LearningParameters()
         self.forget()
         self.restart(0.0, 0.0)
 
@@ -132,17 +122,21 @@ class ServoModel:
         self.expect(None)
 
     @property
+    def _is_learning(self) -> bool:
+        return self.parameters.servo_learning == Learning.LEARN
+
+    @property
     def values(self) -> Mapping[str, LearnedValue]:
         """The estimates, by name."""
-        saved, frozen = self.saved if self.learned == -math.inf else None, not self.is_learning
+        saved, frozen = self.saved if self.learned == -math.inf else None, not self._is_learning
         at, is_saved = (self.learned, False) if saved is None else (saved.saved, True)
         delay = LearnedValue(
-            self.given.delay or self.delay,
+            self.parameters.servo_delay or self.delay,
             "s",
             self.deviation,
             at,
             KNOWN,
-            is_given=self.given.delay > 0.0,
+            is_given=self.parameters.servo_delay > 0.0,
             is_saved=is_saved,
             is_frozen=frozen,
         )
@@ -152,7 +146,7 @@ class ServoModel:
             self._band[1],
             at,
             _INFORMED * _BAND_DEVIATION,
-            is_given=self.given.dead_band > 0.0,
+            is_given=self.parameters.servo_dead_band > 0.0,
             is_saved=is_saved,
             is_frozen=frozen,
         )
@@ -162,7 +156,7 @@ class ServoModel:
             self._acceleration[1],
             self.learned,
             _ROUGH * self.acceleration,
-            is_given=self.given.acceleration > 0.0,
+            is_given=self.parameters.servo_acceleration > 0.0,
             is_frozen=frozen,
         )
         return {"delay of its servo": delay, "dead band": band, "acceleration": acceleration}
@@ -170,12 +164,12 @@ class ServoModel:
     @property
     def dead_band(self) -> float:
         """How far the shaft stays behind the set-point [rad]."""
-        return self.given.dead_band or self._band[0]
+        return self.parameters.servo_dead_band or self._band[0]
 
     @property
     def acceleration(self) -> float:
         """How hard the shaft can accelerate [rad/s^2]: geometric mean of the posterior."""
-        return self.given.acceleration or self._acceleration[0]
+        return self.parameters.servo_acceleration or self._acceleration[0]
 
     @property
     def to_save(self) -> ServoValues | None:
@@ -196,7 +190,7 @@ class ServoModel:
             shafts[len(_BANDS) :] = 0.0
             self._expected = np.maximum(-0.5 * (off + shafts[:, None]), -_TRUST)
         self._posterior()
-        self.delay = self.given.delay or self.mean
+        self.delay = self.parameters.servo_delay or self.mean
 
     @property
     def reading(self) -> tuple[float, float]:
@@ -227,7 +221,7 @@ class ServoModel:
         """
         self._times, self._setpoints = [stamp], [position]
         self._speeds, self._rooms = [speed], [math.inf]
-        self.delay = self.given.delay or self.delay
+        self.delay = self.parameters.servo_delay or self.delay
         self._offset, self._variance = 0.0, _FIRST**2
         self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
         self._shafts = [position] * len(_BANDS)
@@ -247,7 +241,7 @@ class ServoModel:
         while self._readings[1][0] <= stamp - (2 * _WINDOW + 8) * _CELL:
             self._readings.popleft()
         self._correct(stamp - last, stamp, position)
-        goal = self.given.delay or self.mean
+        goal = self.parameters.servo_delay or self.mean
         change = _SLEW * (stamp - last)
         self.delay += min(max(goal - self.delay, -change), change)
 
@@ -275,7 +269,7 @@ class ServoModel:
 
     def _correct(self, elapsed: float, stamp: float, position: float) -> None:
         """Update the set-point's offset by a Kalman filter; errors due to the delay are noise."""
-        deviation = 0.0 if self.given.delay else self.deviation
+        deviation = 0.0 if self.parameters.servo_delay else self.deviation
         here = self._shaft(stamp - self.delay)
         before = self._shaft(stamp - self.delay - max(deviation, elapsed))
         spread = abs(here - before) if deviation else 0.0
@@ -341,7 +335,7 @@ class ServoModel:
         cell = min(int((self.reading[0] - self._grid_start) / _CELL), self._filled - 1)
         latest = self._grid_start + cell * _CELL
         first = cell + 1 - _CELLS - _WINDOW
-        if first < 0 or latest < self._judged + _EVERY or not self.is_learning:
+        if first < 0 or latest < self._judged + _EVERY or not self._is_learning:
             return  # the first cells after the buffer was shifted have no window before them
         position = self._at(latest)
         before = self._at(latest - _WINDOW * _CELL)

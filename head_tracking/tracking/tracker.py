@@ -16,7 +16,7 @@ from head_tracking.tracking.following import FollowingWatch, stalled
 from head_tracking.tracking.head_camera import HeadCamera
 from head_tracking.tracking.joint_readings import JointReading, JointReadings
 from head_tracking.tracking.laws import TrackingLaw
-from head_tracking.tracking.learned import LearnedValue, Learning
+from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters
 from head_tracking.tracking.target import HeadBase
 from head_tracking.tracking.target_state import (
     TargetState,
@@ -103,7 +103,7 @@ class Tracker:
         self._base = base
         self._stall_watches = FollowingWatch(head.pan_joint), FollowingWatch(head.tilt_joint)
         self._readings = JointReadings() if readings is None else readings
-        self._camera_learning = Learning.LEARN
+        self._learning = LearningParameters()
         self.camera = self._new_camera()
         self._upright = Rotation.identity()
         self._message_age = self._reading_age = 0.0
@@ -130,28 +130,18 @@ class Tracker:
     @property
     def learned(self) -> Mapping[str, LearnedValue]:
         """Estimates of the servos and of a camera on the head, by name."""
-        camera = replace(self.camera.learned, is_frozen=not self.camera.is_learning)
-        return {**self.law.learned, "camera: its stamps are too late by": camera}
+        return {**self.law.learned, "camera: its stamps are too late by": self.camera.learned}
 
-    def learn(self, servos: Learning, camera: Learning) -> None:
-        """Update, freeze or discard the estimates.
-
-        Args:
-            servos: mode for the estimates of the servos.
-            camera: mode for the estimates of a camera on the head.
-        """
-        self._camera_learning = camera
-        if servos is Learning.FORGET:
-            self.law.forget_learned()
-        if camera is Learning.FORGET:
+    def learn(self, parameters: LearningParameters) -> None:
+        """Update, freeze, discard or replace the estimates."""
+        self._learning = self.camera.parameters = parameters
+        self.law.learn(parameters)
+        if parameters.camera_learning == Learning.FORGET:
             self.camera = self._new_camera()
-        for servo in self.law.servos.values():
-            servo.is_learning = servos is Learning.LEARN
-        self.camera.is_learning = camera is Learning.LEARN
 
     def _new_camera(self) -> HeadCamera:
         camera = HeadCamera(self.head, self._readings, self._base)
-        camera.is_learning = self._camera_learning is Learning.LEARN
+        camera.parameters = self._learning
         return camera
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
@@ -278,7 +268,7 @@ class Tracker:
         self._message_age = self._reading_age = self._interval = 0.0
         self._came = None
         before, self.camera = self.camera, self._new_camera()
-        if self._camera_learning is Learning.FREEZE:
+        if self._learning.camera_learning == Learning.FREEZE:
             self.camera.keep(before)
         self.estimator.reset()
         self.machine.forget(f"{reason}; no target has come since")

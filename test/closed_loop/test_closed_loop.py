@@ -8,6 +8,7 @@ from runs import Watched, around, run, sine, tracker
 
 from head_tracking.tracking import (
     LAWS,
+    LearningParameters,
     PredictiveLawParameters,
     TargetState,
 )
@@ -60,8 +61,8 @@ def test_it_works_at_other_rates(head, rate):
 
 
 def test_a_stated_delay_is_used(head):
-    parameters = PredictiveLawParameters(servo_delay=0.04)
-    controller = tracker(head, parameters=parameters)
+    controller = tracker(head)
+    controller.learn(LearningParameters(servo_delay=0.04))
     outcome = run(head, sine(0.5), Conditions(duration=4.0), controller)
     assert controller.delays.servos == (0.04, 0.04)
     assert outcome.recording.between(2.0).rms < 0.02

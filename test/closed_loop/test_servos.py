@@ -8,7 +8,7 @@ from closed_loop import ClosedLoop, Conditions
 from plant import Pair, PlainServo
 from runs import LEVEL, around, sine, tracker
 
-from head_tracking.tracking import Learning
+from head_tracking.tracking import Learning, LearningParameters
 
 swing = sine(0.5)
 
@@ -160,7 +160,7 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
     ClosedLoop(swing, ordinary).run(steered)
     learned = steered.learned
     assert {each.source for each in learned.values()} >= {"learned"}
-    steered.learn(servos, camera)
+    steered.learn(LearningParameters(servos, camera))
     steered.reset("a new run", 0.0)
     slow = PlainServo(dead_time=0.12)
     other = replace(ordinary, duration=12.0, servos=slow, stamp_error=0.09)
@@ -186,7 +186,7 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
         assert (now[stamps].value, now[stamps].source) == (learned[stamps].value, "learned")
     else:
         assert (now[stamps].value, now[stamps].source) == (before[stamps].value, "not observable")
-    steered.learn(Learning.LEARN, Learning.LEARN)
-    steered.law.parameters = replace(steered.law.parameters, servo_delay=0.05)
+    steered.learn(LearningParameters(servo_delay=0.05, camera_delay=0.12))
     ClosedLoop(swing, replace(other, duration=1.0)).run(steered)
     assert (steered.learned[pan].value, steered.learned[pan].source) == (0.05, "given")
+    assert (steered.learned[stamps].value, steered.learned[stamps].source) == (0.12, "given")

@@ -11,7 +11,7 @@ from closed_loop import ClosedLoop, Conditions
 from plant import PlainServo
 from runs import around, circle, sine, still, swing
 
-from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
+from head_tracking.tracking import LAWS, HeadBase, LearningParameters, TargetState, Tracker
 
 ON_HEAD = Conditions(duration=8.0, noise=0.002, delay=0.1, on_head=True)
 
@@ -48,6 +48,20 @@ def test_a_still_face_that_is_seen_late_is_not_overshot(head, bearing, late):
     assert math.degrees(off.max()) < 1.0
     settled = recording.times - recording.times[0] > late + 1.0
     assert math.degrees(np.abs(off[settled]).max()) < 1.0
+
+
+@pytest.mark.parametrize("late", [-0.1, 0.15, 0.25])
+def test_a_delay_that_is_given_is_right_from_the_first_point_on(head, late):
+    conditions = replace(ON_HEAD, delay=0.25, field=(3.0, 3.0), duration=4.0)
+    watched = Watched(head)
+    watched.tracker.learn(LearningParameters(camera_delay=late))
+    false = replace(conditions, stamp_error=late)
+    right, given = (
+        ClosedLoop(swing, each).run(steered).recording.rms
+        for each, steered in ((conditions, Watched(head)), (false, watched))
+    )
+    assert set(watched.applied[1:]) == {late}
+    assert given < 1.2 * right
 
 
 @pytest.mark.parametrize("seed", [2, 3])

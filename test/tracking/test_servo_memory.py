@@ -10,7 +10,7 @@ from runs import sine
 
 from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.share import state_folder
-from head_tracking.tracking import LAWS, Learning, ServoValues, Tracker
+from head_tracking.tracking import LAWS, Learning, LearningParameters, ServoValues, Tracker
 
 VALUES = ServoValues(delay=0.1, deviation=0.015, dead_band=0.002)
 LATE = PlainServo(dead_time=0.1)
@@ -134,7 +134,7 @@ def test_what_is_kept_has_an_age_and_what_is_not_kept_has_none(head, tmp_path):
 
 def test_what_is_frozen_says_so(head):
     tracker = Tracker(head, LAWS["predictive"](head, 0.02))
-    tracker.learn(Learning.FREEZE, Learning.LEARN)
+    tracker.learn(LearningParameters(Learning.FREEZE, Learning.LEARN))
     assert [each.is_frozen for each in tracker.learned.values()] == 6 * [True] + [False]
-    tracker.learn(Learning.LEARN, Learning.FREEZE)
+    tracker.learn(LearningParameters(Learning.LEARN, Learning.FREEZE))
     assert [each.is_frozen for each in tracker.learned.values()] == 6 * [False] + [True]

@@ -18,19 +18,18 @@ from head_tracking.tf import Buffer
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
-    Learning,
+    LearningParameters,
     SpeedLimits,
     TargetState,
     TargetStateParameters,
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
-_LEARNING = "learn, freeze (use and keep what was learned) or forget."
 
 
 @dataclass(frozen=True, slots=True)
 class HeadTrackerParameters:
-    """The rate, the law and what is learned."""
+    """The rate and the law."""
 
     rate: float = parameter(
         50.0, "Commands per second.", unit="Hz", minimum=1.0, maximum=200.0, fixed=True
@@ -40,16 +39,6 @@ class HeadTrackerParameters:
         "The tracking law: "
         + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
         choices=tuple(LAWS),
-    )
-    servo_learning: str = parameter(
-        Learning.LEARN.value,
-        f"What tracking learns of the servos: {_LEARNING}",
-        choices=tuple(Learning),
-    )
-    camera_learning: str = parameter(
-        Learning.LEARN.value,
-        f"What tracking learns of a camera on the head: {_LEARNING}",
-        choices=tuple(Learning),
     )
 
 
@@ -73,6 +62,7 @@ class HeadTrackerNode(HeadNode):
         }
         self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
+        self._learning = NodeParameters(self, LearningParameters, on_change=self._tune)
         self._tracking = Tracking(self._settings)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         period = 1.0 / own.value.rate
@@ -93,8 +83,7 @@ class HeadTrackerNode(HeadNode):
             self._laws[law].value,
             self._estimator.value,
             self._target_state.value,
-            own.servo_learning,
-            own.camera_learning,
+            self._learning.value,
         )
 
     def _tune(self, _: object) -> None:
