@@ -1,0 +1,68 @@
+"""Runs head_tracking and prints the duration of each cycle of its servo bus [s].
+
+Usage: timed_run.py ARGUMENT ...; the last output line that begins with a bracket is a JSON list.
+The bus runs in the control process, which this program replaces by itself.
+"""
+
+from __future__ import annotations
+
+import json
+import runpy
+import subprocess
+import sys
+import time
+from typing import Any
+
+from head_tracking.dynamixel import BusEvent, BusReading
+from head_tracking.dynamixel.cycle import Cycle
+from head_tracking.run import supervisor
+from head_tracking.run.main import main
+
+CHILD = "head_tracking.run.child"
+
+durations: list[float] = []
+
+
+class _Stopwatch:
+    begin = 0.0
+
+
+def timed() -> None:
+    """Measure the time from the start of each read to the end of the write."""
+    read, write = Cycle.read, Cycle.write
+
+    def timed_read(cycle: Cycle) -> BusReading:
+        _Stopwatch.begin = time.perf_counter()
+        return read(cycle)
+
+    def timed_write(cycle: Cycle) -> tuple[BusEvent, ...]:
+        events = write(cycle)
+        durations.append(time.perf_counter() - _Stopwatch.begin)
+        return events
+
+    Cycle.read, Cycle.write = timed_read, timed_write  # type: ignore[method-assign]
+
+
+class ChildProcess(subprocess.Popen[bytes]):
+    """A process of the run; control is started with this program.
+
+    Args:
+        command: of the supervisor.
+    """
+
+    def __init__(self, command: list[str], **options: Any) -> None:
+        if command[1:4] == ["-m", CHILD, "control"]:
+            command = [command[0], __file__, *command[2:]]
+        super().__init__(command, **options)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] != CHILD:
+        supervisor.subprocess.Popen = ChildProcess  # type: ignore[assignment, misc]
+        sys.exit(main())
+    timed()
+    del sys.argv[0]
+    try:
+        runpy.run_module(CHILD, run_name="__main__")
+    finally:
+        print(json.dumps([round(seconds, 6) for seconds in durations]), flush=True)
