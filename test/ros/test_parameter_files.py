@@ -117,12 +117,12 @@ def test_a_mistake_on_the_command_line_is_named_too(started):
 
 
 def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
-    make = started("head_tracker: {ros__parameters: {law: 3, servo_learning: 7}}")
+    make = started("head_tracker: {ros__parameters: {servo_learning: 3, camera_learning: 7}}")
     with pytest.raises(ParameterError) as error:
         make()
     where = f"{tmp_path / 'mine.yaml'}: /head_tracker: "
-    assert f"{where}law is 3; it must be text" in str(error.value)
-    assert f"{where}servo_learning is 7" in str(error.value)
+    assert f"{where}servo_learning is 3; it must be text" in str(error.value)
+    assert f"{where}camera_learning is 7" in str(error.value)
 
 
 @pytest.mark.parametrize("nodes", ["/**", "/**/head_tracker", "head_tracker"])
