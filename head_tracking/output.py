@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TextIO
 
 
@@ -25,16 +25,28 @@ def tolerate_output_errors() -> Iterator[None]:
             _discard_unwritten(stream)
 
 
+def is_output_closed() -> bool:
+    """Return whether the reader of standard output has ended, as in `| head -1`."""
+    return getattr(sys.stdout, "is_closed_by_reader", False)
+
+
 class _TolerantStream(io.TextIOWrapper):
+    is_closed_by_reader = False
+
     def write(self, text: str, /) -> int:
-        try:
-            return super().write(text)
-        except OSError:
-            return len(text)
+        self._try(super().write, text)
+        return len(text)
 
     def flush(self) -> None:
-        with suppress(OSError):
-            super().flush()
+        self._try(super().flush)
+
+    def _try(self, function: Callable[..., object], *arguments: str) -> None:
+        try:
+            function(*arguments)
+        except BrokenPipeError:
+            self.is_closed_by_reader = True
+        except OSError:
+            pass
 
 
 def _tolerant(stream: TextIO | None) -> TextIO:

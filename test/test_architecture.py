@@ -57,7 +57,9 @@ ALLOWED: dict[str, set[str]] = {
         "ros",
     }
     | {"recording", "control", "head", "calibration", "share"},
-    "cli": CORE | {"run", "tf", "share", "ros", "command_line", "programs", "parameter_files"},
+    "cli": CORE
+    | {"run", "tf", "share", "ros", "command_line", "programs", "parameter_files"}
+    | {"output"},
     "programs": {"output"},
     "__main__": {"programs"},
     "run": CORE

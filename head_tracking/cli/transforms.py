@@ -10,6 +10,7 @@ from contextlib import suppress
 from head_tracking.cli.client import Client, run_client
 from head_tracking.command_line import between, positive
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.output import is_output_closed
 from head_tracking.transforms import StampedTransform, TransformException
 
 
@@ -21,7 +22,7 @@ def main() -> int:
 def echo(client: Client, options: argparse.Namespace) -> int:
     """Print the transform between two frames periodically."""
     remaining, missed = options.count, 0.0
-    while remaining != 0 and not client.stop():
+    while remaining != 0 and not client.stop() and not is_output_closed():
         try:
             transform = client.frames.lookup_transform(options.frame, options.of)
         except TransformException:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -24,7 +26,12 @@ from head_tracking.dynamixel.models import all_models, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.exceptions import RefusedError
-from head_tracking.simulation import SimulatedBus, SimulatedLine, SimulatedServo
+from head_tracking.simulation import (
+    SimulatedBus,
+    SimulatedLine,
+    SimulatedPort,
+    SimulatedServo,
+)
 from head_tracking.simulation.faults import Fault, Faults
 
 AX_12 = servo_model("AX-12")
@@ -119,6 +126,14 @@ def test_scan_lists_each_servo_once_with_its_baud_rate(
         ["1000000", "8", "answers", "no", "reads", "2.0"],
         ["57600", "2", "AX-12", "(12)", "1.0"],
     ]
+    assert "set-id" not in bench.messages
+
+
+def test_scan_of_a_port_without_a_rate_lists_servos_of_the_first_rate_once(bench: Tool) -> None:
+    bench.accepts_any_rate = True
+    bench[8].set_register("Status Return Level", 0)
+    assert bench.run("scan", "--bauds", "1000000", "57600", "--ids", "0-10") == DONE
+    assert [row[1] for row in bench.rows()] == ["1", "2", "7", "8"]
     assert "set-id" not in bench.messages
 
 
@@ -467,6 +482,16 @@ def test_monitor_shows_measured_values(bench: Tool) -> None:
     assert "input voltage" in rows["8"]
     assert bench.clock() > 1.2
     assert max(map(len, bench.output.splitlines())) <= 80
+
+
+def test_monitor_ends_when_the_reader_of_its_output_has_ended() -> None:
+    with SimulatedPort([SimulatedServo(1)]) as port:
+        command = [sys.executable, "-m", "head_tracking", "servo", "--port", port.port_name]
+        with subprocess.Popen([*command, "monitor", "1"], stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            process.stdout.close()
+            assert process.wait(60.0) == DONE
 
 
 def test_monitor_shows_servos_that_stop_answering(bench: Tool) -> None:

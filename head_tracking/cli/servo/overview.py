@@ -37,6 +37,7 @@ from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Servo, model_name, run
+from head_tracking.output import is_output_closed
 
 _FEW: Final = 30  # ids; more are found faster by a broadcast ping
 _PINGS: Final = 3  # of each of a few ids: an answer may be lost or late
@@ -112,13 +113,15 @@ def find_servos(
             raise
         except (ConfigurationError, PortError) as error:
             terminal.print(f"{rate} baud skipped: {error}")
-        found += here
         if any(abs(servo.baud_rate - rate) > _NEAR * rate for servo in here):
+            known = {servo.id for servo in found}
+            found += [servo for servo in here if servo.id not in known]
             terminal.print(
                 f"{session.port_name} reaches servos of any baud rate, like some USB adapters and "
                 "simulated buses: each servo is listed once, with its own baud rate"
             )
             break
+        found += here
     return found
 
 
@@ -188,7 +191,7 @@ def monitor(
                 for servo in servos:
                     _add_row(table, servo, measured)
                 update(table)
-                if shown == count:
+                if shown == count or is_output_closed():
                     return 0
                 session.pause(max(0.0, due - session.clock()))
     return 0
