@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from serial.tools.list_ports_linux import SysFS
+
 _WANTED: Final = 1  # ms
 
 
@@ -32,9 +34,24 @@ class Adapter:
         return f"{name}, latency timer {self.latency * 1e3:.0f} ms"
 
 
-def stable_name(port_name: str, folder: Path = Path("/dev/serial/by-id")) -> str:
-    """Return the name of a device by its serial number, from udev's links; "" if it has none."""
+def _serial_number(device: str) -> str | None:
+    with suppress(TypeError, ValueError):  # as of one that is being unplugged
+        return SysFS(device).serial_number  # type: ignore[no-any-return]
+    return None
+
+
+def stable_name(
+    port_name: str,
+    folder: Path = Path("/dev/serial/by-id"),
+    serial_number: Callable[[str], str | None] = _serial_number,
+) -> str:
+    """Return the name of a device by its serial number, from udev's links; "" if it has none.
+
+    Adapters of one kind without serial numbers share one link, to any of them.
+    """
     device = os.path.realpath(port_name)
+    if not serial_number(device):
+        return ""
     with suppress(OSError):
         for link in sorted(folder.iterdir()):
             if os.path.realpath(link) == device:

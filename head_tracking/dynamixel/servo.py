@@ -284,10 +284,10 @@ class Servo:
         return self.verify(self.model.control_table.block("Torque Enable"), int(on))
 
     def identify(self, keep_torque: bool = False) -> Steps[ServoIdentity]:
-        """Check a servo that answers pings, leave it relaxed, and count it as present.
+        """Check a servo that answers pings, leave it relaxed and locked, and count it as present.
 
         Args:
-            keep_torque: Leave its torque as it is.
+            keep_torque: Leave its torque, and its EEPROM lock, as they are.
 
         Raises:
             ServoSetupError: It is another model, does not answer reads, or is set up in a way that
@@ -347,6 +347,8 @@ class Servo:
         else:
             yield from self.switch_torque(False)
             self.confirmed = True
+            if memory.get("EEPROM Lock") == 0:  # a program has ended while it wrote
+                yield from self.lock_eeprom(True)
         if problem is not None:
             raise problem
         return identity

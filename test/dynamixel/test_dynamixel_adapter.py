@@ -96,9 +96,14 @@ def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
     device.touch()
     os.symlink(tmp_path / "ttyUSB9", folder / "another")
     os.symlink(device, folder / "usb-FTDI_1234")
-    assert stable_name(str(device), folder) == str(folder / "usb-FTDI_1234")
-    assert stable_name(str(tmp_path / "ttyUSB1"), folder) == ""
-    assert stable_name(str(device), tmp_path / "nowhere") == ""
+
+    def found(name: str, folder: Path = folder, serial_number: str | None = "1234") -> str:
+        return stable_name(str(tmp_path / name), folder, lambda _: serial_number)
+
+    assert found("ttyUSB0") == str(folder / "usb-FTDI_1234")
+    assert found("ttyUSB1") == ""
+    assert found("ttyUSB0", tmp_path / "nowhere") == ""
+    assert found("ttyUSB0", serial_number=None) == ""  # another adapter may have the same link
 
 
 class Udev:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from dynamixel_fakes import submit
 from simulated_device import Bench
 
 from head_tracking.cli.servo.register_values import parse_value
@@ -18,6 +19,7 @@ from head_tracking.configuration.bus_parameters import (
 from head_tracking.dynamixel import (
     BusEvent,
     ConfigurationError,
+    EepromSettings,
     EventKind,
     Goal,
     JointConfiguration,
@@ -93,6 +95,19 @@ def test_an_offset_is_written_with_its_sign() -> None:
     servo.power_off()
     servo.power_on()
     assert servo.register("Position Offset") == raw
+
+
+def test_a_memory_that_was_being_written_when_the_bus_closed_is_locked_at_the_next_start() -> None:
+    rig = Rig(SimulatedServo(1, STS))
+    rig.bus.connect()
+    submit(rig.bus, rig.bus.writing_eeprom("pan", EepromSettings(return_delay=100.0)))
+    for _ in range(20):
+        if rig.servo.register("EEPROM Lock"):
+            rig.steps(PERIOD)
+    rig.bus.close()
+    assert rig.servo.register("EEPROM Lock") == 0
+    rig.bus.connect()
+    assert rig.servo.register("EEPROM Lock") == 1
 
 
 def test_a_model_without_an_offset_takes_none() -> None:

@@ -115,6 +115,18 @@ def test_torque_that_is_switched_off_during_a_stop_stays_off_after_resume(robot)
     assert register(robot, 1, "Torque Enable") == 1
 
 
+def test_a_stop_does_not_interrupt_the_writing_of_a_servos_memory(robot):
+    """It would leave the lock of a Feetech servo's memory off."""
+    robot.simulated.port.use(lambda bus: bus[1].set_register("CCW Angle Limit", 1000))
+    client = robot.node.create_client(Trigger, "servo_bus/write_eeprom")
+    wait_for(client.service_is_ready)
+    writing = client.call_async(Trigger.Request())
+    wait_for(lambda: register(robot, 1, "Return Delay Time") == 0)
+    assert not any(robot.composition.loop.stop().values())
+    wait_for(writing.done)
+    assert register(robot, 1, "CCW Angle Limit") == 1023
+
+
 def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
     def narrow(bus):
         bus[1].set_register("CW Angle Limit", 500)

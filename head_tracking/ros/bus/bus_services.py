@@ -100,11 +100,11 @@ class BusServices:
         return f"{', '.join(joints)}: relaxed"
 
     def _switch(self, joints: Joints, on: bool) -> str:
-        self._run(joints, lambda bus, share: bus.switching_torque(share, on), relaxes=not on)
+        self._run(joints, lambda bus, share: bus.switching_torque(share, on), despite_stop=not on)
         return f"{', '.join(joints)}: {'torque on' if on else 'relaxed'}"
 
     def _take_out(self, joints: Joints) -> str:
-        self._run(joints, lambda bus, share: bus.stopping(share), relaxes=True)
+        self._run(joints, lambda bus, share: bus.stopping(share), despite_stop=True)
         return f"{', '.join(joints)}: stopped"
 
     def _start(self, joints: Joints) -> str:
@@ -129,8 +129,12 @@ class BusServices:
         settings = self._eeprom()
         changes: list[str] = []
         for joint in joints:
+            self._loop.owners.permit()
             (found,) = self._run(
-                (joint,), lambda bus, share: bus.writing_eeprom(share[0], settings), _MEMORY
+                (joint,),
+                lambda bus, share: bus.writing_eeprom(share[0], settings),
+                _MEMORY,
+                despite_stop=True,  # the lock of a Feetech servo's memory must not stay off
             )
             for servo_id, changed in found.items():
                 changes += [
@@ -145,24 +149,26 @@ class BusServices:
         request: Request,
         timeout: float | None = None,
         *,
-        relaxes: bool = False,
+        despite_stop: bool = False,
     ) -> list[Any]:
         """Return the result of each bus; raise the first error after all have ended.
 
-        A request that `relaxes` only switches off torque, which is done also after a STOP.
+        A request `despite_stop` moves nothing, and is executed also after a STOP.
 
         Raises:
             StoppedError: the head is stopped, or was before the request was executed.
-            TimeoutError: the time has passed. The request is cancelled, unless it is to relax.
+            TimeoutError: the time has passed. The request is cancelled, unless `despite_stop`.
         """
         timeout = timeout or _TIMEOUT
-        epoch = None if relaxes else self._loop.owners.permit()
-        futures: list[Future[Any]] = self._servos.call(joints, request, epoch, despite_stop=relaxes)
+        epoch = None if despite_stop else self._loop.owners.permit()
+        futures: list[Future[Any]] = self._servos.call(
+            joints, request, epoch, despite_stop=despite_stop
+        )
         late = list(wait(futures, timeout).not_done)
-        if late and not relaxes:
+        if late and not despite_stop:
             late = [future for future in late if future.cancel()]
         if late:
-            more = "it keeps trying" if relaxes else "the request is cancelled"
+            more = "it keeps trying" if despite_stop else "the request is cancelled"
             raise TimeoutError(f"the bus has not executed the request within {timeout} s; {more}")
         errors = [error for error in (future.exception() for future in futures) if error]
         if errors:
