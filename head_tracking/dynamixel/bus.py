@@ -250,7 +250,6 @@ class ServoBus:
             health = Health.LOST
         elif servo.failed_cycles:
             health = Health.STALE
-        symptoms, outcome = self.cycle.diagnosis.of(servo.id)
         return ServoStatistics(
             joint_name=joint.name,
             id=servo.id,
@@ -267,8 +266,7 @@ class ServoBus:
             voltage=servo.voltage,
             load=servo.load,
             torque=joint.torque.value,
-            symptoms=symptoms,
-            outcome=outcome,
+            symptoms=self.cycle.diagnosis.of(servo.id),
         )
 
     # Thread that owns the bus
@@ -370,9 +368,7 @@ class ServoBus:
         """
         if not self._connected:
             self._require_connection()
-        reading = self.cycle.read()
-        events = self.cycle.write()
-        return reading._replace(events=(*reading.events, *events)) if events else reading
+        return self.cycle.write(self.cycle.read())
 
     # Steps. All raise GoalError for an unknown joint, and NotConnectedError before `connect`.
 

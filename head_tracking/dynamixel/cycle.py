@@ -81,7 +81,7 @@ class Cycle:
         self.diagnosis.report_swapped()
 
     def read(self) -> BusReading:
-        """Begin a cycle: read every servo.
+        """Begin a cycle: read every servo; the events are added by `write`.
 
         Raises:
             PortLostError: The port was lost and cannot return under its name.
@@ -100,10 +100,9 @@ class Cycle:
                     self._after_gap(start - self._last)
                 self._last = start
                 if self._planned != self._version.number:
-                    self._unusual = True
                     self._make_plan()
-                if self._read(stamp, states) or self._unusual:
-                    self._unusual = True
+                self._unusual = self._read(stamp, states)
+                if self._unusual:
                     self._settle(states, start)
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
@@ -116,32 +115,20 @@ class Cycle:
         except PortLostError as cause:
             self._lose_port(cause)
         self._read_time = self._monotonic() - start - self._poll_time
-        events = self._bus.take_events() if self._bus.events else ()
-        return BusReading(self.cycles, stamp, states, self._lost, events)
+        return BusReading(self.cycles, stamp, states, self._lost, ())
 
-    def write(self) -> tuple[BusEvent, ...]:
-        """End a cycle: write all goals, take steps of procedures; return new events.
+    def write(self, reading: BusReading) -> BusReading:
+        """End a cycle: write all goals, take steps of procedures; return the reading with events.
 
         Raises:
             PortLostError: The port was lost and cannot return under its name.
         """
-        if not self._connected:
-            return ()
         try:
-            requests = self._requests
-            if requests.obeyed != requests.epoch.value:
-                self._procedures.obey_stop()
-            if requests.goals:
-                self._accept_goals()
-            if requests.under_way:
-                self._unusual = True
-                self._take_steps()
-                if requests.goals:
-                    self._accept_goals()  # of a joint whose torque is on now
-            self._write_goals()
+            if self._connected:
+                self._write()
         except PortLostError as cause:
             self._lose_port(cause)
-        return self._bus.take_events() if self._bus.events else ()
+        return reading._replace(events=self._bus.take_events()) if self._bus.events else reading
 
     # Reading
 
@@ -189,7 +176,7 @@ class Cycle:
         """Handle what was unusual."""
         asked = {servo.id for part in self._plan for _, servo in part.members}
         for joint in self._all:
-            there = [s for s in joint.servos if s.id in asked and not (joint.stopped or s.lost)]
+            there = [servo for servo in joint.servos if servo.id in asked]
             answered = [servo for servo in there if not servo.failed_cycles]
             if answered:
                 for servo in answered:
@@ -228,6 +215,19 @@ class Cycle:
         self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
 
     # Writing
+
+    def _write(self) -> None:
+        requests = self._requests
+        if requests.obeyed != requests.epoch.value:
+            self._procedures.obey_stop()
+        if requests.goals:
+            self._accept_goals()
+        if requests.under_way:
+            self._unusual = True
+            self._take_steps()
+            if requests.goals:
+                self._accept_goals()  # of a joint whose torque is on now
+        self._write_goals()
 
     def _accept_goals(self) -> None:
         for name, goal in self._requests.take_goals().items():

@@ -32,7 +32,6 @@ _LONGEST_READ: Final = 64  # bytes
 _NEAR: Final = 0.1  # rad; closer to its goal a servo may be slow
 _FAR: Final = 0.3  # rad
 _ARRIVED: Final = 5.0  # ticks
-_UNDER_WAY: Final = "under way"
 _CAUSES: Final = (
     "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog",
 )  # fmt: skip
@@ -112,12 +111,10 @@ class _Watch:
         self.failed = 0  # transactions so far
         self.failures: list[int] = []
         self.goals: deque[int] = deque(maxlen=5)
-        self.target: tuple[int, ...] = ()
         self.pace_target: tuple[int, ...] = ()
-        self.outcome = ""
         self.usual_voltage = self.jump = self.away_speed = 0.0
         self.pace_since, self.pace_begin, self.pace_error = 0, 0.0, 0.0
-        self.rest_since, self.rest_position, self.rest_error, self.owed = 0, 0.0, 0.0, 0.0
+        self.rest_position = self.rest_error = self.owed = 0.0
 
     def lasting(self, what: str, seconds: float) -> bool:
         """Return whether a condition has held for so long; call it while the condition holds."""
@@ -129,7 +126,7 @@ class _Watch:
 
     def forget_motion(self) -> None:
         """Start again, because it does not follow goals, or was not read."""
-        self.pace_since = self.rest_since = self.now
+        self.pace_since = self.now
         self.rest_position, self.owed = self.position, 0.0
 
 
@@ -228,13 +225,14 @@ def _slow(watch: _Watch) -> str:
     Within 0.3 rad of a goal that changes, a tracking law may ask for more speed than it needs.
     """
     servo, error, now, position = watch.servo, watch.error, watch.now, watch.position
+    target = watch.joint.goal_ticks
     if abs(error) >= _FAR:
-        watch.pace_target = watch.target
-    near = abs(error) < _NEAR or watch.target != watch.pace_target
+        watch.pace_target = target
+    near = abs(error) < _NEAR or target != watch.pace_target
     moves = servo.velocity * error > 0.0 and watch.asked >= _MOVES
     if near or not moves or watch.pace_error * error < 0.0:
         watch.pace_since, watch.pace_begin, watch.pace_error = now, position, error
-        watch.pace_target = watch.target
+        watch.pace_target = target
         return ""
     seconds = (now - watch.pace_since) * 1e-9
     if seconds < 0.1:
@@ -261,12 +259,12 @@ def _stuck(watch: _Watch) -> str:
     with 0.1 s to accelerate, and 0.1 s more to turn round. A servo that holds a weight stands a
     little off, with load. A late cycle counts as 0.02 s, because the goal may have come late.
     """
-    servo, error, now, tick = watch.servo, watch.error, watch.now, watch.tick
-    off, load, way = abs(error), abs(servo.load), max(0.012, 2.5 * tick)
+    error, off, load = watch.error, abs(watch.error), abs(watch.servo.load)
+    way = max(0.012, 2.5 * watch.tick)
     turns = error * watch.rest_error < 0.0
     watch.rest_error = error or watch.rest_error
     if turns or abs(watch.position - watch.rest_position) >= way:
-        watch.rest_since, watch.rest_position = now, watch.position
+        watch.rest_position = watch.position
         watch.owed = -0.1 if turns else 0.0
     patience = max(0.12, 0.1 + 1.3 * way / max(watch.asked, 1e-3))
     if off > 0.12 or (off > 0.06 and not _DRIVES <= load <= 0.6):
@@ -279,11 +277,6 @@ def _stuck(watch: _Watch) -> str:
             f"has a load of {load:.0%}: an obstacle, an end stop (has a horn slipped?), or a "
             "frozen encoder"
         )
-    if off <= _ARRIVED * tick:
-        if abs(servo.velocity) < _MOVES:
-            watch.outcome = "arrived"
-    elif watch.outcome == _UNDER_WAY and now - watch.rest_since >= 2.0 * patience * 1e9:
-        watch.outcome = f"missed by {off:.3f} rad: it stands"
     return ""
 
 
@@ -320,10 +313,9 @@ class Diagnosis:
         ]
         self._watches = {each.servo.id: each for _, watches in self._joints for each in watches}
 
-    def of(self, servo_id: int) -> tuple[Mapping[Symptom, str], str]:
-        """Return the symptoms of a servo, a sentence each, and the result of its last goal."""
-        watch = self._watches[servo_id]
-        return dict(watch.symptoms), watch.outcome
+    def of(self, servo_id: int) -> dict[Symptom, str]:
+        """Return the symptoms of a servo, a sentence each."""
+        return dict(self._watches[servo_id].symptoms)
 
     def report_swapped(self) -> None:
         """Report servos with the angle limits of another joint in their memory."""
@@ -351,8 +343,6 @@ class Diagnosis:
                     self._examine(watch)
                 else:
                     watch.forget_motion()
-                    if servo.lost and watch.target:
-                        self._end(watch, "not reached: the servo does not answer")
             if len(watches) > 1:
                 self._find(watches[0], Symptom.APART, _apart)
                 self._check_pair(joint, watches)
@@ -375,14 +365,9 @@ class Diagnosis:
                 self._report(watch, symptom, text)
         if not joint.on or joint.busy or not joint.goal_ticks:
             watch.forget_motion()
-            if watch.target and not joint.busy:
-                self._end(watch, f"not reached: {joint.torque.value}")
             return
         watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
         watch.asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
-        if watch.target != joint.goal_ticks:
-            watch.target, watch.outcome = joint.goal_ticks, _UNDER_WAY
-            watch.rest_since = watch.now
         for symptom, find in FOLLOWING:
             if text := find(watch):
                 self._suspect(watch, symptom, text)
@@ -442,9 +427,6 @@ class Diagnosis:
         kind = EventKind.TORQUE_LOST if symptom is Symptom.TORQUE_LOST else EventKind.SYMPTOM
         text = f"servo {servo.id}: {symptom.value}: {text}"
         self._bus.note(kind, joint, text, symptom.stuck, about=symptom)
-        if watch.outcome == _UNDER_WAY and symptom is not Symptom.WARM:
-            off = abs(joint.goal_position - servo.position)
-            watch.outcome = f"missed by {off:.3f} rad: {symptom.value}"
 
     def _clear(self, watch: _Watch) -> None:
         for symptom in [s for s in watch.symptoms if s is not Symptom.SWAPPED]:
@@ -452,11 +434,6 @@ class Diagnosis:
                 del watch.symptoms[symptom]
                 text = f"servo {watch.servo.id}: no longer {symptom.value}"
                 self._bus.note(EventKind.CLEARED, watch.joint, text, about=symptom)
-
-    def _end(self, watch: _Watch, why: str) -> None:
-        watch.target = ()
-        if watch.outcome in (_UNDER_WAY, ""):
-            watch.outcome = why
 
     # Shutdown, heat, lost torque, missing commands: only for joints with something unusual
 

@@ -27,8 +27,8 @@ from head_tracking.dynamixel.control_table import (
 )
 from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelError
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors, XL320Errors
-from head_tracking.feetech.protocol import BYTE_ORDERS, FeetechErrors
-from head_tracking.feetech.protocol import TABLES as FEETECH_TABLES
+from head_tracking.feetech import BYTE_ORDERS, FeetechErrors
+from head_tracking.feetech import TABLES as FEETECH_TABLES
 
 TABLES: Final = Path(__file__).parent / "tables"
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 from functools import cache
-from itertools import pairwise
 from typing import Final, TypeVar
 
 from head_tracking.dynamixel.configuration import ServoCalibration
@@ -411,14 +410,7 @@ class Servo:
             ServoError: Its torque is on, its memory is locked, or it does not keep a value.
         """
         table = self.model.control_table
-        if self.get("Torque Enable"):
-            raise ServoError(f"servo {self.id} has its torque on; relax it first")
-        yield 0.0
-        if "Lock" in table and self.get("Lock"):
-            raise ServoError(
-                f"servo {self.id} has its memory locked (register {table['Lock'].address}); cycle "
-                "its power"
-            )
+        self.require_writable_memory()
         changed: dict[str, tuple[int, int]] = {}
         for name, value in wanted.items():
             yield 0.0
@@ -440,6 +432,20 @@ class Servo:
                 )
             changed[name] = (before, value)
         return changed
+
+    def require_writable_memory(self) -> None:
+        """Raise ServoError if its torque is on, or its memory is locked."""
+        if self.get("Torque Enable"):
+            raise ServoError(
+                f"the torque of servo {self.id} is on, and its memory cannot be changed then; hold "
+                "its load and relax it first"
+            )
+        table = self.model.control_table
+        if "Lock" in table and self.get("Lock"):
+            raise ServoError(
+                f"the memory of servo {self.id} is locked (register {table['Lock'].address}); "
+                "cycle its power"
+            )
 
     def lock_eeprom(self, locked: bool) -> Steps[None]:
         """Write the EEPROM lock of a Feetech servo; other servos have none."""
@@ -650,12 +656,9 @@ def _spans(table: ControlTable, own: tuple[str, ...]) -> tuple[Block, ...]:
     wanted = (
         "Model Number", "Firmware Version", "Status Return Level", "Torque Enable",
         "Temperature Limit", "Min Voltage Limit", "Shutdown", "Max Torque", "Torque Limit",
-        "Hardware Error Status", "EEPROM Lock", "Alarm LED", "Secondary ID", *own,
+        "Hardware Error Status", "EEPROM Lock", "Secondary ID", *own,
     )  # fmt: skip
-    found = tuple(table.spans(_LONGEST_SPAN, wanted))
-    # Neighbours differ in length, so that a late reply is not accepted as the next one.
-    assert all(one.length != other.length for one, other in pairwise(found)), table.name
-    return found
+    return tuple(table.spans(_LONGEST_SPAN, wanted))
 
 
 def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:

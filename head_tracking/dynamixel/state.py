@@ -193,8 +193,6 @@ class ServoStatistics:
     torque: str = ""  # why it holds or does not hold its position
     # Faults that the diagnosis has found, a sentence each.
     symptoms: Mapping[Symptom, str] = field(default_factory=dict)
-    # Result of its last goal: under way, arrived, missed by a distance, or why not.
-    outcome: str = ""
 
 
 @dataclass(frozen=True, slots=True)

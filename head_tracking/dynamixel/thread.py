@@ -205,10 +205,8 @@ class BusThread:
             with self._owner:
                 if self._requests.closed:
                     return
-                events = self.bus.cycle.write()
+                reading = self.bus.cycle.write(reading)
             end = time.monotonic_ns()
-            if events:
-                reading = reading._replace(events=(*reading.events, *events))
             self._longest = max(self._longest, end - begin)
             window_cycles += 1
             if end - window_start >= _SECOND:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from head_tracking.simulation.exceptions import SimulationError, UnknownServoError
+from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.motion import STEP, Coupling
 from head_tracking.simulation.packets import (
     BROADCAST,
@@ -93,12 +93,12 @@ class SimulatedBus:
         return iter(self._servos)
 
     def __getitem__(self, servo_id: int) -> SimulatedServo:
-        """Return a servo by its id; raise UnknownServoError if there is none."""
+        """Return a servo by its id; raise SimulationError if there is none."""
         for servo in self._servos:
             if servo.id == servo_id:
                 return servo
         ids = ", ".join(str(servo.id) for servo in self._servos)
-        raise UnknownServoError(f"no simulated servo has id {servo_id}; there are {ids}")
+        raise SimulationError(f"no simulated servo has id {servo_id}; there are {ids}")
 
     @property
     def at_rest(self) -> bool:

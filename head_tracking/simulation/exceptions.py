@@ -9,9 +9,5 @@ class SimulationError(HeadTrackingError):
     """The simulator was set up or used in a wrong way; root of its errors."""
 
 
-class UnknownServoError(SimulationError):
-    """No simulated servo has that id."""
-
-
 class PortLinkError(SimulationError):
     """The symbolic link to the simulated port cannot be created."""

@@ -135,7 +135,9 @@ def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_f
     backend = DynamixelBackend([bus], loop, 50.0)
     backend.connect()
     refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
-    bus.cycle.write = lambda: (refused,)  # type: ignore[method-assign]
+    bus.cycle.write = lambda reading: reading._replace(  # type: ignore[method-assign]
+        events=(refused,)
+    )
     backend.start()
     try:
         deadline = time.monotonic() + PATIENCE

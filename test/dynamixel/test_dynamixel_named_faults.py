@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from random import Random
@@ -26,7 +25,6 @@ from head_tracking.dynamixel import (
     ServoCalibration,
     ServoState,
     Symptom,
-    Torque,
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import PortMissingError
@@ -406,49 +404,25 @@ def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
     assert next(told(rig, 0.0, ("swapped: its memory holds the angle limits of head_tilt",))) < TOLD
 
 
-def outcome(rig: Rig, joint: str = PAN) -> str:
-    return next(each.outcome for each in rig.bus.statistics().servos if each.joint_name == joint)
-
-
 def health(rig: Rig) -> set[Symptom]:
     return set(rig.bus.statistics().servos[0].symptoms)
 
 
 @pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
-def test_every_command_ends_in_arrived_missed_or_why_not(model) -> None:
+def test_a_symptom_lasts_until_its_cause_is_gone(model) -> None:
     rig = Rig(model).connect()
     rig.still = True
     rig.run(1.0)
-    assert outcome(rig) == "arrived"
-    rig.goal = lambda joint: 0.3  # type: ignore[method-assign]
-    rig.run(0.1)
-    assert outcome(rig) == "under way"
-    rig.run(1.0)
-    assert outcome(rig) == "arrived"
     rig[1].impede(2.0)
     rig.goal = lambda joint: 0.7  # type: ignore[method-assign]
     rig.run(0.5)
-    assert re.fullmatch(r"missed by 0\.[34]\d\d rad: blocked", outcome(rig)), outcome(rig)
     assert health(rig) == {Symptom.BLOCKED}
     rig[1].impede(0.0)
     rig.run(0.3)
     run(rig.bus.recovering())
     rig.run(3.0)
-    assert outcome(rig) == "arrived"
     assert not health(rig)
     assert EventKind.CLEARED in [event.kind for _, event in rig.events]
-    rig.goal = lambda joint: 0.8  # type: ignore[method-assign]
-    rig.run(0.06)
-    run(rig.bus.switching_torque([PAN], False))
-    rig.run(0.04)
-    assert outcome(rig) == f"not reached: {Torque.OFF_ON_REQUEST.value}"
-    run(rig.bus.switching_torque([PAN], True))
-    rig.run(0.5)
-    rig.goal = lambda joint: -0.8  # type: ignore[method-assign]
-    rig.run(0.1)
-    rig[1].power_off()
-    rig.run(0.3)
-    assert outcome(rig) == "not reached: the servo does not answer"
 
 
 @pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])

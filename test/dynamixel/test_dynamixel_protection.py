@@ -370,7 +370,7 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
 
 def test_eeprom_is_not_written_while_torque_is_on_or_the_memory_is_locked() -> None:
     rig = Rig().switched_on()
-    with pytest.raises(ServoError, match="torque on; relax"):
+    with pytest.raises(ServoError, match="relax it first"):
         run(rig.bus.writing_eeprom("head_pan_joint", EepromSettings()), pauses().append)
     rig.port.servos[2]["Lock"] = 1
     with pytest.raises(ServoError, match="locked"):

@@ -584,9 +584,9 @@ def test_a_stop_in_the_midst_of_a_cycle_is_done_in_it_though_another_servo_is_lo
         rig.step(10)
         assert rig.torque[0] == 1
         rig.bench.pass_time(pause)
-        rig.bus.cycle.read()
+        reading = rig.bus.cycle.read()
         rig.bus.epoch.advance()
-        rig.bus.cycle.write()
+        rig.bus.cycle.write(reading)
         assert rig.torque[0] == 0
 
 

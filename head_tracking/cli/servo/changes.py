@@ -48,7 +48,10 @@ def set_register(
                 f"id {value} is used by another servo; give another id, or disconnect that servo"
             )
         if register.eeprom and name != "Status Return Level":
-            _check_memory(servo)
+            try:
+                servo.require_writable_memory()
+            except ServoError as refusal:
+                raise RefusedError(str(refusal)) from refusal
         shown = f"{name} = {value} {as_text(servo.model, register, value)}".strip()
         if name not in ("ID", "Baud Rate"):
             _write(session, servo, register, value, shown)
@@ -142,16 +145,6 @@ def _set_return_level(session: Session, servo: Servo, register: Register, value:
 
 def _ask(session: Session, servo: Servo, what: str) -> None:
     session.terminal.confirm(f"Set {what} in servo {servo.id} ({servo.model.name})?")
-
-
-def _check_memory(servo: Servo) -> None:
-    if servo.get("Torque Enable"):
-        raise RefusedError(
-            f"the torque of servo {servo.id} is on, and its memory cannot be changed then; hold "
-            f"its load and relax it first: servo relax {servo.id}"
-        )
-    if "Lock" in servo.model.control_table and servo.get("Lock"):
-        raise RefusedError(f"the memory of servo {servo.id} is locked; cycle its power")
 
 
 def _check_goal(session: Session, servo: Servo, name: str, value: int) -> None:

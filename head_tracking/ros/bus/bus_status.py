@@ -124,7 +124,6 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
         "state": servo.health.value,
         "torque": servo.torque,
         "errors": describe_errors(servo.errors),
-        "last goal": servo.outcome or "none yet",
         "age (s)": "never answered" if age is None else f"{age:.3f}",
         "replies": str(servo.replies),
         "retries": str(servo.retries),
