@@ -328,9 +328,7 @@ class Cycle:
         """
         now = self._monotonic()
         for joint, servo in self._each_servo():
-            if joint.busy or (joint.stopped and servo.confirmed):
-                continue
-            if servo.lost and servo.ask_at <= now:
+            if servo.lost and servo.ask_at <= now and not joint.busy:
                 servo.ask_at = now + POLL_INTERVAL
                 with suppress(CommunicationError):
                     if servo.damaged_cycles:  # two servos with one id may answer pings
@@ -359,13 +357,8 @@ class Cycle:
             self._port.close()
             return False
         self._search_at = None
-        self._last = now
         text = f"{self._port.name} is there again"
         self._bus.events.append(BusEvent(EventKind.PORT_RETURNED, "", text))
-        stopped = [joint for joint in self._all if joint.stopped]
-        if stopped:  # perhaps while the port was lost
-            steps = self._procedures.relaxing(stopped, stop=True)
-            self._requests.start(steps, despite_stop=True)
         return True
 
     def _is_same_line(self) -> bool:

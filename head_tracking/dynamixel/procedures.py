@@ -26,7 +26,6 @@ from head_tracking.dynamixel.torque import pin, relaxing, release, while_held_by
 
 _T = TypeVar("_T")
 POLL_INTERVAL: Final = 40_000_000  # ns between two polls of a lost servo
-_UNUSABLE: Final = 3  # times that a returning servo must be unusable until that is reported
 _BRAKING: Final = 0.6  # s that a joint may take to stop
 _STANDS: Final = 0.1  # rad/s
 _POLL: Final = 0.002  # s
@@ -38,7 +37,6 @@ class Procedures:
 
     def __init__(self, bus: BusContext) -> None:
         self._bus, self._requests, self._note = bus, bus.requests, bus.note
-        self._unusable: dict[int, tuple[str, int]] = {}  # why, and how often, by servo id
 
     def begin(self, joint: Joint, steps: Steps[Any]) -> None:
         """Take the first step now and the others in the next cycles."""
@@ -266,13 +264,9 @@ class Procedures:
         except (CommunicationError, ServoError, ConfigurationError) as cause:
             servo.lose(self._bus.monotonic() + POLL_INTERVAL)
             if not isinstance(cause, CommunicationError):
-                text, times = self._unusable.get(servo.id, ("", 0))
-                times = times + 1 if text == str(cause) else 1
-                self._unusable[servo.id] = (str(cause), times)
-                if times == _UNUSABLE:
-                    self._note(EventKind.UNUSABLE, joint, str(cause))
+                release(self._bus.port, (servo,))
+                self._note(EventKind.UNUSABLE, joint, str(cause), about=str(cause))
             return
-        self._unusable.pop(servo.id, None)
         self._note(EventKind.RETURNED, joint, f"answers again; {result}")
         self.note_shortcomings(joint, servo)
 
@@ -284,11 +278,7 @@ class Procedures:
         """
         keep = joint.on or joint.resumes
         identity = yield from servo.identify(keep_torque=keep)
-        try:
-            joint.require_range()
-        except ConfigurationError:
-            release(self._bus.port, (servo,))
-            raise
+        joint.require_range()
         keep = keep and (joint.on or joint.resumes)  # unless it was relaxed meanwhile
         if keep and identity.faulted:
             self.cut(joint)
@@ -342,8 +332,7 @@ class Procedures:
             for servo, registers in wanted.items():
                 changed[servo.id] = yield from servo.write_eeprom(registers)
             for servo in joint.servos:
-                if not joint.stopped and not servo.lost:
-                    yield from servo.identify()
+                yield from servo.identify()
         finally:
             joint.writing = False
         return changed

@@ -375,26 +375,30 @@ def test_servo_that_was_relaxed_returns_relaxed(
     assert port.servos[1]["Torque Enable"] == 0
 
 
-def test_another_servo_in_its_place_is_not_used_and_reported_once(
+def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(
     port: FakePort, bus: ServoBus, clock: FakeClock
 ) -> None:
     lose_pan(bus, port)
     port.servos[1].answers = True
     port.servos[1]["Model Number"] = 29
+    port.servos[1]["Torque Enable"] = 1
     events: list[BusEvent] = []
     for _ in range(5):
         clock.pass_time(0.6)
         reading = bus.step()
         events += reading.events
         assert reading.lost == ("head_pan_joint",)
-    assert [event.kind for event in events] == [EventKind.UNUSABLE]
+    assert {event.kind for event in events} == {EventKind.UNUSABLE}
+    assert [event.repeated for event in events] == [False, False, True, True, True]
+    assert port.servos[1]["Torque Enable"] == 0
 
 
 # The adapter unplugged
 
 
+@pytest.mark.parametrize("kept", [True, False])
 def test_bus_goes_on_without_its_port_and_finds_it_again(
-    port: FakePort, bus: ServoBus, clock: FakeClock
+    port: FakePort, bus: ServoBus, clock: FakeClock, kept: bool
 ) -> None:
     bus.command({"head_pan_joint": Goal(0.5)})
     bus.step()
@@ -406,13 +410,15 @@ def test_bus_goes_on_without_its_port_and_finds_it_again(
     with pytest.raises(GoalError, match="does not answer"):
         bus.command({"head_pan_joint": Goal(0.1)})
     port.gone = False
+    port.servos[1]["Torque Enable"] = int(kept)  # unless it has lost its power, too
     clock.pass_time(0.3)
     readings = [bus.step() for _ in range(3)]
     kinds = [event.kind for reading in readings for event in reading.events]
     assert kinds == [EventKind.PORT_RETURNED, EventKind.RETURNED, EventKind.RETURNED]
     assert set(readings[-1].states) == {"head_pan_joint", "head_tilt_joint"}
-    assert readings[-1].states["head_pan_joint"].goal == 0.0  # held where it stands
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [1, 0]
+    assert readings[-1].states["head_pan_joint"].goal == (0.0 if kept else None)  # where it stands
+    assert bus.joint("head_pan_joint").on is kept
+    assert [servo["Torque Enable"] for servo in port.servos.values()] == [kept, 0]
     assert (bus.statistics().connected, bus.statistics().port_losses) == (True, 1)
 
 

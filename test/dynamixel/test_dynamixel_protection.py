@@ -269,6 +269,8 @@ def test_joint_that_has_arrived_just_stays() -> None:
 
 def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> None:
     rig = Rig().switched_on()
+    run(rig.bus.starting(None))  # of a joint that is not stopped
+    assert rig.torque is Torque.ON and rig.pan["Torque Enable"] == 1
     run(rig.bus.stopping(["head_pan_joint"]))
     rig.port.take_log()
     (reading,) = rig.steps()
@@ -296,6 +298,27 @@ def test_joint_whose_servo_is_missing_at_the_start_is_looked_for() -> None:
     rig.pan.answers = True
     rig.steps(5)
     assert "head_pan_joint" in rig.steps()[0].states
+
+
+def test_joint_whose_servo_cannot_be_used_at_the_start_stays_out_of_the_cycle() -> None:
+    rig = Rig()
+    run(rig.bus.stopping(["head_pan_joint"]))
+    rig.pan["CCW Angle Limit"] = 0  # wheel mode
+    with pytest.raises(ServoError):
+        run(rig.bus.starting(["head_pan_joint"]))
+    assert "head_pan_joint" not in rig.steps(5)[-1].states
+    rig.pan["CCW Angle Limit"] = 1023
+    assert "head_pan_joint" in rig.steps(5)[-1].states
+
+
+def test_a_servo_that_has_shut_down_and_does_not_answer_is_not_called_recovered() -> None:
+    rig = Rig().switched_on()
+    rig.pan.error = ErrorBits.OVERLOAD
+    rig.steps()
+    rig.pan.answers = False
+    rig.steps(10)
+    with pytest.raises(ServoError):
+        run(rig.bus.recovering())
 
 
 def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> None:
