@@ -327,8 +327,6 @@ class Diagnosis:
     def examine(self, now: int) -> None:
         """Run all detectors; `now` is monotonic, ns."""
         for joint, watches in self._joints:
-            if joint.stopped:
-                continue
             for watch in watches:
                 servo = watch.servo
                 watch.now = now

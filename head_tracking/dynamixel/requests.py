@@ -151,9 +151,9 @@ class RequestQueue:
             return goals if self._goals_epoch == self.epoch.value else {}
 
     def keep_goal(self, joint: str, goal: Goal) -> None:
-        """Put back a goal that was taken in this cycle, unless there is a newer one."""
+        """Put back a goal that was taken in this cycle, unless there is a newer one or STOP."""
         with self._lock:
-            if self._goals_epoch == self.epoch.value:
+            if self._goals_epoch == self.obeyed:
                 self.goals.setdefault(joint, goal)
 
     def has_waiting(self) -> bool:
@@ -234,13 +234,10 @@ class RequestQueue:
             self.end(request, error)
 
     def discard_older(self) -> None:
-        """End requests, and drop goals, that were made before the last STOP."""
+        """End requests that were made before the last STOP."""
         for request in list(self.under_way):
             if self._is_over(request):
                 self.end(request, StoppedError(_STOPPED))
-        with self._lock:
-            if self._goals_epoch != self.epoch.value:
-                self.goals.clear()
 
     def _is_over(self, request: Request) -> bool:
         return request.epoch < self.epoch.value and not request.despite_stop

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import pytest
 from dynamixel_fakes import (
     PAN,
@@ -375,6 +377,29 @@ def test_servo_that_was_relaxed_returns_relaxed(
     assert port.servos[1]["Torque Enable"] == 0
 
 
+@pytest.mark.parametrize("steps", range(1, 6))
+def test_servo_that_is_relaxed_while_it_returns_stays_relaxed(
+    port: FakePort, bus: ServoBus, steps: int
+) -> None:
+    bus.command({"head_pan_joint": Goal(0.5)})
+    bus.step()
+    lose_pan(bus, port)
+    port.servos[1].answers = True
+    joint = bus.joint("head_pan_joint")
+    returning = bus._procedures.returning(joint, joint.servos[0])
+    for _ in range(steps):
+        next(returning)
+    with suppress(TorqueError):
+        run(bus.switching_torque(None, False))
+    port.servos[1]["Torque Enable"] = 1  # the packet was lost
+    with suppress(StopIteration):
+        while True:
+            next(returning)
+    assert not joint.on
+    bus.step()
+    assert port.servos[1]["Torque Enable"] == 0
+
+
 def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(
     port: FakePort, bus: ServoBus, clock: FakeClock
 ) -> None:
@@ -420,6 +445,14 @@ def test_bus_goes_on_without_its_port_and_finds_it_again(
     assert bus.joint("head_pan_joint").on is kept
     assert [servo["Torque Enable"] for servo in port.servos.values()] == [kept, 0]
     assert (bus.statistics().connected, bus.statistics().port_losses) == (True, 1)
+    port.gone = True
+    bus.step()
+    port.gone = False
+    port.servos[1]["Torque Enable"] = 1  # whoever did that, if it was not kept
+    clock.pass_time(0.3)
+    for _ in range(3):
+        bus.step()
+    assert port.servos[1]["Torque Enable"] == kept
 
 
 def test_port_is_looked_for_five_times_a_second(

@@ -259,8 +259,9 @@ def test_joint_holds_when_its_commands_stop() -> None:
 
 def test_joint_that_has_arrived_just_stays() -> None:
     rig = Rig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
-    rig.pan["Present Position"] = PAN.ticks(0.5) - 2
-    assert rig.events(20) == []
+    for off in (2, 20):  # also when it is pushed away later
+        rig.pan["Present Position"] = PAN.ticks(0.5) - off
+        assert rig.events(20) == []
     assert rig.pan["Goal Position"] == PAN.ticks(0.5)
 
 
@@ -385,6 +386,7 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
     }
     servo = rig.port.servos[2]
     assert (servo["Return Delay Time"], servo["CW Angle Limit"]) == (0, 300)
+    assert rig.bus.joint("head_tilt_joint").servos[0].own_range == (300, 800)
     assert len(waited) == 3 and min(waited) >= 0.01
     assert run(rig.bus.writing_eeprom("head_tilt_joint", EepromSettings()), waited.append) == {
         2: {}
@@ -477,6 +479,7 @@ def test_a_tripped_watchdog_is_named_and_cleared() -> None:
 
 def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later() -> None:
     servo, bench, bus = simulated()
+    bus.command({"j1": Goal(0.5)})  # of the same cycle
     writing = submit(bus, bus.writing_eeprom("j1", EepromSettings(return_delay=100.0)))
     cycles(bench, bus, 1)
     assert not writing.done()
