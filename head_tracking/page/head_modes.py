@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.compatibility import StrEnum
 from head_tracking.page.path import Path
 from head_tracking.ros.kit.others import Outcome
-from head_tracking.ros.kit.target_point import target_message
+from head_tracking.ros.kit.target_point import target_from_message, target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tracking import Target
 from head_tracking.transforms import TransformException, Vector3
@@ -198,9 +198,9 @@ class HeadModes:
             return f"{' and '.join(senders)} all send targets"
         return ""
 
-    def hear(self, target: Target) -> None:
+    def hear(self, message: PointStamped) -> None:
         """Note who sends a target that has come: a page on this robot has the same name."""
-        now = time.monotonic()
+        target, now = target_from_message(message), time.monotonic()
         if target not in self._sent and now > self._begun + _RECENT:  # earlier ones come late
             self._others_sent = now
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
+from geometry_msgs.msg import PointStamped
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
@@ -21,7 +22,8 @@ from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import FollowedTarget, Observation, observed
 from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
-from head_tracking.ros.targets.latest_target import LatestTarget, TransformedTarget
+from head_tracking.ros.kit.topics import TopicListener
+from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms import RobotModel, RobotModelError, TransformException
 
@@ -84,7 +86,6 @@ class Robot:
         requests = self._requests.node
         self.graph, self.services = Graph(node), OtherServices(requests)
         self._targets = LatestTarget(self._polled, self.buffer)
-        self._heard: TransformedTarget | None = None
         self._followed = FollowedTarget()
         self.topics = OtherTopics(node, self._polled, self.graph)
         self.parameters = OtherParameters(requests, self.graph, (node.get_name(),))
@@ -92,6 +93,7 @@ class Robot:
             node, self.graph.is_below, recorder_parameters, self.parameters.values
         )
         self.modes = HeadModes(node, self)
+        TopicListener(self._polled, PointStamped, "target_point", self.modes.hear)
         self.joints = JointControl(node, self)
         self._joint_watch, self._frame_watch = SilenceWatch(_PATIENCE), SilenceWatch(_GONE)
         requests.create_timer(_DISCOVERY_PERIOD, self._discover)
@@ -142,15 +144,11 @@ class Robot:
             return Observation(self._now)
         controller = {Mode.OFF: "", Mode.POINT: POINTER}.get(mode, TRACKER)
         status = self.topics.status(controller)
-        target = self._targets.latest()
-        if target is not None and target is not self._heard:
-            self._heard = target
-            self.modes.hear(target.target)
         return observed(
             self._now,
             self.buffer,
             model,
-            self._followed.of(target, controller, status),
+            self._followed.of(self._targets.latest(), controller, status),
             self.topics.error(controller) if controller and watched else None,
             controller,
             status,

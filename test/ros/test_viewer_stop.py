@@ -356,3 +356,20 @@ def test_a_page_stops_sending_when_another_sender_is_chosen_elsewhere(start, pag
     wait_for(lambda: all(one.modes.mode() is Mode.VISUAL for one in (sends, other)))
     wait_for(lambda: sends.modes._sending is None)
     assert [one.notices() for one in (sends, other)] == [(), ()]
+
+
+def test_another_sender_is_named_though_the_pages_own_target_is_always_the_latest(start, threads):
+    tracker, node = start(ControllerStandIn("head_tracker")), view(threads)
+    node.page.close()  # now only this test receives what has come
+    robot = node.robot
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    assert robot.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
+    targets = tracker.create_publisher(PointStamped, "target_point", 10)
+
+    def is_named() -> bool:
+        robot.observe()
+        targets.publish(PointStamped(header=Header(frame_id="base_link")))
+        time.sleep(0.2)  # in which the page sends some
+        return bool(robot.observe() and robot.notices())
+
+    wait_for(is_named, PATIENCE)
