@@ -134,6 +134,8 @@ _SLOW = 0.015  # rad/s; a slower reference may be at rest
 _UNLIKELY = 4.0  # standard deviations; at 3, noise alone would end the rest every few seconds
 _STEP = 0.004  # rad: three quarters of the step of an AX-12's encoder
 _LARGEST_CORRECTION = 0.015  # rad
+_DRIFT_MEMORY = 0.6  # s: averaging time of a reference that drifts
+_CREEP = 0.003  # rad/s; a reference that is slower does not drift
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +168,9 @@ class Rest:
     def __init__(self) -> None:
         self.goal: float | None = None
         self.near = False
-        self._place = 0.0  # mean reference since the joint rests
+        self._place = 0.0  # mean reference since the joint rests, or where its line is now
+        self._line = self._drift = 0.0  # [rad], [rad/s]
+        self._drifts = False
         self._calm_since: float | None = None
         self._judged = self._corrected = self._side = 0.0
 
@@ -193,25 +197,44 @@ class Rest:
         slow = min(max(2.0 * reference.speed_noise, _SLOW), 4.0 * _SLOW)
         self.near = abs(reference.velocity) <= slow
         if self.goal is not None:
-            away = reference.position - self._place
-            if abs(away) > band or abs(reference.velocity) > 2.5 * slow:
+            away = abs(reference.position - self._place)
+            if away > band or abs(reference.velocity) > 2.5 * slow:
                 self.goal = self._calm_since = None
                 return
-            self._place += min((now - self._judged) / _AIM, 1.0) * away
+            self._average(reference, now - self._judged)
         elif not self.near or abs(speed) > slow or abs(off) > 0.5 * band:
             self._calm_since = None
         elif self._calm_since is None:
             self._calm_since = now
         elif now - self._calm_since >= _CALM:
             self.goal, self._place = setpoint, reference.position
+            self._line, self._drift, self._drifts = reference.position, 0.0, False
             self._corrected, self._side = now, 0.0
         self._judged = now
+
+    def _average(self, reference: Reference, dt: float) -> None:
+        """Update the place after a time `dt` [s].
+
+        The line is a critically damped alpha-beta filter. It is used if its drift is larger than
+        noise explains: its position has more noise than the mean, but no lag.
+        """
+        kept = math.exp(-dt / _DRIFT_MEMORY)
+        self._line += self._drift * dt
+        off = reference.position - self._line
+        self._line += (1.0 - kept * kept) * off
+        self._drift += (1.0 - kept) / _DRIFT_MEMORY * off
+        self._drifts = abs(self._drift) > max(_CREEP, reference.noise / _AIM)
+        if self._drifts:
+            self._place = self._line
+        else:
+            self._place += min(dt / _AIM, 1.0) * (reference.position - self._place)
 
     def correct(self, measured: float, stamp: float, dead_band: float) -> None:
         """Move the goal of a joint that rests beside its reference.
 
         Small errors are corrected slowly and to one side only; a small error to the other side
-        may be a step of the encoder.
+        may be a step of the encoder. Behind a reference that drifts they are corrected soon, and
+        the goal is in the middle of the way until the next correction.
 
         Args:
             measured: position of the joint [rad].
@@ -221,11 +244,14 @@ class Rest:
         short, coarse = self._place - measured, max(dead_band, _STEP)
         fine = _FINE * dead_band if short * self._side >= 0.0 else coarse
         waited = stamp - self._corrected
-        if self.goal is None or abs(short) <= (fine if waited >= _AIM else coarse):
+        behind = self._drifts and short * self._drift > 0.0
+        if self.goal is None or abs(short) <= (fine if waited >= _AIM or behind else coarse):
             return
         if waited >= _SETTLED:
             self._corrected, self._side = stamp, short
             ahead = self.goal - self._place + short
+            if behind:
+                ahead += 0.5 * _SETTLED * self._drift
             self.goal = self._place + min(max(ahead, -_LARGEST_CORRECTION), _LARGEST_CORRECTION)
 
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from closed_loop import ClosedLoop, Conditions
+from closed_loop import ClosedLoop, Conditions, ax12
 from plant import Pair, PlainServo
 from runs import LEVEL, around, sine, tracker
 
@@ -190,3 +190,17 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
     ClosedLoop(swing, replace(other, duration=1.0)).run(steered)
     assert (steered.learned[pan].value, steered.learned[pan].source) == (0.05, "given")
     assert (steered.learned[stamps].value, steered.learned[stamps].source) == (0.12, "given")
+
+
+@pytest.mark.parametrize("drift", [0.006, 0.015, 0.03])
+@pytest.mark.parametrize("servo", [ax12(), PlainServo()])
+def test_a_target_that_drifts_is_followed(head, drift, servo):
+    """The law `position` has 1.9 to 7.6 mrad."""
+
+    def to_and_fro(t):
+        return around(drift * abs((t + 2.0) % 16.0 - 8.0))
+
+    start = 6.0 * drift, 0.0
+    conditions = replace(BESIDE, duration=20.0, on_head=True, start=start, servos=servo)
+    ours, _ = run(head, to_and_fro, conditions)
+    assert ours.between(4.0).rms < 0.003 + 0.15 * drift

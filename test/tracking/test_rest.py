@@ -31,7 +31,8 @@ def test_it_is_harder_to_leave_than_to_stay():
     rest = settle(Rest(), Reference(0.3))
     settle(rest, Reference(0.3 + 0.9 * BAND, 0.03), 0.3, 0.4)
     assert rest.goal == 0.3
-    settle(rest, Reference(0.3 + 1.5 * BAND), 0.7, 0.04)
+    rest = settle(Rest(), Reference(0.3))
+    settle(rest, Reference(0.3 + 1.5 * BAND), 0.3, 0.04)
     assert rest.goal is None
 
 
@@ -41,7 +42,8 @@ def test_noise_widens_the_band_but_not_for_ever():
         rest = settle(Rest(), reference)
         settle(rest, Reference(0.3 + inside, noise=reference.noise), 0.3, 0.04)
         assert rest.goal is not None
-        settle(rest, Reference(0.3 + outside, noise=reference.noise), 0.34, 0.04)
+        rest = settle(Rest(), reference)
+        settle(rest, Reference(0.3 + outside, noise=reference.noise), 0.3, 0.04)
         assert rest.goal is None
 
 
@@ -92,3 +94,18 @@ def test_a_place_that_is_better_known_is_aimed_at_again_but_seldom():
         goals.append(rest.goal)
     assert goals[-1] == pytest.approx(0.3 + 0.8 * BAND, abs=0.5 * BAND)
     assert len(set(goals)) <= 5
+
+
+@pytest.mark.parametrize("drift", [-0.01, -0.005, 0.005, 0.01])
+def test_a_joint_at_rest_follows_a_reference_that_drifts(drift):
+    rest = settle(Rest(), Reference(0.3))
+    goals, off = [], []
+    for k in range(400):
+        now = 0.3 + 0.02 * k
+        wanted = 0.3 + drift * 0.02 * k
+        rest.judge(Reference(wanted, drift, noise=0.002), 0.0, 0.0, 0.3, BAND, now)
+        rest.correct(rest.goal, now, BAND)
+        goals.append(rest.goal)
+        off.append(abs(rest.goal - wanted))
+    assert max(off[150:]) <= 0.75 * BAND
+    assert len(set(goals)) <= 8 * 5.0
