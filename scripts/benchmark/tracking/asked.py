@@ -161,6 +161,7 @@ _FIGURES: dict[str, tuple[str, Measure, str]] = {
         _largest(" 50 ms", " 100 ms", " 200 ms"),
         "15, 25, 60",
     ),
+    "drift": ("slow targets over the better of `position` and Kalman", _ratios, ""),
     "sharp": (
         "fictitious target, as the turtlebot sees it, mrad",
         _largest("turtlebot sees it, 0 ms"),

@@ -51,6 +51,11 @@ def as_turtlebot_sees(t: float) -> Point:
     return in_base((math.hypot(flat, z), 0.0, 0.0), math.atan2(y, x), tilt)
 
 
+def drifting(speed: float) -> Path:
+    """Go to and fro, 8 s each way [rad/s]."""
+    return lambda t: around(speed * abs(t % 16.0 - 8.0))
+
+
 def stop_and_go(t: float) -> Point:
     """Move for 1 s at 0.4 rad/s, stand for 1 s, and back."""
     phase = t % 4.0

@@ -22,6 +22,7 @@ from tracking.motions import (
     Person,
     around,
     as_turtlebot_sees,
+    drifting,
     fictitious,
     sine,
     triangle,
@@ -238,6 +239,15 @@ def _families() -> list[Situation]:
     found += [
         Situation("ordinary", name, fixed(path, replace(GOOD, duration=14.0, servos=ax12())))
         for name, path in PATHS.items()
+    ]
+    found += [
+        Situation("drift", f"{speed} mrad/s, {name}", fixed(drifting(speed / 1e3), conditions))
+        for name, conditions in (
+            ("AX-12", replace(GOOD, duration=26.0, servos=ax12())),
+            ("another servo", replace(long, duration=26.0)),
+            ("another servo, webcam", replace(web, duration=26.0)),
+        )
+        for speed in (3, 6, 15, 30)
     ]
     found += [
         Situation("sharp", name, fixed(path, replace(SHARP, delay=late)))
