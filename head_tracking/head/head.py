@@ -466,6 +466,8 @@ class Head:
         Raises:
             ValueError: there is no such mode, or a value is out of its range.
         """
+        known = {each.name: each for each in fields(LearningParameters)}
+        checked("how", parameter_info(known["servo_learning"]), "", str(how))
         given = {
             "servo_learning": str(how if servos is None else servos),
             "camera_learning": str(how if camera is None else camera),
@@ -475,8 +477,8 @@ class Head:
             "camera_delay": camera_delay,
         }
         values = {
-            each.name: checked(each.name, parameter_info(each), each.default, given[each.name])
-            for each in fields(LearningParameters)
+            name: checked(name, parameter_info(each), each.default, given[name])
+            for name, each in known.items()
         }
         self._settings = TrackingSettings(learning=LearningParameters(**values))
         with self._control.lock:

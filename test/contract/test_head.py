@@ -210,6 +210,7 @@ def test_learned_values_are_reported_frozen_forgotten_and_set(head):
     assert head.learned[pan].source == "not observable"
     for wrong in (
         {"how": "never"},
+        {"how": "never", "servos": "learn", "camera": "learn"},
         {"camera": "never"},
         {"servo_delay": 9.0},
         {"servo_delay": "long"},
