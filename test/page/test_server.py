@@ -16,7 +16,7 @@ from typing import Any
 
 import httpx
 import pytest
-from browser import PATIENCE, NoBrowser, chromium, open_browser
+from browser import PATIENCE
 from waiting import wait_for
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -98,36 +98,38 @@ def test_stop_does_not_wait_for_commands_that_hang(robot: _Robot, client: httpx.
 
 
 @contextmanager
-def visited(page: Page | _Link, script: str = "") -> Iterator[Any]:
-    """The page in a browser, in which a script ran first; without a browser the test is skipped."""
-    try:
-        chromium()
-    except NoBrowser as missing:
-        pytest.skip(str(missing))
-    with open_browser() as browser:
-        tab = browser.new_page()
+def visited(browser: Any, port: int, script: str = "") -> Iterator[Any]:
+    """The page in a browser that has seen nothing before, in which a script ran first."""
+    with browser.new_context() as context:
+        tab = context.new_page()
         tab.set_default_timeout(1e3 * PATIENCE)
         tab.add_init_script(script)
-        tab.goto(f"http://127.0.0.1:{page.port}/")
+        tab.goto(f"http://127.0.0.1:{port}/")
         yield tab
 
 
-def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, page: Page) -> None:
+@pytest.fixture
+def tab(browser: Any, page: Page) -> Iterator[Any]:
+    """The page in a browser, once it has heard of the robot."""
+    with visited(browser, page.port) as opened:
+        opened.wait_for_function("window.headPage?.about")
+        yield opened
+
+
+def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, tab: Any) -> None:
     """A browser opens six to a server; here, a request hangs in each."""
     robot.go_on.clear()
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage")
-        tab.evaluate(
-            """async () => {
-              const { command } = await import("/head/static/dom.js");
-              for (let number = 0; number < 6; number += 1) command("mode", { mode: "face" });
-            }"""
-        )
-        for _ in range(6):
-            assert robot.asked.acquire(timeout=30.0)
-        before = robot.stops
-        tab.locator("#stop").dispatch_event("click")
-        wait_for(lambda: robot.stops > before, 20.0)
+    tab.evaluate(
+        """async () => {
+          const { command } = await import("/head/static/dom.js");
+          for (let number = 0; number < 6; number += 1) command("mode", { mode: "face" });
+        }"""
+    )
+    for _ in range(6):
+        assert robot.asked.acquire(timeout=30.0)
+    before = robot.stops
+    tab.locator("#stop").dispatch_event("click")
+    wait_for(lambda: robot.stops > before, 20.0)
     robot.go_on.set()
 
 
@@ -166,8 +168,10 @@ class _Link:
         self._listening.close()
 
 
-def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(page: Page) -> None:
-    with closing(_Link(page)) as link, visited(link) as tab:
+def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
+    browser: Any, page: Page
+) -> None:
+    with closing(_Link(page)) as link, visited(browser, link.port) as tab:
         tab.wait_for_function("window.headPage?.about && !headPage.silent")
         link.fail(for_ever=False)
         tab.wait_for_function("headPage.silent")
@@ -197,24 +201,22 @@ def robot_with(meshes: range) -> dict[str, Any]:
 
 
 def test_stop_does_not_wait_for_meshes_and_late_ones_are_left_out(
-    robot: _Robot, page: Page, monkeypatch: pytest.MonkeyPatch
+    robot: _Robot, page: Page, tab: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(page._live, "meshes", _LateMeshes(robot))
     robot.go_on.clear()
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage")
-        show, before = "robot => { headPage.scene.setRobot(robot); }", robot.stops
-        tab.evaluate(show, robot_with(range(8)))
-        tab.locator("#stop").dispatch_event("click")
-        wait_for(lambda: robot.stops > before, 20.0)
-        tab.evaluate(show, robot_with(range(8, 9)))
-        for _ in range(2):
-            assert robot.asked.acquire(timeout=30.0)
-        robot.go_on.set()
-        tab.wait_for_function("headPage.scene.root.children.some(one => one.isMesh)")
-        tab.wait_for_timeout(500)  # in which the meshes of the first robot come
-        meshes = "headPage.scene.root.children.filter(one => one.isMesh).length"
-        assert tab.evaluate(meshes) == 1
+    show, before = "robot => { headPage.scene.setRobot(robot); }", robot.stops
+    tab.evaluate(show, robot_with(range(8)))
+    tab.locator("#stop").dispatch_event("click")
+    wait_for(lambda: robot.stops > before, 20.0)
+    tab.evaluate(show, robot_with(range(8, 9)))
+    for _ in range(2):
+        assert robot.asked.acquire(timeout=30.0)
+    robot.go_on.set()
+    tab.wait_for_function("headPage.scene.root.children.some(one => one.isMesh)")
+    tab.wait_for_timeout(500)  # in which the meshes of the first robot come
+    meshes = "headPage.scene.root.children.filter(one => one.isMesh).length"
+    assert tab.evaluate(meshes) == 1
 
 
 _SHOW_ABOUT = """error => headPage.showAbout({
@@ -233,20 +235,18 @@ _LABELS = """camera => {
 }"""
 
 
-def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, page: Page) -> None:
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage?.about")
-        asked: list[str] = []
-        tab.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
-        replay = {"key": "1", "duration": 1.0, "moments": [], "pictures": False}
-        replay["robot"] = robot_with(range(0))
-        tab.evaluate("opened => headPage.replay.open(opened)", replay)
-        before = robot.stops
-        for button in ("torque-on", "centre", "reset", "recorder", "stop"):
-            tab.locator(f"#{button}").dispatch_event("click")
-        wait_for(lambda: robot.stops > before, 20.0)
-        assert "stop" in asked
-        assert not {"torque", "centre", "reset", "record"} & set(asked)
+def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, tab: Any) -> None:
+    asked: list[str] = []
+    tab.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
+    replay = {"key": "1", "duration": 1.0, "moments": [], "pictures": False}
+    replay["robot"] = robot_with(range(0))
+    tab.evaluate("opened => headPage.replay.open(opened)", replay)
+    before = robot.stops
+    for button in ("torque-on", "centre", "reset", "recorder", "stop"):
+        tab.locator(f"#{button}").dispatch_event("click")
+    wait_for(lambda: robot.stops > before, 20.0)
+    assert "stop" in asked
+    assert not {"torque", "centre", "reset", "record"} & set(asked)
 
 
 _SHOW_RECORDED = """async (robot) => {
@@ -258,64 +258,54 @@ _SHOW_RECORDED = """async (robot) => {
 }"""
 
 
-def test_a_recorded_picture_is_shown_in_the_view_of_the_robot_as_well(page: Page) -> None:
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage?.about")
-        assert tab.evaluate(_SHOW_RECORDED, robot_with(range(0))) == [False, True]
+def test_a_recorded_picture_is_shown_in_the_view_of_the_robot_as_well(tab: Any) -> None:
+    assert tab.evaluate(_SHOW_RECORDED, robot_with(range(0))) == [False, True]
 
 
-def test_parameters_are_not_asked_for_again_before_the_answer(page: Page) -> None:
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage?.about")
-        asked = """async () => {
-          let asked = 0;
-          window.fetch = () => new Promise(() => { asked += 1; }); // it does not come
-          for (let times = 0; times < 5; times += 1) headPage.tuning.refresh();
-          await new Promise((end) => setTimeout(end, 300));
-          return asked;
+def test_parameters_are_not_asked_for_again_before_the_answer(tab: Any) -> None:
+    asked = """async () => {
+      let asked = 0;
+      window.fetch = () => new Promise(() => { asked += 1; }); // it does not come
+      for (let times = 0; times < 5; times += 1) headPage.tuning.refresh();
+      await new Promise((end) => setTimeout(end, 300));
+      return asked;
+    }"""
+    assert tab.evaluate(asked) == 1
+
+
+def test_what_changes_meanwhile_takes_no_click_and_no_focus(tab: Any) -> None:
+    tab.locator("#tab-health").click()
+    tab.evaluate(_SHOW_ABOUT, 1)
+    tab.locator("#statuses summary").focus()
+    tab.locator("#faults button").hover()
+    with tab.expect_request("**/head/do/recover"):
+        tab.evaluate(_SHOW_ABOUT, 2)
+        assert tab.evaluate("document.activeElement.tagName") == "SUMMARY"
+        tab.mouse.down()
+        tab.evaluate(_SHOW_ABOUT, 3)
+        tab.mouse.up()
+    assert tab.locator("#statuses dd").text_content() == "3"
+
+
+def test_what_was_said_of_a_stop_goes_when_another_browser_has_resumed(tab: Any) -> None:
+    told = tab.locator("#toast")
+    tab.evaluate(_SHOW_ABOUT.replace("can_resume: false", "can_resume: true"), 1)
+    tab.evaluate(
+        """async () => {
+          const { toast } = await import("/head/static/dom.js");
+          toast("The head is stopped.");
         }"""
-        assert tab.evaluate(asked) == 1
+    )
+    assert told.is_visible()
+    tab.evaluate(_SHOW_ABOUT, 1)
+    assert told.is_hidden()
 
 
-def test_what_changes_meanwhile_takes_no_click_and_no_focus(page: Page) -> None:
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage?.about")
-        tab.locator("#tab-health").click()
-        tab.evaluate(_SHOW_ABOUT, 1)
-        tab.locator("#statuses summary").focus()
-        tab.locator("#faults button").hover()
-        with tab.expect_request("**/head/do/recover"):
-            tab.evaluate(_SHOW_ABOUT, 2)
-            assert tab.evaluate("document.activeElement.tagName") == "SUMMARY"
-            tab.mouse.down()
-            tab.evaluate(_SHOW_ABOUT, 3)
-            tab.mouse.up()
-        assert tab.locator("#statuses dd").text_content() == "3"
-
-
-def test_what_was_said_of_a_stop_goes_when_another_browser_has_resumed(page: Page) -> None:
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage?.about")
-        told = tab.locator("#toast")
-        tab.evaluate(_SHOW_ABOUT.replace("can_resume: false", "can_resume: true"), 1)
-        tab.evaluate(
-            """async () => {
-              const { toast } = await import("/head/static/dom.js");
-              toast("The head is stopped.");
-            }"""
-        )
-        assert told.is_visible()
-        tab.evaluate(_SHOW_ABOUT, 1)
-        assert told.is_hidden()
-
-
-def test_boxes_are_shown_in_the_picture_that_they_belong_to(page: Page) -> None:
-    with visited(page) as tab:
-        tab.wait_for_function("window.headPage?.about")
-        tab.evaluate(_SHOW_ABOUT, 1)
-        cameras = {"": 1, "/one/image": 1, "/other/image": 0, "none": 0}
-        for camera, boxes in cameras.items():
-            assert tab.evaluate(_LABELS, camera) == boxes
+def test_boxes_are_shown_in_the_picture_that_they_belong_to(tab: Any) -> None:
+    tab.evaluate(_SHOW_ABOUT, 1)
+    cameras = {"": 1, "/one/image": 1, "/other/image": 0, "none": 0}
+    for camera, boxes in cameras.items():
+        assert tab.evaluate(_LABELS, camera) == boxes
 
 
 _PATH_AHEAD = """async () => {
@@ -335,9 +325,8 @@ _PATH_AHEAD = """async () => {
 }"""
 
 
-def test_a_moving_target_has_a_path_ahead(page: Page) -> None:
-    with visited(page) as tab:
-        ahead = tab.evaluate(_PATH_AHEAD)
+def test_a_moving_target_has_a_path_ahead(tab: Any) -> None:
+    ahead = tab.evaluate(_PATH_AHEAD)
     assert ahead["moving"][0] == pytest.approx([1.0, 0.38, 0.5])
     assert ahead["moving"][1] == pytest.approx([1.0, 0.38 + 0.4 * 0.6, 0.5])
     assert ahead["circling"][1] == pytest.approx([math.cos(1.45), math.sin(1.45), 0.5], abs=0.25)
@@ -354,8 +343,8 @@ HTMLCanvasElement.prototype.getContext = ((get) => function (kind, ...options) {
 """
 
 
-def test_stop_works_in_an_older_browser_without_3d(robot: _Robot, page: Page) -> None:
-    with visited(page, _OLDER) as tab:
+def test_stop_works_in_an_older_browser_without_3d(robot: _Robot, browser: Any, page: Page) -> None:
+    with visited(browser, page.port, _OLDER) as tab:
         before = robot.stops
         tab.locator("#stop").dispatch_event("click")
         wait_for(lambda: robot.stops > before, 20.0)
@@ -428,9 +417,9 @@ JSON.parse = ((parse) => (text) => {
     ],
 )
 def test_each_card_says_why_its_part_cannot_be_shown_and_the_rest_is(
-    page: Page, script: str, failing: tuple[str, ...], shown: str
+    browser: Any, page: Page, script: str, failing: tuple[str, ...], shown: str
 ) -> None:
-    with visited(page, script) as tab:
+    with visited(browser, page.port, script) as tab:
         tab.wait_for_selector(shown, state="attached")
         for card in failing:
             assert tab.locator(f"#{card} .failing").text_content()

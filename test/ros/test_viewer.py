@@ -1,7 +1,6 @@
 """The page in a real browser, on a robot over real topics and the simulated bus."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +9,9 @@ import numpy as np
 import pytest
 from browser import (
     PATIENCE,
-    NoBrowser,
     choose,
     choose_mode,
-    chromium,
     fill,
-    open_browser,
     open_page,
     open_tab,
     pixels,
@@ -92,12 +88,8 @@ USABILITY = Path(browser_support.__file__).with_name("usability.js").read_text()
 
 
 @pytest.fixture(scope="module")
-def robot(make_module_robot) -> Iterator[Robot]:
-    try:
-        chromium()
-    except NoBrowser as missing:
-        pytest.skip(str(missing))
-    yield make_module_robot("--mode", "point", "--viewer")
+def robot(browser, make_module_robot) -> Robot:
+    return make_module_robot("--mode", "point", "--viewer")
 
 
 @pytest.fixture(scope="module")
@@ -112,12 +104,6 @@ def viewer(robot, tmp_path_factory) -> Any:
     node = ViewerNode(robot.composition.buffer, parameter_overrides=given)
     robot.threads.start(node)
     return node
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with open_browser() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")
