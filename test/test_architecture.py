@@ -69,7 +69,7 @@ ALLOWED: dict[str, set[str]] = {
 
 ONLY_IN = {
     "cv2": {"vision/opencv.py"},
-    "yourdfpy": {"transforms/urdf_parser.py", "page/robot_shapes.py"},
+    "yourdfpy": {"transforms/urdf_parser.py"},
     "xacro": {"transforms/urdf_parser.py"},
     "rich": {"cli/terminal.py", "cli/servo/overview.py"},
 }

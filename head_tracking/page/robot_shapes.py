@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
-import yourdfpy
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, Transform, Vector3
+from head_tracking.transforms.urdf import import_yourdfpy
 
 if TYPE_CHECKING:
     import trimesh
@@ -110,9 +110,11 @@ class _Shapes:
     def __init__(self, urdf: str, meshes_at: str, find_package: FindPackage) -> None:
         # yourdfpy logs what it does not understand; that becomes a notice here
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)
-        robot = yourdfpy.URDF.load(
-            io.BytesIO(urdf.encode()), build_scene_graph=False, load_meshes=False
-        ).robot
+        robot = (
+            import_yourdfpy()
+            .URDF.load(io.BytesIO(urdf.encode()), build_scene_graph=False, load_meshes=False)
+            .robot
+        )
         self.found: list[dict[str, Any]] = []
         self.meshes: list[bytes] = []
         self.notices: list[str] = []
@@ -169,7 +171,7 @@ class _Shapes:
     def _load(self, address: str) -> trimesh.Trimesh | str:
         """Return the mesh at an address, or why it can't be shown."""
         if address not in self._loaded:
-            import trimesh  # takes half a second, and not every robot has meshes
+            import trimesh  # takes a second, and not every robot has meshes
 
             try:
                 mesh = trimesh.load(mesh_file(address, self._find_package), force="mesh")

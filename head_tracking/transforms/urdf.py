@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pickle
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from head_tracking.transforms.exceptions import RobotModelError
@@ -26,6 +28,30 @@ def parse_in_child_process() -> None:
     """
     global _parses_in_child  # noqa: PLW0603 one setting per process
     _parses_in_child = True
+
+
+def import_yourdfpy() -> ModuleType:
+    """Import yourdfpy with a stand-in for trimesh, which loads trimesh when it is first used.
+
+    Few robots need meshes, and trimesh with its scipy takes 1 s of processor time and 60 MB.
+    """
+    spec = find_spec("trimesh")
+    if spec is None or "trimesh" in sys.modules:
+        return importlib.import_module("yourdfpy")
+    stand_in = ModuleType("trimesh")
+    stand_in.__path__ = list(spec.submodule_search_locations or ())
+    named = {"Trimesh": object, "Scene": object}  # in annotations
+    vars(stand_in).update(
+        named, __getattr__=lambda name: getattr(importlib.import_module("trimesh"), name)
+    )
+    sys.modules["trimesh"] = stand_in
+    try:
+        return importlib.import_module("yourdfpy")
+    finally:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "trimesh"]:
+            del sys.modules[name]
+        for name in named:
+            delattr(stand_in, name)
 
 
 def load_robot_model(path: str | Path) -> RobotModel:

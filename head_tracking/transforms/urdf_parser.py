@@ -1,4 +1,4 @@
-"""Parser of URDF and xacro. The only file of the core that imports yourdfpy and xacro.
+"""Parser of URDF and xacro, with yourdfpy.
 
 `python -m head_tracking.transforms.urdf_parser` reads a pickled call from standard input and
 writes the pickled model, or the error, to standard output; see `urdf.parse_in_child_process`.
@@ -6,15 +6,12 @@ writes the pickled model, or the error, to standard output; see `urdf.parse_in_c
 
 from __future__ import annotations
 
-import importlib
 import io
 import math
 import os
 import pickle
 import sys
-from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
@@ -24,36 +21,12 @@ import xacro
 from head_tracking.transforms.exceptions import RobotModelError
 from head_tracking.transforms.robot_model import Joint, JointLimits, JointType, Mimic, RobotModel
 from head_tracking.transforms.transform import Transform, Vector3
-
-
-def _import_yourdfpy() -> ModuleType:
-    """Import yourdfpy with a stand-in for trimesh, which loads trimesh when it is first used.
-
-    No frame needs meshes, and trimesh takes a quarter of a second and 20 MB.
-    """
-    spec = find_spec("trimesh")
-    if spec is None or "trimesh" in sys.modules:
-        return importlib.import_module("yourdfpy")
-    stand_in = ModuleType("trimesh")
-    stand_in.__path__ = list(spec.submodule_search_locations or ())
-    named = {"Trimesh": object, "Scene": object}  # in annotations
-    vars(stand_in).update(
-        named, __getattr__=lambda name: getattr(importlib.import_module("trimesh"), name)
-    )
-    sys.modules["trimesh"] = stand_in
-    try:
-        return importlib.import_module("yourdfpy")
-    finally:
-        for name in [name for name in sys.modules if name.partition(".")[0] == "trimesh"]:
-            del sys.modules[name]
-        for name in named:
-            delattr(stand_in, name)
-
+from head_tracking.transforms.urdf import import_yourdfpy
 
 if TYPE_CHECKING:
     import yourdfpy
 else:
-    yourdfpy = _import_yourdfpy()
+    yourdfpy = import_yourdfpy()
 
 # element, attribute: how many numbers it holds
 _NUMBERS = {
