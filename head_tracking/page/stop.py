@@ -7,25 +7,29 @@ from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import suppress
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.others import Outcome, wait_for_answer
 from head_tracking.ros.kit.threads import NodeThread
-from head_tracking.ros.kit.topics import EVERY_CHANGE
+from head_tracking.ros.kit.topics import EVERY_CHANGE, LATCHED
 
 ANSWER = 0.45  # s after which who asks for STOP hears what is known
 _HANGS = 0.12  # s without an answer until the other service is called as well
 _RETRY = 0.25  # s between attempts
 _POLL = 0.01  # s
+_SERVICES = "stop", "relax", "resume"
 
 
 class Stop:
     """Calls `stop` of the servo bus until every servo is confirmed relaxed; `resume` ends that.
 
     If the bus offers no `stop`, or does not answer it, `relax` is called. The services are relative
-    names: those of another namespace belong to another robot.
+    names: those of another namespace belong to another robot. A bus without these short names is
+    called by the name in its `joint_control`.
 
     Args:
         beside: the node that it belongs to.
@@ -38,14 +42,13 @@ class Stop:
         self.count = 0
         self._own = NodeThread.beside(beside, f"{beside.get_name()}_stop")
         node = self._own.node
-        self._stop, self._relax, self._resume = (
-            node.create_client(Trigger, name) for name in ("stop", "relax", "resume")
-        )
+        self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
         self._where = f"in the namespace {node.get_namespace()}"
         self._stopped: bool | None = None
         self._attempt: Attempt | None = None
         self._lock = threading.Lock()
         node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
+        node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
         self._own.start()
 
     @property
@@ -61,7 +64,7 @@ class Stop:
     @property
     def can_resume(self) -> bool:
         """Whether there is a STOP to end."""
-        return self._trying or (self.stopped and bool(self._resume.service_is_ready()))
+        return self._trying or (self.stopped and self._ready("resume") is not None)
 
     @property
     def _trying(self) -> bool:
@@ -87,9 +90,10 @@ class Stop:
     def resume(self) -> Outcome:
         """Let the servos accept commands again."""
         self.cancel()
-        if not self._resume.service_is_ready():
+        client = self._ready("resume")
+        if client is None:
             return Outcome(False, f"There is no service resume {self._where}.")
-        answer = wait_for_answer(self._resume, Trigger.Request(), 2.0)
+        answer = wait_for_answer(client, Trigger.Request(), 2.0)
         if answer is None:
             return Outcome(False, "The service resume did not answer within 2 s.")
         return Outcome(bool(answer.success), str(answer.message))
@@ -106,6 +110,18 @@ class Stop:
         self.cancel()
         self._own.close()
 
+    def _ready(self, service: str) -> Any | None:
+        """Return a client of a service that exists; None: there is none."""
+        return next((each for each in self._clients[service] if each.service_is_ready()), None)
+
+    def _on_control(self, message: DiagnosticStatus) -> None:
+        with suppress(ValueError):  # it is malformed
+            control = control_from_message(message)
+            for service, clients in self._clients.items() if control.node else ():
+                name = control.service(service)
+                if all(each.service_name != name for each in clients):
+                    clients.append(self._own.node.create_client(Trigger, name))
+
     def _on_stopped(self, message: Bool) -> None:
         if self._stopped and not message.data:
             self.cancel()  # somebody has resumed
@@ -116,9 +132,10 @@ class Stop:
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
 
-        def call(client: Any) -> bool:
+        def call(service: str) -> bool:
             """Call a service; return whether it exists."""
-            if not client.service_is_ready():
+            client = self._ready(service)
+            if client is None:
                 return False
             future = client.call_async(Trigger.Request())
             future.add_done_callback(attempt.on_answer)
@@ -129,8 +146,8 @@ class Stop:
         while not attempt.ended.done():
             attempt.answered.clear()
             try:
-                is_answered = call(self._stop) and attempt.answered.wait(_HANGS)
-                was_called = is_answered or call(self._relax) or bool(pending)
+                is_answered = call("stop") and attempt.answered.wait(_HANGS)
+                was_called = is_answered or call("relax") or bool(pending)
             except Exception:  # of any kind: the next attempt may succeed
                 if not self._own.node.context.ok():
                     return

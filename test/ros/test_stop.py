@@ -12,11 +12,12 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
+from std_srvs.srv import Trigger
 from waiting import eventually, join, wait_for
 
 from head_tracking.control import JointOwners
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
-from head_tracking.ros.kit.joint_owners import control_message
+from head_tracking.ros.kit.joint_owners import control_message, sender_from
 from head_tracking.ros.kit.spinning import NodeDied
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -77,7 +78,8 @@ class ElsewhereBus:
     def say(self, stopped: bool, epoch: int) -> None:
         owners = JointOwners()
         owners.follow(stopped, epoch)
-        self._control.publish(control_message(owners, JOINTS))
+        name = self.node.get_fully_qualified_name()
+        self._control.publish(control_message(owners, JOINTS, name))
         assert self._control.wait_for_all_acked(Duration(seconds=10.0))
 
 
@@ -90,6 +92,28 @@ def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
     threads.start(bus.node)
     wait_for(lambda: tracker.control.is_cautious)
     assert not tracker.control.off
+
+
+def test_a_restarted_bus_without_short_names_is_stopped_again(threads):
+    tracker = HeadTrackerNode()
+    bus = ElsewhereBus()
+    calls: list[Trigger.Request] = []
+    bus.node.create_service(
+        Trigger, "~/stop", lambda request, response: calls.append(request) or response
+    )
+    threads.start(tracker)
+    threads.start(bus.node)
+    bus.say(True, 1)
+    wait_for(lambda: tracker.control.is_stopped)
+    bus.say(False, 0)
+    wait_for(lambda: calls)
+    bus.say(True, 1)
+
+
+@pytest.mark.parametrize("epoch", ["", "-", "9" * 5000, "one"])
+def test_a_sender_that_names_no_epoch_is_a_name(epoch):
+    assert sender_from(f"somebody#{epoch}") == (f"somebody#{epoch}", None)
+    assert sender_from("somebody#7") == ("somebody", 7)
 
 
 def test_commands_of_an_earlier_epoch_are_discarded(robot):

@@ -70,10 +70,20 @@ def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start, pa
     bus.hangs["stop"] = 2.0
     with closing(NodeThreads()) as elsewhere:
         elsewhere.start(bus)
-        wait_for(robot.stop._stop.service_is_ready)
+        wait_for(lambda: robot.stop._ready("stop"))
         assert robot.stop.begin().wait().done
         assert bus.calls == ["stop"]
         assert "relax" in other.calls
+
+
+def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
+    bus = start(BusStandIn(offers=("~/stop", "~/relax", "~/resume")))
+    robot = page()
+    wait_for(lambda: robot.stop._ready("stop"))
+    assert robot.stop.begin().wait().done
+    wait_for(lambda: robot.stop.can_resume)
+    assert robot.stop.resume().done
+    assert bus.calls == ["~/stop", "~/resume"]
 
 
 def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start, page):
@@ -210,7 +220,7 @@ def test_stop_does_not_wait_for_other_requests(start, page):
     bus = start(BusStandIn())
     robot = page()
     robot._requests.node.create_timer(0.01, lambda: time.sleep(60.0))
-    wait_for(robot.stop._stop.service_is_ready)
+    wait_for(lambda: robot.stop._ready("stop"))
     assert robot.stop.begin().wait().done
     assert "stop" in bus.calls
 

@@ -52,7 +52,7 @@ class BusStandIn(Node):
 
     def own(self, owner: str) -> None:
         """Who has the joints from now on."""
-        fields = {"stopped": "false", "epoch": "0"}
+        fields = {"stopped": "false", "epoch": "0", "node": self.get_fully_qualified_name()}
         fields |= {f"owner of {joint}": owner for joint in JOINTS}
         values = [KeyValue(key=key, value=value) for key, value in fields.items()]
         self._control.publish(DiagnosticStatus(name="joint_control", values=values))
@@ -83,13 +83,13 @@ class BusStandIn(Node):
         def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             self.calls.append(name)
             time.sleep(self.hangs.get(name, 0.0))
-            response.success = name == "resume" or self.confirms == set(JOINTS)
+            response.success = name.endswith("resume") or self.confirms == set(JOINTS)
             response.message = ", ".join(
                 f"{joint} {'relaxed' if joint in self.confirms else 'NOT confirmed'}"
                 for joint in JOINTS
             )
-            if name in ("stop", "resume"):
-                self.say_stopped(name == "stop")
+            if name.endswith(("stop", "resume")):
+                self.say_stopped(name.endswith("stop"))
             return response
 
         return callback

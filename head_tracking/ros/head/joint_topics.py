@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.client import Client
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -37,7 +38,7 @@ class JointTopics(JointBackend):
             JointState, "joint_commands", 1, qos_overriding_options=OVERRIDABLE
         )
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
-        self._stop = node.create_client(Trigger, "stop")
+        self._stop: Client | None = None
         self._stopping = steady_timer(node, _STOP_PERIOD, self._stop_again)
         self._stopping.cancel()
 
@@ -80,8 +81,10 @@ class JointTopics(JointBackend):
             self._node.get_logger().warning(
                 "the servo bus was restarted without its STOP: stopping it"
             )
+            self._stop = self._node.create_client(Trigger, control.service("stop"))
             self._stopping.reset()
 
     def _stop_again(self) -> None:
         """Call `stop` repeatedly, until the servo bus reports that it is stopped."""
+        assert self._stop is not None
         self._stop.call_async(Trigger.Request())

@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
@@ -26,11 +28,17 @@ class JointControl(NamedTuple):
         stopped: whether everything but `resume` is refused.
         epoch: number of STOPs so far.
         owners: each joint's owner; empty where there is none.
+        node: full name of the node that publishes it and offers `stop`; empty: not known.
     """
 
     stopped: bool
     epoch: int
     owners: Mapping[str, str]
+    node: str
+
+    def service(self, name: str) -> str:
+        """Return the name of a service of that node; a short one may not exist."""
+        return f"{self.node}/{name}" if self.node else name
 
 
 def owners_message(owners: Mapping[str, str]) -> String:
@@ -38,10 +46,10 @@ def owners_message(owners: Mapping[str, str]) -> String:
     return String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
 
 
-def control_message(owners: JointOwners, joints: Iterable[str]) -> DiagnosticStatus:
-    """Return a joint_control message."""
+def control_message(owners: JointOwners, joints: Iterable[str], node: str = "") -> DiagnosticStatus:
+    """Return a joint_control message of a node."""
     stopped = owners.stopped
-    fields = {"stopped": str(stopped).lower(), "epoch": str(owners.epoch.value)}
+    fields = {"stopped": str(stopped).lower(), "epoch": str(owners.epoch.value), "node": node}
     fields |= {f"{_OWNER}{joint}": owner for joint, owner in owners.of(joints).items()}
     level, text = (Level.WARN, STOPPED) if stopped else (Level.OK, "commands are accepted")
     return status_message("joint_control", level, text, fields)
@@ -55,7 +63,14 @@ def control_from_message(message: DiagnosticStatus) -> JointControl:
     """
     fields = {each.key: each.value for each in message.values}
     owners = {k.removeprefix(_OWNER): v for k, v in fields.items() if k.startswith(_OWNER)}
-    return JointControl(fields.get("stopped") == "true", int(fields.get("epoch", "")), owners)
+    stopped, epoch = fields.get("stopped") == "true", int(fields.get("epoch", ""))
+    node = fields.get("node", "")
+    if node:
+        try:
+            validate_full_topic_name(node)
+        except NameValidationException as error:
+            raise ValueError(f"{node!r} is not the name of a node") from error
+    return JointControl(stopped, epoch, owners, node)
 
 
 def sender(name: str, epoch: int) -> str:
@@ -66,7 +81,10 @@ def sender(name: str, epoch: int) -> str:
 def sender_from(frame_id: str) -> tuple[str, int | None]:
     """Return sender and epoch of a command; the epoch is None if it gives none."""
     name, _, epoch = frame_id.rpartition("#")
-    return (name, int(epoch)) if name and epoch.isdecimal() else (frame_id, None)
+    try:
+        return (name, int(epoch)) if name else (frame_id, None)
+    except ValueError:
+        return frame_id, None
 
 
 def stop_report(joint: str, problem: str) -> str:
@@ -125,6 +143,7 @@ class OwnersOutput:
 
     def __init__(self, node: Node, owners: JointOwners, joints: Iterable[str]) -> None:
         self._owners, self._joints = owners, tuple(joints)
+        self._name = node.get_fully_qualified_name()
         self._texts = node.create_publisher(String, "joint_owners", LATCHED)
         self._stops = node.create_publisher(Bool, "stopped", LATCHED)
         self._fields = node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
@@ -138,7 +157,7 @@ class OwnersOutput:
         before = self._last_published
         self._last_published = text, stopped, self._owners.epoch.value
         if self._last_published != before:
-            self._fields.publish(control_message(self._owners, self._joints))
+            self._fields.publish(control_message(self._owners, self._joints, self._name))
         if text != before[0]:
             self._texts.publish(text)
         if stopped is not before[1]:
