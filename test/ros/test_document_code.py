@@ -1,7 +1,8 @@
 """Every code block of README and docs runs as it stands.
 
 A block that cannot run here begins with a comment that says what it needs. Servos are no such need:
-simulated ones of the robot that the block names stand behind /dev/ttyUSB0.
+simulated ones of the robot that the block names stand behind /dev/ttyUSB0. What an earlier
+block has run is not run again.
 """
 
 import ast
@@ -21,6 +22,7 @@ import yaml
 from ros_domain import own_domain
 
 from head_tracking.configuration import configured_head
+from head_tracking.run.options import parse_arguments
 from head_tracking.share import robot_parameters
 from head_tracking.simulation import SimulatedJoints
 
@@ -30,7 +32,7 @@ BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 NEEDS = re.compile(r"# Needs [\w ]+")
 PORT = "/dev/ttyUSB0"
 PATIENCE = 180  # s; other tests may keep the machine busy
-LONG = ("./scripts/run", "ros2 run", "head_tracking")
+LONG = re.compile(r"^(\./scripts/run|ros2 run head_tracking( head_tracking)?|head_tracking) ")
 STAND_IN = Path(__file__).parents[1] / "support" / "document_commands.py"
 
 
@@ -52,13 +54,12 @@ def cannot_run(code: str) -> bool:
 
 
 @contextmanager
-def servos(code: str) -> Iterator[str]:
-    """Serve simulated servos of the robot that the code names, and name their port in the code."""
+def servos(code: str, robot: str) -> Iterator[str]:
+    """Serve simulated servos of a robot, and name their port in the code."""
     if PORT not in code:
         yield code
         return
-    named = re.search(r'robot[= ]"?([a-z]\w+)', code)
-    configured = configured_head(robot_parameters(named[1] if named else "kinectbot")).servos
+    configured = configured_head(robot_parameters(robot)).servos
     with SimulatedJoints(configured) as simulated:
         yield code.replace(PORT, simulated.port_name)
 
@@ -93,14 +94,49 @@ def run(command: list[str], folder: Path, domain: str) -> None:
     assert answer.returncode == 0, answer.stdout
 
 
-def commands(code: str) -> Iterator[str]:
+def lines(code: str) -> Iterator[str]:
+    """Yield the lines of a block without comments."""
+    for line in code.replace("\\\n", " ").splitlines():
+        yield line.partition(" #")[0].rstrip()
+
+
+def robot_of(code: str) -> str:
+    """Return the name of the robot that a block is for."""
+    named = re.search(r'robot[= ]"?([a-z]\w+)', code)
+    return named[1] if named else "kinectbot"
+
+
+def steps(line: str, robot: str) -> set[str]:
+    """Return what a line tries: each option of a run of the head, or else the whole command."""
+    words = LONG.sub("", line)
+    if words == line or words.endswith("&"):
+        return set()
+    if words.startswith("-"):
+        return set(re.findall(r"--?[a-z-]+(?: [^-\s]\S*)?", words))
+    return {f"{robot}: {words}"}
+
+
+def blocks_with_news() -> Iterator[pytest.param]:
+    """Yield the blocks of commands, each with the lines that an earlier block has not tried."""
+    tried: set[str] = set()
+    for block in blocks("bash"):
+        (code,) = block.values
+        new = []
+        for line in lines(code):
+            found = set() if cannot_run(code) else steps(line, robot_of(code))
+            if not found or not found <= tried:
+                new.append(line)
+            tried |= found
+        yield pytest.param(code, new, id=block.id)
+
+
+def commands(new: list[str]) -> Iterator[str]:
     """Yield the commands of a block; those in the background end with it."""
     yield "trap 'kill $(jobs -p) 2>/dev/null || true; wait || true' EXIT"
-    for line in code.replace("\\\n", " ").splitlines():
-        words, _, _ = line.partition(" #")
-        if words.startswith(LONG) and words.rstrip().endswith("&"):
+    for words in new:
+        if LONG.match(words) and words.endswith("&"):
             yield f"timeout --kill-after 20 {PATIENCE} {words}"  # the shell lets it ignore SIGINT
-        elif words.startswith(LONG):
+        elif LONG.match(words):
             # beside other work a simulated servo may answer late once, and doctor counts that
             yield f"{words} || {words}" if " doctor " in words else words
         else:
@@ -114,22 +150,27 @@ def test_python(code: str, tmp_path: Path) -> None:
         return
     with ExitStack() as stack:
         domain = stack.enter_context(own_domain())
-        code = stack.enter_context(servos(code))
+        code = stack.enter_context(servos(code, robot_of(code)))
         (tmp_path / "program.py").write_text(code)
         end = "timeout --signal TERM --kill-after 20 4" if "rclpy.spin" in code else ""
         command = f"{end} {sys.executable} {tmp_path}/program.py || (({bool(end):d} && $? == 124))"
         run(["bash", "-c", command], tmp_path, domain)
 
 
-@pytest.mark.parametrize("code", blocks("bash"))
-def test_commands(code: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("code", "new"), blocks_with_news())
+def test_commands(code: str, new: list[str], tmp_path: Path) -> None:
     if cannot_run(code):
         subprocess.run(["bash", "-n"], input=code, text=True, check=True, timeout=PATIENCE)
         return
+    for line in {*lines(code)} - {*new}:
+        words = LONG.sub("", line)
+        if words.startswith("-"):
+            parse_arguments(shlex.split(words))
     with ExitStack() as stack:
         domain = stack.enter_context(own_domain())
-        code = stack.enter_context(servos(code))
-        script = "\n".join(("set -eo pipefail", *commands(code)))
+        script = stack.enter_context(
+            servos("\n".join(("set -eo pipefail", *commands(new))), robot_of(code))
+        )
         run(["bash", "-c", script.replace("./scripts/run", "head_tracking")], tmp_path, domain)
 
 

@@ -1,6 +1,6 @@
 """Run a command of a document: `head_tracking ...` or `ros2 ...`.
 
-What has no end is ended by Ctrl-C a second after its nodes have started.
+What has no end is ended by Ctrl-C when its nodes have started.
 
 The ROS wheels have no ros2cli: of `ros2 topic`, `ros2 service` and `ros2 param` this checks that
 the name is in docs/reference, and that the message fits its type.
@@ -62,9 +62,9 @@ def nodes_run(supervisor: Supervisor) -> bool:
 
 
 def interrupt_after(owner: type, name: str, runs: Callable[[Any], bool]) -> None:
-    """Interrupt this program a second after it has called a method of an object that `runs`."""
+    """Interrupt this program soon after it has called a method of an object that `runs`."""
     method = getattr(owner, name)
-    timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
 
     def called(self: Any, *given: Any) -> Any:
         if runs(self) and timer.ident is None:
