@@ -11,12 +11,14 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 from head_tracking.parameters import parameter
 from head_tracking.transforms import JointLimits
 
-_SAMPLE = 0.02  # s
+_SAMPLES, _SAMPLE = 8, 0.02  # of the speed: the most between two waypoints, and the time [s]
+_BRAKING = 10.0  # rad/s^2, of a joint that moves before a trajectory that starts later
 _BESIDE = 1e-3  # rad; a waypoint may be beyond a limit by this: planners round
 
 
@@ -198,7 +200,8 @@ class JointTrajectory:
     """A trajectory of all joints of a head, from their present desired state.
 
     Joints without waypoints stay where they are. Waypoints in the past are ignored; the motion to
-    the first of the others begins now, or at `start` if that is later.
+    the first of the others begins now, or at `start` if that is later. Until then the joints brake
+    and hold.
 
     Args:
         names: the joints of the waypoints.
@@ -246,8 +249,11 @@ class JointTrajectory:
             if joint in names:
                 index = self._names.index(joint)
                 if start > now and ahead:
-                    times.append(start)
-                    points.append(JointPoint(here.position))
+                    speed = here.velocity or 0.0
+                    braking = min(abs(speed) / _BRAKING, start - now)
+                    rest = JointPoint(here.position + 0.5 * speed * braking)
+                    times += [now + braking, start]
+                    points += [rest, rest]
                 for waypoint in ahead:
                     point = _of(waypoint, index)
                     if start + waypoint.time > times[-1]:
@@ -274,18 +280,16 @@ class JointTrajectory:
 
     @property
     def peak_speed(self) -> float:
-        """The highest desired speed of a joint, sampled every 20 ms [rad/s]."""
-        begin = min(times[0] for times, _ in self._knots.values())
-        steps = math.ceil((self.end - begin) / _SAMPLE)
-        return (
-            max(
-                abs(point.velocity or 0.0)
-                for step in range(steps)
-                for point in self.at(begin + step * _SAMPLE)
-            )
-            if steps
-            else 0.0
-        )
+        """The highest desired speed of a joint, sampled between the waypoints [rad/s]."""
+        fastest = 0.0
+        for times, points in self._knots.values():
+            for (begin, a), (end, b) in pairwise(zip(times, points, strict=True)):
+                duration = end - begin
+                samples = min(_SAMPLES, math.ceil(duration / _SAMPLE))
+                for sample in range(samples + 1) if samples else ():
+                    point = _between(a, b, duration, duration * sample / samples)
+                    fastest = max(fastest, abs(point.velocity or 0.0))
+        return fastest
 
     def judge(self, stamp: float, measured: Sequence[float], now: float) -> TrajectoryResult | None:
         """Return the result; None while the trajectory is under way.

@@ -94,6 +94,31 @@ def test_a_start_in_the_future_is_waited_for_and_what_is_over_is_left_out():
     assert error.value.code is TrajectoryCode.OLD_HEADER_TIMESTAMP
 
 
+def test_a_moving_joint_brakes_and_waits_for_a_start_in_the_future():
+    present = {PAN: JointPoint(0.0, 1.5), TILT: JointPoint(0.0)}
+    made = trajectory(Waypoint(1.0, (0.0, 0.5)), start=NOW + 60.0, present=present)
+    assert slope(made, NOW + 1e-3) == pytest.approx(1.5, abs=0.02)
+    assert max(abs(made.at(NOW + 0.05 * k)[0].position) for k in range(1200)) < 0.15
+    assert made.at(NOW + 59.0)[0].velocity == 0.0
+
+
+@given(finite, finite, st.floats(0.1, 3.0))
+def test_the_peak_speed_is_that_of_the_path(position, velocity, duration):
+    made = trajectory(
+        Waypoint(duration, (position, 0.5), (velocity, 0.0)), Waypoint(duration + 1.0, (0.0, 0.0))
+    )
+    end = NOW + duration + 1.0
+    fastest = max(
+        abs(point.velocity) for k in range(1000) for point in made.at(NOW + (end - NOW) * k / 1000)
+    )
+    assert made.peak_speed == pytest.approx(fastest, rel=0.05)
+
+
+def test_the_peak_speed_of_a_trajectory_of_years_is_found():
+    made = trajectory(Waypoint(1.0, (0.5, 0.5)), start=2.0**31)
+    assert made.peak_speed == pytest.approx(0.5)
+
+
 def test_a_point_for_now_is_now_and_nothing_is_where_it_is():
     made = trajectory(Waypoint(0.0, (1.0, 0.0)))
     assert made.at(NOW)[0].position == 1.0

@@ -166,7 +166,7 @@ class HeadActions:
         Raises:
             TrajectoryError: nothing would move, or the trajectory is not valid.
         """
-        control = self._control
+        control, waypoints = self._control, _waypoints(message)
 
         def notify(motion: TrajectoryMotion) -> None:
             assert goal is not None
@@ -185,7 +185,6 @@ class HeadActions:
             if joints is None or head is None or obstacle is not None:
                 raise TrajectoryError(TrajectoryCode.INVALID_GOAL, str(obstacle))
             limits = dict(zip(control.joints, (head.pan_limits, head.tilt_limits), strict=True))
-            waypoints = _waypoints(message)
             names = tuple(message.joint_names) if waypoints else ()
             if waypoints:
                 checked_waypoints(names, waypoints, limits)
