@@ -46,7 +46,6 @@ class HeadFrames(TargetPlacer):
         self._parameters = parameters
         self._model: RobotModel | None = None
         self._latency = round(parameters.target_latency * 1e9)
-        self._carried: dict[str, bool] = {}
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_KEPT)
 
     def use(self, model: RobotModel) -> PanTiltHead:
@@ -67,7 +66,6 @@ class HeadFrames(TargetPlacer):
                 f"stands still, such as {head.base_frame} or odom"
             )
         self.head, self._model = head, model
-        self._carried.clear()
         self._fixed_frame = fixed_frame
         self.forget()
         moves = fixed_frame != head.base_frame
@@ -134,18 +132,8 @@ class HeadFrames(TargetPlacer):
 
     def moves_with_head(self, frame_id: str) -> bool:
         """Return whether a frame moves when pan and tilt do."""
-        if frame_id not in self._carried:
-            assert self.head is not None
-            frames = self.head.base_frame, frame_id
-            look_up = self._buffer.lookup_transform
-            here, there = self._named((0.0, 0.0)), self._named((0.1, 0.1))
-            try:
-                one = look_up(*frames, LATEST, joint_positions=here)
-                other = look_up(*frames, one.stamp, joint_positions=there)
-            except TransformException:
-                return False
-            self._carried[frame_id] = one.transform != other.transform
-        return self._carried[frame_id]
+        assert self.head is not None
+        return self._buffer.is_moved_by(frame_id, (self.head.pan_joint, self.head.tilt_joint))
 
     def in_fixed_frame(self, target: Target, positions: tuple[float, float]) -> Vector3:
         """Return a target in `fixed_frame` [m], at its stamp; for `positions` see `take`.

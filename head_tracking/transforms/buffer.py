@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -401,6 +401,20 @@ class TransformBuffer:
             if target_frame == source_frame:
                 return self._latest_of(source_frame)
             return latest_common_time(self._edges, target_frame, source_frame)
+
+    def is_moved_by(self, frame: str, joints: Collection[str]) -> bool:
+        """Return whether a frame is below one of these joints, or below one that mimics them."""
+        seen: set[str] = set()
+        with self._lock:
+            while frame not in seen and (edge := self._edges.get(frame)) is not None:
+                seen.add(frame)
+                if isinstance(edge, JointEdge) and edge.leader.joint in joints:
+                    return True
+                if isinstance(edge, SampledEdge):
+                    frame = edge.history.values[-1][0] if edge.history else ""
+                else:
+                    frame = edge.parent
+        return False
 
     # Waiting
 

@@ -123,30 +123,24 @@ def test_a_turning_base_is_compensated_in_the_fixed_frame(make):
     assert head.positions[0] == pytest.approx(-0.8, abs=0.1)
 
 
-def test_frames_that_move_with_the_head_are_found_while_the_base_moves(make, monkeypatch):
+def test_frames_that_move_with_the_head_are_found_also_after_they_were_attached_elsewhere(make):
     head = make(fixed_frame="odom")
     head.until("idle", "")
-    buffer, driven = head.buffer, 0
 
-    def drive():
-        nonlocal driven
-        driven += 1
-        pose = Transform((0.1 * driven, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, 0.1))
-        buffer.set_transform(round(head.now * 1e9) + driven, "odom", "base_link", pose)
+    def attach(parent: str, child: str, is_static: bool) -> None:
+        pose, stamp = Transform.identity(), round(head.now * 1e9)
+        head.buffer.set_transform(stamp, parent, child, pose, static=is_static)
 
-    drive()
-    lookup_transform = buffer.lookup_transform
+    def carried() -> set[str]:
+        names = ("odom", "base_link", "camera_link", "nowhere", "tool", "ball")
+        return {name for name in names if head.node.control.frames.moves_with_head(name)}
 
-    def lookup_on_the_way(*frames, **options):
-        drive()
-        return lookup_transform(*frames, **options)
-
-    monkeypatch.setattr(buffer, "lookup_transform", lookup_on_the_way)
-    carried = {
-        frame: head.node.control.frames.moves_with_head(frame)
-        for frame in ("odom", "base_link", "camera_link", "nowhere")
-    }
-    assert carried == {"odom": False, "base_link": False, "camera_link": True, "nowhere": False}
+    attach("odom", "base_link", is_static=False)
+    attach("base_link", "tool", is_static=True)
+    attach("tool", "ball", is_static=False)
+    assert carried() == {"camera_link"}
+    attach("camera_link", "tool", is_static=True)
+    assert carried() == {"camera_link", "tool", "ball"}
 
 
 def test_delayed_joint_states_cause_no_extra_commands(make):
