@@ -17,7 +17,7 @@ PROGRAM = Path(__file__).parents[1] / "support" / "chaos.py"
 )
 def test_only_commands_move_the_head_and_it_stops_and_recovers(seed, layout):
     done = subprocess.run(
-        [sys.executable, PROGRAM, "--seed", str(seed), "--seconds", "8", *layout],
+        [sys.executable, PROGRAM, "--seed", str(seed), "--seconds", "5", *layout],
         capture_output=True,
         text=True,
         timeout=300,

@@ -1,11 +1,13 @@
-"""STOP relaxes everything, whoever runs the head, and only `resume` ends it."""
+"""STOP relaxes everything, whoever runs the head and asks for what; only `resume` ends it."""
 
 import math
 import os
+import random
 import signal
 import threading
 import time
 from contextlib import closing, contextmanager
+from functools import partial
 
 import pytest
 from processes import child
@@ -16,16 +18,20 @@ from waiting import join, repeating, wait_for
 
 STILL = 0.015  # rad: a joint that is relaxed moves on a little
 SLOW = 0.6  # rad/s
+STOPS = 5  # of each kind of clients
 NODES = ("joint_state_publisher", "robot_state_publisher", "head_tracker")
-REFUSED = [
+CALLS = [
     ("torque_enable", True),
-    ("servo_bus/torque_enable", True),
     ("head_pan_controller/torque_enable", True),
     ("head_tracker/enable", True),
     ("head_tracker/recenter", None),
     ("recover", None),
-    ("head_pan_controller/recover", None),
     ("head_pan_controller/start", None),
+]
+REFUSED = [
+    *CALLS,
+    ("servo_bus/torque_enable", True),
+    ("head_pan_controller/recover", None),
     ("head_pan_controller/restart", None),
     ("servo_bus/write_eeprom", None),
 ]
@@ -41,9 +47,9 @@ def running(request, tmp_path_factory):
     """A head that follows a target which somebody keeps publishing."""
     with closing(Bench(tmp_path_factory.mktemp("bench"))) as bench:
         if request.param == "one process":
-            bench.run("--target", "none")
+            bench.run("--target", "none", "--allow-others")
         else:
-            bench.run_bus()
+            bench.bus = bench.run_bus()
             for name in NODES:
                 bench.start(name)
         bench.person.wait_for_joints()
@@ -87,32 +93,37 @@ def test_stop_relaxes_the_servos_and_is_published(bench, person):
 
 
 def test_a_crash_does_not_end_a_stop(tmp_path):
-    """As where a service starts what has crashed again."""
+    """As where a service starts what has crashed again. An end by a signal is no crash."""
     with closing(Bench(tmp_path)) as bench:
 
         def start():
             """Return a run and a person who has heard nothing of an earlier one."""
             return bench.run("--target", "smooth", "--keep-stop"), bench.meet("")
 
-        for how in (signal.SIGKILL, signal.SIGTERM):
-            run, person = start()
-            wait_for(lambda person=person: person.state("head_tracker") == "tracking", 60.0)
+        def stop_when_it_tracks(person):
+            wait_for(lambda: person.state("head_tracker") == "tracking", 60.0)
             assert person.call("stop").success
             wait_for(lambda: bench.servos.torque == [0, 0])
-            before = bench.servos.at_rest()
-            os.kill(child(run, "control") if how is signal.SIGKILL else run.process.pid, how)
-            run.end()
-            run, person = start()
-            assert person.stopped is (how is signal.SIGKILL)
-            if how is signal.SIGKILL:
-                person.wait_for_joints()
-                time.sleep(1.0)  # targets come
-                assert bench.servos.torque == [0, 0]
-                assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
-                assert not person.call("head_tracker/enable", True).success
-                assert person.call("resume").success
-            wait_for(lambda person=person: person.state("head_tracker") == "tracking", 60.0)
-            assert run.end(signal.SIGINT) == 0
+            return bench.servos.at_rest()
+
+        run, person = start()
+        before = stop_when_it_tracks(person)
+        os.kill(child(run, "control"), signal.SIGKILL)
+        run.end()
+        run, person = start()
+        assert person.stopped
+        person.wait_for_joints()
+        time.sleep(1.0)  # targets come
+        assert bench.servos.torque == [0, 0]
+        assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
+        assert not person.call("head_tracker/enable", True).success
+        assert person.call("resume").success
+        stop_when_it_tracks(person)
+        assert run.end(signal.SIGTERM) == 0
+        run, person = start()
+        assert not person.stopped
+        wait_for(lambda: person.state("head_tracker") == "tracking", 60.0)
+        assert run.end(signal.SIGINT) == 0
 
 
 def test_a_stopped_head_refuses_every_service_but_resume(bench, person):
@@ -197,23 +208,78 @@ def test_stop_is_answered_while_other_services_are_busy(bench, person):
     assert len(done) == 4
 
 
-def test_a_restarted_servo_bus_stays_stopped_until_resume(tmp_path):
-    with closing(Bench(tmp_path)) as bench:
-        person, bus = bench.person, bench.run_bus()
-        for name in NODES:
-            bench.start(name)
-        person.wait_for_joints()
-        with published(person):
-            wait_for(lambda: person.state("head_tracker") == "tracking")
-            assert person.call("stop").success
-            wait_for(lambda: person.state("head_tracker") == "disabled")
-            bus.kill()
-            bench.run_bus()
-            for _ in range(3):  # whoever waits for the one waits for the other
-                wait_for(lambda: person.call("torque_enable", True).success is False)
-                assert person.state("head_tracker") == "disabled"
-                assert bench.servos.torque == [0, 0]
-                time.sleep(0.5)  # targets keep coming
-            assert person.stopped
-            assert person.call("resume").success
-            wait_for(lambda: bench.servos.torque == [1, 1])
+# clients that ask for anything at any time
+
+
+def ask_for_something(person, rnd):
+    """One request or message of those that move a head that is not stopped."""
+    position = rnd.uniform(-1.0, 1.0)
+    message = JointState(name=list(JOINTS), position=[position, 0.0])
+    message.header.frame_id = rnd.choice(("/other", "/head_tracker#0", "/head_tracker#1", ""))
+    acts = [partial(person.call, *words) for words in CALLS]
+    acts += [partial(person.publish, f"joint_{kind}", message) for kind in ("commands", "claims")]
+    acts.append(partial(person.command, "head_pan_controller", position))
+    acts.append(partial(person.look_at, 2.0, math.sin(position), 0.5))
+    rnd.choice(acts)()
+
+
+def enable_everything(person, _):
+    person.call("head_tracker/enable", True)
+    person.call("torque_enable", True)
+    time.sleep(0.05)
+
+
+@contextmanager
+def clients(bench, *acts):
+    """Each act again and again, in a thread and with a node of its own."""
+    errors = []
+
+    def run(act, person):
+        try:
+            act(person)
+        except AssertionError as error:
+            errors.append(error)
+
+    with repeating(*(partial(run, act, bench.meet("")) for act in acts)):
+        yield
+    assert not errors
+
+
+def stop_and_resume(bench, rnd):
+    person = bench.person
+    wait_for(lambda: bench.servos.torque == [1, 1], 30.0)
+    time.sleep(rnd.uniform(0.0, 0.3))
+    person.call("stop")  # on a busy computer it may not be confirmed in time, but it counts
+    wait_for(lambda: bench.servos.torque == [0, 0])
+    ends = time.monotonic() + rnd.uniform(0.2, 0.8)
+    while time.monotonic() < ends:
+        assert bench.servos.torque == [0, 0]
+        time.sleep(0.002)
+    assert person.call("resume").success
+
+
+@pytest.mark.parametrize(
+    ("act", "count"), [(ask_for_something, 2), (enable_everything, 1)], ids=["random", "enable"]
+)
+def test_requests_of_clients_do_not_undo_stop(bench, act, count):
+    rnd, of_clients = random.Random(count), [random.Random(count + n) for n in range(count)]
+    acts = [lambda person, own=own: act(person, own) for own in of_clients]
+    with clients(bench, *acts):
+        for _ in range(STOPS):
+            stop_and_resume(bench, rnd)
+
+
+@pytest.mark.parametrize("running", ["a process for each node"], indirect=True)
+def test_a_restarted_servo_bus_stays_stopped_until_resume(bench, person):
+    assert person.call("stop").success
+    wait_for(lambda: person.state("head_tracker") == "disabled")
+    bench.bus.kill()
+    bench.bus = bench.run_bus()
+    for _ in range(3):  # whoever waits for the one waits for the other
+        wait_for(lambda: person.call("torque_enable", True).success is False)
+        assert person.state("head_tracker") == "disabled"
+        assert bench.servos.torque == [0, 0]
+        time.sleep(0.5)  # targets keep coming
+    assert person.stopped
+    assert person.call("resume").success
+    wait_for(lambda: bench.servos.torque == [1, 1])

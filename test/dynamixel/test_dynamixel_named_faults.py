@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cache
 from random import Random
 
 import pytest
@@ -34,7 +35,7 @@ from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
 AX, XM = servo_model("AX-12"), servo_model("XM430-W350")
 STS, SCS = servo_model("STS3215"), servo_model("SCS0009")
 CYCLE = 0.02  # s
-HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.06"))
+HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.02"))
 """Simulated time without a fault: HEAD_TRACKING_HOURS=8 takes a core for half an hour."""
 
 TOLD = 0.3  # s
@@ -122,6 +123,24 @@ class Rig:
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / CYCLE)):
             self.step()
+
+
+class Twin:
+    """A rig without faults, whose readings are kept for all tests."""
+
+    def __init__(self, model_name: str, still: bool) -> None:
+        self._rig = Rig(servo_model(model_name)).connect()
+        self._rig.still = still
+        self._states: list[dict[str, ServoState]] = []
+
+    def states(self, cycle: int) -> dict[str, ServoState]:
+        while len(self._states) <= cycle:
+            self._rig.step()
+            self._states.append(self._rig.states)
+        return self._states[cycle]
+
+
+twin_of = cache(Twin)
 
 
 def differs(one: ServoState | None, other: ServoState | None) -> bool:
@@ -285,20 +304,19 @@ STANDING = ("wheel mode", "another master", "another master, STS", "pushed away"
 
 
 @pytest.mark.parametrize("name", NAMED)
-@pytest.mark.parametrize("phase", [0.0, 0.3, 0.9])
+@pytest.mark.parametrize("phase", [0.6, 0.9, 1.5])
 def test_a_fault_is_named_soon_after_its_first_visible_sign(name: str, phase: float) -> None:
     model, strike, words = NAMED[name]
-    rig, twin = Rig(model).connect(), Rig(model).connect()
-    for each in (rig, twin):
-        each.still = name in STANDING
-        each.run(2.0 + phase)
-        assert not [event for _, event in each.events if event.kind is EventKind.SYMPTOM]
+    rig, twin = Rig(model).connect(), twin_of(model.name, name in STANDING)
+    rig.still = name in STANDING
+    rig.run(phase)
+    assert not [event for _, event in rig.events if event.kind is EventKind.SYMPTOM]
     strike(rig)
     struck, seen = rig.time, math.inf
     while rig.time < struck + 4.0:
+        healthy = twin.states(round(rig.time / CYCLE))
         rig.step()
-        twin.step()
-        if any(differs(rig.states.get(joint), twin.states.get(joint)) for joint in (PAN, TILT)):
+        if any(differs(rig.states.get(joint), healthy.get(joint)) for joint in (PAN, TILT)):
             seen = min(seen, rig.time - CYCLE)
         named = next(told(rig, struck, words), None)
         if named is not None:
@@ -310,7 +328,7 @@ def test_a_fault_is_named_soon_after_its_first_visible_sign(name: str, phase: fl
 
 def drained(rig: Rig) -> None:
     def drain() -> None:
-        rig.volts -= CYCLE * 0.05
+        rig.volts -= CYCLE * 0.15
 
     rig.each_cycle.append(drain)
 
@@ -432,9 +450,9 @@ def test_no_fault_is_named_where_there_is_none(model, seed: int) -> None:
     rig = Rig(model, seed, loss=0.001).connect()
     while rig.time < HOURS * 3600.0 / 4.0:
         rig.still = False
-        rig.run(50.0)
+        rig.run(15.0)
         rig.still = True
-        rig.run(10.0)
+        rig.run(5.0)
     texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
     assert not texts
 
@@ -449,7 +467,7 @@ def test_a_joint_that_slows_down_and_turns_round_meets_no_obstacle() -> None:
 
 
 @pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
-@pytest.mark.parametrize("speed", [0.05, 0.1, 0.3, 0.4])
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.4])
 @pytest.mark.parametrize("delay", [0.03, 0.08], ids="delay {} s".format)
 def test_a_joint_that_begins_slowly_meets_no_obstacle(model, speed: float, delay: float) -> None:
     """It rests at its goal, then the goal leads, to one side and to the other in turns."""
@@ -462,7 +480,7 @@ def test_a_joint_that_begins_slowly_meets_no_obstacle(model, speed: float, delay
         rig.bus.command({PAN: Goal(rig.states[PAN].position + 0.09 * side, speed)})
 
     rig.each_cycle.append(lead)
-    rig.run(12.0)
+    rig.run(5.0)
     texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
     assert not texts
 

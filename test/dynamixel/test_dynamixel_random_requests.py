@@ -246,7 +246,7 @@ class Requests(RuleBasedStateMachine):
 
 TestRequests = Requests.TestCase
 TestRequests.settings = settings(
-    max_examples=20,
+    max_examples=8,
     derandomize=True,
     stateful_step_count=25,
     deadline=None,

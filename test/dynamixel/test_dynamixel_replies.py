@@ -219,7 +219,7 @@ groups = st.builds(
 ).filter(lambda group: group.method is not ReadMethod.EACH or len(group.ids) == 1)
 
 
-@settings(max_examples=400)
+@settings(max_examples=200)
 @given(st.lists(pieces, max_size=6).map(b"".join), groups)
 def test_any_bytes_are_replies_of_the_right_length_or_errors(
     answer: bytes, group: ReadGroup

@@ -386,7 +386,7 @@ def test_the_driver_never_speaks_while_a_servo_does(
     names: list[str], kinds: tuple[Fault, ...], seed: int, rate: float
 ) -> None:
     ordeal = Ordeal(names, kinds, seed)
-    ordeal.run(600, rate)
+    ordeal.run(300, rate)
     overlaps = ordeal.bench.line.overlaps
     assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, overlaps
 

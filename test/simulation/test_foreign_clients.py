@@ -1,8 +1,11 @@
-"""Programs of others talk to the simulated bus: they know nothing of this package."""
+"""Programs of others talk to simulated servos: they know nothing of this package."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
 
 import pytest
 from waiting import eventually
@@ -13,123 +16,171 @@ from head_tracking.simulation import SimulatedPort, SimulatedServo
 TIMEOUT = 2.0  # s for an answer: a busy machine is no fault
 
 
-@pytest.fixture
-def ax() -> Iterator[SimulatedPort]:
-    with SimulatedPort([SimulatedServo(1), SimulatedServo(2)]) as port:
-        yield port
+def simulated(name: str) -> SimulatedPort:
+    """Return a port with two servos, one and two ticks beyond their center."""
+    center = servo_model(name).center
+    return SimulatedPort([SimulatedServo(i, name, position=center + i) for i in (1, 2)])
 
 
-@pytest.fixture
-def xl330() -> Iterator[SimulatedPort]:
-    model = servo_model("XL330-M288")
-    with SimulatedPort([SimulatedServo(i, model, position=2000 + i) for i in (1, 2)]) as port:
-        yield port
+def arrive(port: SimulatedPort, goals: dict[int, int]) -> bool:
+    """Return whether the servos come to these ticks."""
+
+    def is_there() -> bool:
+        return all(abs(port.true_ticks(servo) - goal) < 20 for servo, goal in goals.items())
+
+    return eventually(is_there)
 
 
-class TestRustypot:
-    """rustypot: a driver in Rust with protocols of its own."""
+# rustypot: a driver in Rust with protocols of its own
 
-    @pytest.fixture(autouse=True)
-    def rustypot(self):
-        self.library = pytest.importorskip("rustypot", reason="rustypot is not installed")
 
-    def test_ax_servos_are_found_read_and_moved(self, ax: SimulatedPort) -> None:
-        controller = self.library.AxPyController(ax.port_name, 1_000_000, TIMEOUT)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("AX-12", "Ax"),
+        ("MX-28", "Mx"),
+        ("XL-320", "Xl320"),
+        ("XL330-M288", "Xl330"),
+        ("STS3215", "Sts3215"),
+        ("SCS0009", "Scs0009"),
+    ],
+)
+def test_rustypot_reads_and_moves_servos(name: str, kind: str) -> None:
+    library = pytest.importorskip("rustypot", reason="rustypot is not installed")
+    model = servo_model(name)
+    raw = name == "XL-320"  # the library has no radians for it
+    tick, center = (1, 0) if raw else (model.radians_per_tick, model.center)
+    goals = {1: model.center - model.ticks // 10, 2: model.center + model.ticks // 8}
+    with simulated(name) as port:
+        controller = getattr(library, f"{kind}PyController")(port.port_name, 1_000_000, TIMEOUT)
         assert controller.ping(1)
-        assert controller.read_model_number(2) == [12]
-        assert controller.read_present_position(1) == [0.0]
-        controller.write_torque_enable(1, 1)
-        controller.write_goal_position(1, 0.5)
-        joint = 0.5 / servo_model("AX-12").radians_per_tick + 512
-        assert eventually(lambda: abs(ax.true_ticks(1) - joint) < 3)
-        assert controller.read_present_position(1)[0] == pytest.approx(0.5, abs=0.02)
-        controller.sync_write_goal_position([1, 2], [-0.2, 0.3])
-        assert eventually(lambda: ax.true_ticks(2) > 560 and ax.true_ticks(1) < 480)
-        controller.close()
-
-    def test_x_servos_are_read_together_and_moved(self, xl330: SimulatedPort) -> None:
-        controller = self.library.Xl330PyController(xl330.port_name, 1_000_000, TIMEOUT)
-        assert controller.ping(1)
-        assert controller.read_model_number(1) == [1200]
-        for fast in (False, True):
-            controller.set_fast_sync_read(fast)
-            raw = controller.sync_read_raw_present_position([1, 2])
-            assert raw == [2001, 2002]
+        if name != "SCS0009":  # the library has its bytes in the wrong order
+            assert controller.read_model_number(2) == [model.model_number]
+        position = (model.center + 1 - center) * tick
+        assert controller.read_present_position(1) == pytest.approx([position], abs=2.1 * tick)
         controller.sync_write_torque_enable([1, 2], [True, True])
-        controller.sync_write_raw_goal_position([1, 2], [1500, 2500])
-        assert eventually(lambda: abs(xl330.true_ticks(2) - 2500) < 8)
-        assert eventually(lambda: abs(xl330.true_ticks(1) - 1500) < 8)
-        goals = xl330.use(lambda bus: [bus.write_log.goals(i)[-1] for i in (1, 2)])
-        assert goals == [1500, 2500]
+        controller.sync_write_goal_position(
+            [1, 2], [(goal - center) * tick for goal in goals.values()]
+        )
+        assert arrive(port, goals)
         controller.close()
 
-    def test_xl320_and_mx_answer_too(self) -> None:
-        for name, kind in (("XL-320", "Xl320PyController"), ("MX-28", "MxPyController")):
-            with SimulatedPort([SimulatedServo(1, servo_model(name))]) as port:
-                controller = getattr(self.library, kind)(port.port_name, 1_000_000, TIMEOUT)
-                assert controller.ping(1)
-                assert controller.read_model_number(1) == [servo_model(name).model_number]
-                controller.close()
+
+@pytest.mark.parametrize(("name", "kind"), [("XL330-M288", "Xl330"), ("STS3215", "Sts3215")])
+def test_rustypot_reads_servos_together(name: str, kind: str) -> None:
+    library = pytest.importorskip("rustypot", reason="rustypot is not installed")
+    with simulated(name) as port:
+        controller = getattr(library, f"{kind}PyController")(port.port_name, 1_000_000, TIMEOUT)
+        assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
+        if kind == "Xl330":
+            controller.set_fast_sync_read(True)
+            assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
+        controller.close()
+
+
+# the SDKs of the makers, as their examples use them
+
+
+@contextmanager
+def opened(sdk: ModuleType, name: str) -> Iterator[tuple[SimulatedPort, Any]]:
+    """Open simulated servos with an SDK that waits longer than it usually does."""
+    with simulated(name) as port:
+        handler = sdk.PortHandler(port.port_name)
+        assert handler.openPort()
+        assert handler.setBaudRate(1_000_000)
+        original = handler.setPacketTimeout
+
+        def wait_longer(length: int) -> None:
+            original(length)
+            handler.packet_timeout = TIMEOUT * 1e3
+
+        handler.setPacketTimeout = wait_longer
+        yield port, handler
+        handler.closePort()
 
 
 class TestDynamixelSdk:
-    """dynamixel_sdk, as its examples use it."""
-
     @pytest.fixture(autouse=True)
-    def sdk(self):
+    def sdk(self) -> None:
         self.sdk = pytest.importorskip("dynamixel_sdk")
 
-    def open(self, simulated: SimulatedPort, protocol: int):
-        port = self.sdk.PortHandler(simulated.port_name)
-        assert port.openPort()
-        assert port.setBaudRate(1_000_000)
-        original = port.setPacketTimeout
-        port.setPacketTimeout = lambda length: (original(length), self._wait_longer(port))[0]
-        return port, self.sdk.PacketHandler(float(protocol))
+    def test_ax_servos(self) -> None:
+        handler = self.sdk.PacketHandler(1.0)
+        with opened(self.sdk, "AX-12") as (ax, port):
+            assert handler.ping(port, 1) == (12, 0, 0)
+            assert handler.read2ByteTxRx(port, 1, 36) == (513, 0, 0)
+            assert handler.write2ByteTxRx(port, 1, 30, 600) == (0, 0)
+            assert arrive(ax, {1: 600})
+            assert handler.write2ByteTxRx(port, 1, 30, 2000) == (0, 8)
 
-    @staticmethod
-    def _wait_longer(port) -> None:
-        port.packet_timeout = TIMEOUT * 1e3
-
-    def test_ax_servos(self, ax: SimulatedPort) -> None:
-        port, handler = self.open(ax, 1)
-        assert handler.ping(port, 1) == (12, 0, 0)
-        assert handler.read2ByteTxRx(port, 1, 36) == (512, 0, 0)
-        assert handler.write2ByteTxRx(port, 1, 30, 600) == (0, 0)
-        assert eventually(lambda: abs(ax.true_ticks(1) - 600) < 2)
-        assert handler.write2ByteTxRx(port, 1, 30, 2000) == (0, 8)
-        port.closePort()
-
-    def test_x_servos(self, xl330: SimulatedPort) -> None:
-        port, handler = self.open(xl330, 2)
-        assert handler.ping(port, 1) == (1200, 0, 0)
-        assert handler.read4ByteTxRx(port, 1, 132) == (2001, 0, 0)
-        group = self.sdk.GroupSyncRead(port, handler, 132, 4)
-        for servo_id in (1, 2):
-            assert group.addParam(servo_id)
-        assert group.txRxPacket() == 0
-        assert [group.getData(i, 132, 4) for i in (1, 2)] == [2001, 2002]
-        assert handler.write1ByteTxRx(port, 1, 64, 1) == (0, 0)
-        assert handler.write1ByteTxRx(port, 1, 9, 0) == (0, 7)  # EEPROM with torque on
-        found, result = handler.broadcastPing(port)
-        assert result == 0
-        assert {i: data[0] for i, data in found.items()} == {1: 1200, 2: 1200}
-        assert handler.reboot(port, 1) == (0, 0)
-        port.closePort()
+    def test_x_servos(self) -> None:
+        handler = self.sdk.PacketHandler(2.0)
+        with opened(self.sdk, "XL330-M288") as (_, port):
+            assert handler.ping(port, 1) == (1200, 0, 0)
+            assert handler.read4ByteTxRx(port, 1, 132) == (2049, 0, 0)
+            group = self.sdk.GroupSyncRead(port, handler, 132, 4)
+            for servo_id in (1, 2):
+                assert group.addParam(servo_id)
+            assert group.txRxPacket() == 0
+            assert [group.getData(i, 132, 4) for i in (1, 2)] == [2049, 2050]
+            assert handler.write1ByteTxRx(port, 1, 64, 1) == (0, 0)
+            assert handler.write1ByteTxRx(port, 1, 9, 0) == (0, 7)  # EEPROM with torque on
+            found, result = handler.broadcastPing(port)
+            assert result == 0
+            assert {i: data[0] for i, data in found.items()} == {1: 1200, 2: 1200}
+            assert handler.reboot(port, 1) == (0, 0)
 
     def test_mx_bulk_read(self) -> None:
-        model = servo_model("MX-28")
-        servos = [SimulatedServo(i, model, position=1000 * i) for i in (1, 2)]
-        with SimulatedPort(servos) as simulated:
-            port, handler = self.open(simulated, 1)
+        handler = self.sdk.PacketHandler(1.0)
+        with opened(self.sdk, "MX-28") as (_, port):
             port.ser.timeout = 0
             data = bytes((0, 2, 1, 36, 2, 2, 36))
             packet = [0xFF, 0xFF, 0xFE, len(data) + 2, 0x92, *data, 0]
             assert handler.txPacket(port, packet) == 0
             port.setPacketTimeout(8)
-            answers = [handler.rxPacket(port) for _ in (1, 2)]
-            assert [(answer[2], answer[5] | answer[6] << 8) for answer, _ in answers] == [
-                (1, 1000),
-                (2, 2000),
-            ]
-            port.closePort()
+            answers = [handler.rxPacket(port)[0] for _ in (1, 2)]
+            found = [(answer[2], answer[5] | answer[6] << 8) for answer in answers]
+            assert found == [(1, 2049), (2, 2050)]
+
+
+class TestFeetechSdk:
+    @pytest.fixture(autouse=True)
+    def sdk(self) -> None:
+        self.sdk = pytest.importorskip("scservo_sdk", reason="ftservo-python-sdk is not installed")
+        if not hasattr(self.sdk, "sms_sts"):
+            pytest.skip("the older feetech-servo-sdk is installed, which has the same module name")
+
+    def test_sts_servos(self) -> None:
+        with opened(self.sdk, "STS3215") as (sts, port):
+            handler = self.sdk.sms_sts(port)
+            assert handler.ping(1) == (777, 0, 0)
+            assert handler.ReadPos(2) == (2050, 0, 0)
+            assert handler.WritePosEx(1, 1800, 2400, 50) == (0, 0)  # torque comes on by itself
+            assert arrive(sts, {1: 1800})
+            for servo_id in (1, 2):
+                assert handler.SyncWritePosEx(servo_id, 2300, 2400, 50)
+            assert handler.groupSyncWrite.txPacket() == 0
+            assert arrive(sts, {1: 2300, 2: 2300})
+            group = self.sdk.GroupSyncRead(handler, 56, 4)
+            for servo_id in (1, 2):
+                assert group.addParam(servo_id)
+            assert group.txRxPacket() == 0
+            for servo_id in (1, 2):
+                assert group.isAvailable(servo_id, 56, 2)[0]
+                assert group.getData(servo_id, 56, 2) == pytest.approx(2300, abs=20)
+
+    def test_the_lock_of_the_memory(self) -> None:
+        with opened(self.sdk, "STS3215") as (_, port):
+            handler = self.sdk.sms_sts(port)
+            assert handler.unLockEprom(1) == (0, 0)
+            assert handler.write2ByteTxRx(1, 31, 2048 + 85) == (0, 0)
+            assert handler.LockEprom(1) == (0, 0)
+            assert handler.ReadPos(1)[0] == 2049 + 85
+
+    def test_scs_servos(self) -> None:
+        with opened(self.sdk, "SCS0009") as (scs, port):
+            handler = self.sdk.scscl(port)
+            assert handler.ping(1) == (1284, 0, 0)
+            assert handler.ReadPos(2) == (servo_model("SCS0009").center + 2, 0, 0)
+            assert handler.WritePos(1, 700, 0, 500) == (0, 0)
+            assert arrive(scs, {1: 700})
