@@ -149,8 +149,10 @@ def swinging(k):
     return 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.1
 
 
-@pytest.mark.parametrize("law", sorted(LAWS))
-@pytest.mark.parametrize("jump", [-3600.0, -1.0, 0.7, 3600.0])
+@pytest.mark.parametrize(
+    ("law", "jump"),
+    [("predictive", -3600.0), ("predictive", 0.7), ("position", -1.0), ("speed", 3600.0)],
+)
 def test_after_a_jump_the_head_holds_and_tracks_again(law, jump):
     rig = Rig(law)
     for k in range(200):
@@ -247,4 +249,4 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 TestAnyOrder = AnyOrder.TestCase
-TestAnyOrder.settings = settings(max_examples=40, stateful_step_count=20)
+TestAnyOrder.settings = settings(max_examples=25, stateful_step_count=20)

@@ -100,7 +100,7 @@ def inside(head, command, fastest):
 
 
 @pytest.mark.parametrize("law", sorted(LAWS))
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(stream=streams(), fastest=st.floats(0.8, 5.0), recenter=st.booleans())
 def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, fastest, recenter):
     rig = Rig(
@@ -133,7 +133,7 @@ LOST_IN_A_TURN = [
 ]
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @example(stream=LOST_IN_A_TURN, acceleration=7.0)
 @given(stream=streams(), acceleration=st.floats(5.0, 100.0))
 def test_speeds_grow_no_faster_than_allowed(kinectbot, stream, acceleration):

@@ -172,7 +172,7 @@ def test_delays_are_measured(make):
 BAD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e12, 1e-300, 0.0)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_no_message_makes_a_command_that_is_no_number(head, law, seed):
     rnd, tracker, now, joints = (
         random.Random(seed),

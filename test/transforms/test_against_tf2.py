@@ -76,7 +76,7 @@ def ask(buffer: TransformBuffer, model: Tf2Model, target: str, source: str, stam
     assert buffer.can_transform(target, source, stamp)
 
 
-@settings(max_examples=250)
+@settings(max_examples=100)
 @given(st.lists(st.tuples(operations, questions), max_size=4))
 def test_any_sequence_ends_as_in_tf2(rounds):
     buffer, model = TransformBuffer(), Tf2Model()
@@ -93,7 +93,7 @@ def random_transform(rnd: random.Random) -> Transform:
     )
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(4))
 def test_long_histories_end_as_in_tf2(seed):
     """A tree in motion over three caches, with pauses, late samples and hand-overs."""
     rnd = random.Random(seed)

@@ -31,7 +31,7 @@ def test_forward_kinematics_of_both_robots_agree_with_yourdfpy(robot):
     assert_agrees_with_yourdfpy(robot, 1)
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", range(6))
 def test_forward_kinematics_of_random_trees_agree_with_yourdfpy(seed):
     assert_agrees_with_yourdfpy(parse_robot_model(random_urdf(seed)), seed)
 

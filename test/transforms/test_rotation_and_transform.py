@@ -83,19 +83,6 @@ def test_an_invalid_quaternion_is_refused(quaternion):
         Rotation.from_quaternion_xyzw(quaternion)
 
 
-@given(rotations, rotations, points)
-def test_composition_applies_one_after_the_other(a, b, p):
-    assert np.allclose((a @ b) @ p, a @ (b @ p), atol=1e-9)
-
-
-@given(rotations)
-def test_rotation_matrix_round_trip(a):
-    assert np.allclose(Rotation.from_matrix(a.as_matrix()).as_matrix(), a.as_matrix(), atol=1e-12)
-
-
-# Transforms
-
-
 @given(transforms, transforms, vectors)
 def test_composition_is_the_product_of_matrices(a, b, p):
     assert np.allclose((a @ b).as_matrix(), a.as_matrix() @ b.as_matrix(), atol=1e-9)

@@ -142,7 +142,7 @@ def interrupt():
         os.killpg(0, signal.SIGINT)
 threading.Thread(target=interrupt, daemon=True).start()
 parse_in_child_process()
-for _ in range(5):
+for _ in range(2):
     parse_robot_model('<robot name="r"><link name="a"/></robot>')
 """
     command = [sys.executable, "-c", program]
