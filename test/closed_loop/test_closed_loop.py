@@ -111,18 +111,26 @@ def soft(servo):
         servo.set_register(f"{side} Compliance Slope", 64)
 
 
-@pytest.mark.parametrize("law", sorted(LAWS))
-@pytest.mark.parametrize("servo", [lambda servo: None, heavy, slow, soft])
+def to_and_fro(t):
+    return around(0.8 if t % 2.0 < 1.0 else -0.8)
+
+
 @pytest.mark.parametrize(
-    "path",
+    ("path", "servo", "law"),
     [
-        sine(1.0),
-        sine(4.0),
-        lambda t: around(0.8 if t % 2.0 < 1.0 else -0.8),
-        lambda t: around(4.0),
+        (sine(1.0), slow, "position"),
+        (sine(1.0), soft, "predictive"),
+        (sine(4.0), heavy, "speed"),
+        (sine(4.0), soft, "position"),
+        (to_and_fro, heavy, "position"),
+        (to_and_fro, heavy, "predictive"),
+        (to_and_fro, slow, "predictive"),
+        (to_and_fro, soft, "speed"),
+        (lambda t: around(4.0), heavy, "predictive"),
+        (lambda t: around(4.0), slow, "speed"),
     ],
 )
-def test_servos_that_do_follow_are_not_taken_for_stalled(head, law, servo, path):
+def test_servos_that_do_follow_are_not_taken_for_stalled(head, path, servo, law):
     states = {}
     watched = Watched(tracker(head, law), lambda now, steered: states.update({now: steered.state}))
     run(head, path, Conditions(duration=6.0, noise=0.003, servos=ax12(servo)), watched)

@@ -19,10 +19,16 @@ def error(head, path, conditions, start=3.0, law="predictive"):
     return loop.run(tracker(head, law)).recording.between(start).rms
 
 
-@pytest.mark.parametrize("law", ["predictive", "speed", "position"])
-@pytest.mark.parametrize("late", [-0.12, 0.05])
-@pytest.mark.parametrize("path", [still, swing])
-def test_stamps_that_are_wrong_make_no_head_swing(head, law, late, path):
+@pytest.mark.parametrize(
+    ("law", "path", "late"),
+    [
+        ("predictive", still, -0.12),
+        ("predictive", swing, 0.05),
+        ("speed", swing, -0.12),
+        ("position", swing, -0.12),
+    ],
+)
+def test_stamps_that_are_wrong_make_no_head_swing(head, law, path, late):
     conditions = replace(ON_HEAD, rate=10.0 if law == "speed" else 50.0)
     usual = error(head, path, conditions, law=law)
     wrong = error(head, path, replace(conditions, stamp_error=late), law=law)
@@ -35,46 +41,39 @@ def test_a_camera_beside_the_head_has_no_stamp_errors_to_learn(head):
     assert steered.camera.applied == 0.0
 
 
-@pytest.mark.parametrize("path", [still, swing, circle])
+@pytest.mark.parametrize("path", [still, circle])
 def test_noise_of_the_distance_does_not_turn_the_head(head, path):
     noisy = error(head, path, replace(ON_HEAD, range_noise=0.2))
     assert noisy < 1.5 * error(head, path, ON_HEAD) + 0.003
 
 
-@pytest.mark.parametrize("size", [0.1, 0.15])
-def test_outliers_do_not_carry_the_head_away(head, size):
-    for path in (swing, circle):
-        for seed in (1, 2):
-            wild = replace(ON_HEAD, outliers=0.05, outlier=size, seed=seed)
-            # without outliers the error is a few mrad, and a ratio to it alone would say little
-            assert error(head, path, wild) < max(1.8 * error(head, path, ON_HEAD) + 0.01, 0.022)
+@pytest.mark.parametrize(("path", "size", "seed"), [(swing, 0.15, 1), (circle, 0.1, 2)])
+def test_outliers_do_not_carry_the_head_away(head, path, size, seed):
+    wild = replace(ON_HEAD, outliers=0.05, outlier=size, seed=seed)
+    # without outliers the error is a few mrad, and a ratio to it alone would say little
+    assert error(head, path, wild) < max(1.8 * error(head, path, ON_HEAD) + 0.01, 0.022)
 
 
-@pytest.mark.parametrize("dead_time", [0.1, 0.12, 0.15])
+@pytest.mark.parametrize("dead_time", [0.1, 0.15])
 def test_servos_with_a_long_dead_time_are_followed(head, dead_time):
     fast = replace(ON_HEAD, servos=PlainServo(dead_time=dead_time))
     assert error(head, sine(0.5), fast) < 0.04
 
 
-def weak(acceleration):
-    servos = PlainServo(acceleration=acceleration)
-    return replace(ON_HEAD, duration=20.0, field=(3.0, 3.0), servos=servos)
-
-
-@pytest.mark.parametrize("acceleration", [5.0, 10.0])
-def test_a_heavy_head_follows_what_it_can(head, acceleration):
-    assert error(head, swing, weak(acceleration), start=14.0) < 0.03
+def test_a_heavy_head_follows_what_it_can(head):
+    servos = PlainServo(acceleration=5.0)
+    heavy = replace(ON_HEAD, duration=20.0, field=(3.0, 3.0), servos=servos)
+    assert error(head, swing, heavy, start=14.0) < 0.03
 
 
 def test_outliers_on_a_fast_swing_do_not_stop_the_pursuit(head):
-    fast = replace(ON_HEAD, duration=20.0, outliers=0.05, outlier=0.5)
-    for seed in (1, 2, 3):
+    fast = replace(ON_HEAD, duration=14.0, outliers=0.05, outlier=0.5)
+    for seed in (1, 2):
         conditions = replace(fast, seed=seed)
         assert error(head, sine(0.5), conditions) < 0.05
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.parametrize("noise", [0.002, 0.005])
+@pytest.mark.parametrize(("noise", "seed"), [(0.002, 1), (0.005, 2), (0.005, 3)])
 def test_at_rest_the_head_is_quieter_than_the_points(head, noise, seed):
     conditions = Conditions(duration=12.0, noise=noise, seed=seed)
     outcome = ClosedLoop(still, conditions).run(tracker(head))

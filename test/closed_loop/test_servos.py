@@ -27,13 +27,7 @@ BESIDE = Conditions(duration=16.0, noise=0.002, delay=0.05, field=(3.0, 3.0))
 
 
 @pytest.mark.parametrize(
-    "servo",
-    [
-        PlainServo(dead_time=0.08, acceleration=15.0),
-        PlainServo(profile=20.0),
-        PlainServo(profile=7.5),
-        PlainServo(dead_time=0.1, acceleration=20.0),
-    ],
+    "servo", [PlainServo(dead_time=0.08, acceleration=15.0), PlainServo(profile=7.5)]
 )
 def test_a_servo_that_accelerates_slowly_does_not_run_away(head, servo):
     ours, _ = run(head, swing, replace(BESIDE, servos=servo))
@@ -42,9 +36,7 @@ def test_a_servo_that_accelerates_slowly_does_not_run_away(head, servo):
     assert ours.between(4.0).rms < simple.between(4.0).rms
 
 
-@pytest.mark.parametrize(
-    ("acceleration", "rate"), [(4.0, math.pi), (5.0, math.pi), (15.0, math.tau), (20.0, math.tau)]
-)
+@pytest.mark.parametrize(("acceleration", "rate"), [(4.0, math.pi), (20.0, math.tau)])
 def test_a_swing_that_is_too_fast_for_the_servo_is_followed_in_time(head, acceleration, rate):
     """A swing of 0.5 rad needs accelerations of up to 4.9 and 19.7 rad/s²."""
     conditions = replace(BESIDE, servos=PlainServo(acceleration=acceleration))
@@ -53,26 +45,24 @@ def test_a_swing_that_is_too_fast_for_the_servo_is_followed_in_time(head, accele
     assert ours.between(10.0).rms < 0.8 * standing
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-def test_a_weak_servo_that_has_left_its_commands_is_caught_where_it_is(head, seed):
+def test_a_weak_servo_that_has_left_its_commands_is_caught_where_it_is(head):
     def stop_and_go(t):
         phase = t % 4.0
         return around(0.4 * (min(phase, 1.0) - min(max(phase - 2.0, 0.0), 1.0)))
 
     weak = PlainServo(acceleration=5.0)
-    conditions = replace(BESIDE, duration=12.0, delay=0.08, servos=weak, seed=seed)
+    conditions = replace(BESIDE, duration=12.0, delay=0.08, servos=weak, seed=2)
     recording, _ = run(head, stop_and_go, conditions)
     assert recording.rms < 0.06
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_late_computer_does_not_carry_the_head_past_its_target(head, seed):
+@pytest.mark.parametrize(("frequency", "seed"), [(0.5, 1), (1.0, 2)])
+def test_a_late_computer_does_not_carry_the_head_past_its_target(head, frequency, seed):
     late = replace(BESIDE, late=0.1, seed=seed)
-    for path, reach in ((swing, 0.5), (lambda t: around(0.5 * math.sin(math.tau * t)), 0.5)):
-        ours, _ = run(head, path, late)
-        simple, _ = run(head, path, late, "position")
-        assert ours.between(3.0).rms < 0.8 * simple.between(3.0).rms
-        assert abs(ours.between(3.0).positions[:, 0]).max() < reach + 0.25
+    ours, _ = run(head, sine(frequency), late)
+    simple, _ = run(head, sine(frequency), late, "position")
+    assert ours.between(3.0).rms < 0.8 * simple.between(3.0).rms
+    assert abs(ours.between(3.0).positions[:, 0]).max() < 0.75
 
 
 def test_a_weak_servo_stops_at_a_target_that_has_jumped(head):
@@ -108,8 +98,7 @@ class Deaf:
             self._servos.write(command, now)
 
 
-@pytest.mark.parametrize("lag", [0.03, 0.05, 0.07])
-@pytest.mark.parametrize("seconds", [0.26, 0.28, 0.3])
+@pytest.mark.parametrize(("seconds", "lag"), [(0.26, 0.03), (0.28, 0.05), (0.3, 0.07)])
 def test_a_servo_that_hears_late_is_not_driven_past_its_target(head, seconds, lag):
     servo = PlainServo(dead_time=0.03, lag=lag, resolution=0.005)
     conditions = Conditions(
@@ -192,8 +181,9 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
     assert (steered.learned[stamps].value, steered.learned[stamps].source) == (0.12, "given")
 
 
-@pytest.mark.parametrize("drift", [0.006, 0.015, 0.03])
-@pytest.mark.parametrize("servo", [ax12(), PlainServo()])
+@pytest.mark.parametrize(
+    ("drift", "servo"), [(0.006, PlainServo()), (0.015, ax12()), (0.03, PlainServo())]
+)
 def test_a_target_that_drifts_is_followed(head, drift, servo):
     """The law `position` has 1.9 to 7.6 mrad."""
 

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -30,16 +29,16 @@ def run(head, path, conditions):
     return watched, ClosedLoop(path, conditions).run(watched).recording
 
 
-@pytest.mark.parametrize("late", [-0.15, 0.05, 0.2, 0.4])
-@pytest.mark.parametrize("path", [still, swing, circle])
+@pytest.mark.parametrize(
+    ("path", "late"), [(still, -0.15), (still, 0.2), (swing, 0.05), (swing, 0.4), (circle, 0.2)]
+)
 def test_the_error_is_found(head, path, late):
     conditions = replace(ON_HEAD, duration=5.0, stamp_error=late, field=(3.0, 3.0), seed=7)
     watched, _ = run(head, path, conditions)
     assert watched.applied[-1] == pytest.approx(late, abs=0.015)
 
 
-@pytest.mark.parametrize("late", [0.15, 0.3, 0.45])
-@pytest.mark.parametrize("bearing", [0.3, 0.8])
+@pytest.mark.parametrize(("bearing", "late"), [(0.3, 0.15), (0.8, 0.3), (0.8, 0.45)])
 def test_a_still_face_that_is_seen_late_is_not_overshot(head, bearing, late):
     """Its points move with the head at first; no speed of its own explains that."""
     conditions = replace(ON_HEAD, duration=4.0, delay=late, stamp_error=late, field=(2.2, 1.5))
@@ -50,7 +49,7 @@ def test_a_still_face_that_is_seen_late_is_not_overshot(head, bearing, late):
     assert math.degrees(np.abs(off[settled]).max()) < 1.0
 
 
-@pytest.mark.parametrize("late", [-0.1, 0.15, 0.25])
+@pytest.mark.parametrize("late", [-0.1, 0.25])
 def test_a_delay_that_is_given_is_right_from_the_first_point_on(head, late):
     conditions = replace(ON_HEAD, delay=0.25, field=(3.0, 3.0), duration=4.0)
     watched = Watched(head)
@@ -64,30 +63,35 @@ def test_a_delay_that_is_given_is_right_from_the_first_point_on(head, late):
     assert given < 1.2 * right
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-def test_the_error_is_found_while_only_one_joint_turns(head, seed):
+def test_the_error_is_found_while_only_one_joint_turns(head):
     """Motion of pan alone excludes the mountings with pan reversed, but not the one of tilt."""
 
     def from_rest(t):
         return around(0.5 * math.sin(math.pi * (0.25 * t * t if t < 2.0 else t - 1.0)))
 
     conditions = replace(ON_HEAD, duration=9.0, stamp_jitter=0.0115, start=(0.01, 0.04151))
-    conditions = replace(conditions, servos=PlainServo(), stamp_error=0.05, seed=seed)
+    conditions = replace(conditions, servos=PlainServo(), stamp_error=0.05, seed=2)
     watched, _ = run(head, from_rest, conditions)
     assert watched.applied[-1] == pytest.approx(0.05, abs=0.02)
 
 
-@pytest.mark.parametrize("late", [0.5, 0.7])
-def test_a_correction_beyond_the_timeout_does_not_end_tracking(head, late):
-    conditions = replace(ON_HEAD, duration=12.0, stamp_error=late, field=(3.0, 3.0))
+def test_a_correction_beyond_the_timeout_does_not_end_tracking(head):
+    conditions = replace(ON_HEAD, duration=12.0, stamp_error=0.7, field=(3.0, 3.0))
     watched, recording = run(head, swing, conditions)
-    assert watched.applied[-1] == pytest.approx(late, abs=0.05)
+    assert watched.applied[-1] == pytest.approx(0.7, abs=0.05)
     assert recording.between(6.0).rms < 0.2
 
 
-@pytest.mark.parametrize(("points", "delay"), [(5.0, 0.1), (8.0, 0.4), (30.0, 0.1)])
-@pytest.mark.parametrize("path", [swing, lambda t: around(0.3 * math.sin(math.tau * t))])
-def test_no_error_is_believed_where_there_is_none(head, path, delay, points):
+@pytest.mark.parametrize(
+    ("path", "points", "delay"),
+    [
+        (swing, 8.0, 0.4),
+        (swing, 30.0, 0.1),
+        (sine(1.0, 0.3), 5.0, 0.1),
+        (sine(1.0, 0.3), 30.0, 0.1),
+    ],
+)
+def test_no_error_is_believed_where_there_is_none(head, path, points, delay):
     conditions = replace(ON_HEAD, duration=12.0, points=points, delay=delay, seed=3)
     watched, _ = run(head, path, replace(conditions, field=(3.0, 3.0)))
     assert not any(watched.applied)
@@ -98,7 +102,7 @@ def one_hertz(t):
     return around(0.5 * math.sin(math.tau * (0.25 * t * t if t < 2.0 else t - 1.0)))
 
 
-@pytest.mark.parametrize(("dead_time", "lag"), [(0.04, 0.04), (0.08, 0.012), (0.017, 0.023)])
+@pytest.mark.parametrize(("dead_time", "lag"), [(0.04, 0.04), (0.08, 0.012)])
 def test_no_error_is_believed_because_it_makes_a_fast_swing_smaller(head, dead_time, lag):
     servo = PlainServo(dead_time=dead_time, lag=lag, speed=5.0, acceleration=40.0, profile=40.0)
     conditions = replace(ON_HEAD, duration=8.0, delay=0.0, noise=0.0, servos=servo)
@@ -107,24 +111,20 @@ def test_no_error_is_believed_because_it_makes_a_fast_swing_smaller(head, dead_t
     assert not any(watched.applied)
 
 
-@pytest.mark.parametrize("late", [0.05, 0.2])
-def test_the_error_is_found_on_a_fast_swing(head, late):
-    conditions = replace(ON_HEAD, duration=6.0, servos=PlainServo(), stamp_error=late)
+def test_the_error_is_found_on_a_fast_swing(head):
+    conditions = replace(ON_HEAD, duration=6.0, servos=PlainServo(), stamp_error=0.2)
     watched, _ = run(head, one_hertz, replace(conditions, field=(3.0, 3.0)))
-    assert watched.applied[-1] == pytest.approx(late, abs=0.02)
+    assert watched.applied[-1] == pytest.approx(0.2, abs=0.02)
 
 
-@cache
-def usual_error(head, path, conditions):
-    return run(head, path, conditions)[1].between(6.0).rms
-
-
-@pytest.mark.parametrize("path", [still, swing, circle, sine(0.5)])
-@pytest.mark.parametrize("late", [-0.08, 0.09])
+@pytest.mark.parametrize(("path", "late"), [(still, -0.08), (circle, 0.09), (sine(0.5), -0.08)])
 def test_wrong_stamps_that_jitter_cost_little(head, path, late):
     jitter = replace(ON_HEAD, duration=10.0, stamp_jitter=0.0115, seed=2)
-    wrong = run(head, path, replace(jitter, stamp_error=late))[1].between(6.0).rms
-    assert wrong < 1.5 * usual_error(head, path, jitter) + 0.005
+    usual, wrong = (
+        run(head, path, replace(jitter, stamp_error=error))[1].between(6.0).rms
+        for error in (0.0, late)
+    )
+    assert wrong < 1.5 * usual + 0.005
 
 
 def test_one_point_from_the_future_keeps_nobody_from_learning(head):
@@ -151,8 +151,7 @@ def test_points_from_the_future_do_not_pile_up(head):
     assert len(tracker.camera.waiting) < 100
 
 
-@pytest.mark.parametrize("moment", [0.5, 0.8])
-@pytest.mark.parametrize("error", [-0.08, 0.12])
+@pytest.mark.parametrize(("moment", "error"), [(0.5, -0.08), (0.8, 0.12)])
 def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head, moment, error):
     watched = Watched(head)
     step, seen = watched.step, watched.target_seen
@@ -178,10 +177,9 @@ def test_the_error_is_found_while_the_base_turns(head):
     def sway(t):
         return 0.0, 0.0, 0.4 * math.sin(math.tau * 0.25 * t)
 
-    conditions = replace(ON_HEAD, duration=10.0, base=sway, field=(3.0, 3.0))
-    for late in (-0.09, 0.09):
-        loop = ClosedLoop(swing, replace(conditions, stamp_error=late))
-        watched = Watched(head, HeadBase(loop.buffer, "odom", head.base_frame))
-        recording = loop.run(watched).recording
-        assert watched.applied[-1] == pytest.approx(late, abs=0.015)
-        assert recording.between(4.0).rms < 0.03
+    conditions = replace(ON_HEAD, base=sway, field=(3.0, 3.0), stamp_error=-0.09)
+    loop = ClosedLoop(swing, conditions)
+    watched = Watched(head, HeadBase(loop.buffer, "odom", head.base_frame))
+    recording = loop.run(watched).recording
+    assert watched.applied[-1] == pytest.approx(-0.09, abs=0.015)
+    assert recording.between(4.0).rms < 0.03

