@@ -110,9 +110,10 @@ def test_the_search_covers_both_sides(make):
     ideal = IdealHead(
         make(enable_target_search=True, search_target_timeout=1.0, default_joint_speed=2.0)
     )
-    ideal.run(1.0, TARGET)
+    ideal.run(1.0, TARGET).run(2.0)
+    assert ideal.tracker.state is TargetState.SEARCHING
     reached = []
-    for _ in range(60):
+    for _ in range(52):
         ideal.run(0.25)
         reached.append(ideal.positions[0])
     assert ideal.tracker.state is TargetState.SEARCHING
