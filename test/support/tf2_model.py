@@ -16,11 +16,19 @@ import numpy as np
 from head_tracking.transforms import Rotation, Transform
 
 Matrix = np.ndarray
-DEEPEST = 1000
 
 
 class Refused(Exception):
     """What tf2 raises; the argument is the name of its exception."""
+
+
+class Climbed(set[str]):
+    """The frames of a climb; one that comes twice is in a loop, in which tf2 gives up."""
+
+    def add(self, frame: str) -> None:
+        if frame in self:
+            raise Refused("LookupException")
+        super().add(frame)
 
 
 @dataclass
@@ -115,11 +123,9 @@ class Tf2Model:
         if stamp == 0:
             stamp = self.latest_common_time(target, source)
         up, frame, gap = np.eye(4), source, False
-        for depth in range(DEEPEST + 2):
-            if depth > DEEPEST:
-                raise Refused("LookupException")
-            if frame not in self.frames:
-                break
+        climbed = Climbed()
+        while frame in self.frames:
+            climbed.add(frame)
             found = self.frames[frame].at(stamp)
             if found is None:
                 gap = True
@@ -128,11 +134,9 @@ class Tf2Model:
                 return stamp, up
             up, frame = found[1] @ up, found[0]
         top, down, frame = frame, np.eye(4), target
-        for depth in range(DEEPEST + 2):
-            if depth > DEEPEST:
-                raise Refused("LookupException")
-            if frame == top or frame not in self.frames:
-                break
+        climbed = Climbed()
+        while frame != top and frame in self.frames:
+            climbed.add(frame)
             found = self.frames[frame].at(stamp)
             if found is None:
                 raise Refused("ExtrapolationException")
@@ -145,17 +149,17 @@ class Tf2Model:
 
     def latest_common_time(self, target: str, source: str) -> int:
         above: list[tuple[int, str]] = []
-        frame = source
+        frame, climbed = source, Climbed()
         while frame in self.frames and (latest := self.frames[frame].latest()) is not None:
+            climbed.add(frame)
             above.append(latest)
             frame = latest[1]
             if frame == target:
                 return oldest(above)
-            if len(above) > DEEPEST:
-                raise Refused("LookupException")
         below: list[tuple[int, str]] = []
-        frame = target
+        frame, climbed = target, Climbed()
         while frame in self.frames and (latest := self.frames[frame].latest()) is not None:
+            climbed.add(frame)
             below.append(latest)
             frame = latest[1]
             parents = [parent for _, parent in above]
@@ -163,8 +167,6 @@ class Tf2Model:
                 return oldest(below + above[: parents.index(frame) + 1])
             if frame == source:
                 return oldest(below)
-            if len(below) > DEEPEST:
-                raise Refused("LookupException")
         raise Refused("ConnectivityException")
 
 

@@ -147,6 +147,14 @@ def test_recentring_forgets_the_target(make, law):
     assert ideal.tracker.state is TargetState.IDLE
 
 
+def test_a_target_ends_the_recentring_for_good(make):
+    ideal = IdealHead(make()).run(2.0, TARGET)
+    ideal.tracker.recenter()
+    ideal.run(0.1).run(2.0, TARGET)
+    assert ideal.tracker.state is TargetState.TRACKING
+    assert ideal.run(2.0).tracker.state is TargetState.HOLDING
+
+
 def test_the_law_can_be_changed_on_the_way(make, head):
     ideal = IdealHead(make("speed")).run(0.4, TARGET)
     for name in ("predictive", "position", "speed", "predictive"):

@@ -93,7 +93,7 @@ def random_transform(rnd: random.Random) -> Transform:
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(8))
 def test_long_histories_end_as_in_tf2(seed):
     """A tree in motion over three caches, with pauses, late samples and hand-overs."""
     rnd = random.Random(seed)
