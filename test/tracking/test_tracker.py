@@ -100,10 +100,13 @@ def test_a_lost_target_holds_the_head_and_comes_back(make, law):
 
 
 def test_a_target_lost_for_long_is_given_up(make, law):
-    ideal = IdealHead(make(law)).run(2.0, TARGET).run(13.0)
+    ideal = IdealHead(make(law)).run(2.0, TARGET).run(8.0)
+    assert ideal.tracker.state is TargetState.HOLDING
+    ideal.run(5.0)
     assert ideal.positions == pytest.approx((0.0, 0.0), abs=0.04)
     assert ideal.tracker.state is TargetState.IDLE
-    assert ideal.step.command is None
+    ideal.positions = (0.5, 0.2)  # another program moves the head now
+    assert ideal.run(1.0).step.command is None
 
 
 def test_the_search_covers_both_sides(make):
