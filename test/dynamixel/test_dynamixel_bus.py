@@ -312,23 +312,6 @@ def test_several_lost_servos_are_asked_in_different_cycles(
     assert port.take_log() == [("ping", 2)]
 
 
-def test_servo_that_kept_its_torque_holds_where_it_stands(
-    port: FakePort, bus: ServoBus, clock: FakeClock
-) -> None:
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    lose_pan(bus, port)
-    port.servos[1].answers = True  # only the answers were lost
-    port.servos[1]["Present Position"] = 560
-    clock.pass_time(0.6)
-    readings = [bus.step() for _ in range(2)]
-    events = [event for reading in readings for event in reading.events]
-    assert [event.kind for event in events] == [EventKind.RETURNED]
-    assert port.servos[1]["Torque Enable"] == 1
-    assert readings[-1].states["head_pan_joint"].goal == PAN.position(560)
-    assert port.servos[1]["Goal Position"] == 560
-
-
 def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(
     port: FakePort, bus: ServoBus, clock: FakeClock
 ) -> None:
@@ -342,20 +325,6 @@ def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_
     for _ in range(5):
         bus.step()
     assert port.servos[1]["Torque Enable"] == 0
-
-
-def test_servo_that_lost_its_power_returns_relaxed(
-    port: FakePort, bus: ServoBus, clock: FakeClock
-) -> None:
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    lose_pan(bus, port)
-    port.servos[1] = FakeServo(1)
-    clock.pass_time(0.6)
-    readings = [bus.step() for _ in range(2)]
-    assert readings[-1].states["head_pan_joint"].goal is None
-    assert port.servos[1]["Torque Enable"] == 0
-    assert writes(port.log) == []
 
 
 @pytest.mark.parametrize("held_before", [False, True])

@@ -79,7 +79,9 @@ def test_unknown_model_names_those_that_are_known() -> None:
 
 
 @every_model
-def test_every_register_is_read_as_the_servo_holds_it(model: ServoModel) -> None:
+def test_every_register_is_read_as_the_servo_holds_it_and_holds_what_the_vendor_says(
+    model: ServoModel,
+) -> None:
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
     bench.port.open()
@@ -92,6 +94,11 @@ def test_every_register_is_read_as_the_servo_holds_it(model: ServoModel) -> None
         if register.name not in moving:
             assert alone[register.name] == servo.register(register.name), register.name
             assert together[register.name] == alone[register.name], register.name
+        if register.initial is not None and register.name not in moving | {"Moving Status"}:
+            initial = register.initial
+            if register.name == "Goal Velocity":
+                initial = servo.register("Velocity Limit")
+            assert alone[register.name] == initial, register.name
 
 
 def _settable(model: ServoModel) -> list[Register]:

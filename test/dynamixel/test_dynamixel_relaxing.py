@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit, writes
 from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
+    BusReading,
     BusThread,
     ConfigurationError,
     DynamixelPort,
@@ -23,11 +26,48 @@ from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
 
-def connected(port: FakePort) -> ServoBus:
-    bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
-    bus.connect()
-    run(bus.switching_torque(None, True))
-    return bus
+class Rig:
+    """Pan and tilt hold on a fake port, in a time that passes when it is asked for."""
+
+    def __init__(self) -> None:
+        self.port, self.clock = FakePort(), FakeClock(tick=1000)
+        self.bus = ServoBus(
+            self.port,  # type: ignore[arg-type]
+            [PAN, TILT],
+            monotonic=self.clock,
+            pause=self.pause,
+        )
+        self.bus.connect()
+        run(self.bus.switching_torque(None, True))
+        self.loose_until = math.inf
+        self.pan, self.tilt = self.port.servos.values()
+
+    def pause(self, seconds: float) -> None:
+        self.clock.pass_time(seconds)
+        if self.clock.now > self.loose_until:
+            self.plug_in()
+
+    def step(self, count: int = 1) -> BusReading:
+        for _ in range(count):
+            self.clock.pass_time(0.02)
+            reading = self.bus.step()
+        return reading
+
+    def loosen(self) -> None:
+        """Let the plug of the pan servo be loose: it hears nothing, and does not answer."""
+        self.pan.answers, self.pan.ignored = False, {24}
+
+    def plug_in(self) -> None:
+        self.pan.answers, self.pan.ignored = True, set()
+
+    @property
+    def torque(self) -> list[int]:
+        return [servo["Torque Enable"] for servo in (self.pan, self.tilt)]
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
 
 
 # The start and the end of a run
@@ -48,61 +88,52 @@ def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | 
     assert not port.opened
 
 
-def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end() -> None:
-    port = FakePort()
-    bus = connected(port)
-    port.servos[1].answers = False
-    port.servos[1].ignored = {24}  # its cable is out
+def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig: Rig) -> None:
+    rig.loosen()
     with pytest.raises(TorqueError):
-        run(bus.stopping([PAN.joint_name]))
-    assert EventKind.TORQUE_FAILED in [event.kind for event in bus.step().events]
-    assert bus.close() == (PAN.joint_name,)
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [1, 0]
+        run(rig.bus.stopping([PAN.joint_name]))
+    assert EventKind.TORQUE_FAILED in [event.kind for event in rig.bus.step().events]
+    assert rig.bus.close() == (PAN.joint_name,)
+    assert rig.torque == [1, 0]
 
 
-def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end() -> None:
-    port = FakePort()
-    bus = connected(port)
-    run(bus.stopping([PAN.joint_name]))
-    port.servos[1].answers = False
-    assert bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
-    run(bus.switching_torque(None, False))
-    port.servos[2].answers = False  # relaxed, too, but not taken out of the cycle
-    problems = bus.relax_at_once(1.0)
+def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end(rig: Rig) -> None:
+    run(rig.bus.stopping([PAN.joint_name]))
+    rig.pan.answers = False
+    assert rig.bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
+    run(rig.bus.switching_torque(None, False))
+    rig.tilt.answers = False  # relaxed, too, but not taken out of the cycle
+    problems = rig.bus.relax_at_once(1.0)
     assert problems[TILT.joint_name] and not problems[PAN.joint_name]
-    port.servos[2].answers = True
-    assert bus.close() == ()
+    rig.tilt.answers = True
+    assert rig.bus.close() == ()
 
 
-def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_relaxed() -> None:
-    port = FakePort()
-    bus = connected(port)
-    run(bus.stopping([PAN.joint_name]))
-    port.servos[1]["Torque Enable"] = 1
-    port.servos[1].ignored = {24}
+def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_relaxed(
+    rig: Rig,
+) -> None:
+    run(rig.bus.stopping([PAN.joint_name]))
+    rig.pan["Torque Enable"] = 1
+    rig.pan.ignored = {24}
     with pytest.raises(TorqueError):
-        run(bus.switching_torque(None, False))
-    assert bus.relax_at_once(1.0)[PAN.joint_name]
-    assert bus.close() == (PAN.joint_name,)
+        run(rig.bus.switching_torque(None, False))
+    assert rig.bus.relax_at_once(1.0)[PAN.joint_name]
+    assert rig.bus.close() == (PAN.joint_name,)
 
 
-def test_a_stop_that_failed_and_succeeds_later_is_confirmed() -> None:
-    port = FakePort()
-    bus = connected(port)
-    port.servos[1].answers = False
+def test_a_stop_that_failed_and_succeeds_later_is_confirmed(rig: Rig) -> None:
+    rig.pan.answers = False
     with pytest.raises(TorqueError):
-        run(bus.stopping([PAN.joint_name]))
-    port.servos[1].answers = True
-    assert bus.close() == ()
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+        run(rig.bus.stopping([PAN.joint_name]))
+    rig.pan.answers = True
+    assert rig.bus.close() == ()
+    assert rig.torque == [0, 0]
 
 
-def test_no_joint_is_called_relaxed_when_the_adapter_has_gone() -> None:
-    port = FakePort()
-    bus = connected(port)
-    run(bus.stopping([TILT.joint_name]))
-    port.gone = True
-    assert bus.close() == (PAN.joint_name,)
+def test_no_joint_is_called_relaxed_when_the_adapter_has_gone(rig: Rig) -> None:
+    run(rig.bus.stopping([TILT.joint_name]))
+    rig.port.gone = True
+    assert rig.bus.close() == (PAN.joint_name,)
 
 
 @pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
@@ -128,8 +159,7 @@ def test_a_stopped_joint_that_was_recovered_is_called_relaxed_at_the_end(name: s
 def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
     model = servo_model("XM430-W350")
     servo = SimulatedServo(1, model)
-    bench = Bench([servo])
-    bus = bench.servo_bus([joint_of(1, model)])
+    bus = Bench([servo]).servo_bus([joint_of(1, model)])
     bus.connect()
     run(bus.switching_torque(None, True))
     assert servo.register("Bus Watchdog") > 0
@@ -141,82 +171,57 @@ def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
 
 
 @pytest.mark.parametrize("silent", range(12))
-def test_stop_is_tried_again_where_it_failed(silent: int) -> None:
-    port = FakePort()
-    clock = FakeClock(tick=1000)
-    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
-    bus.connect()
-    run(bus.switching_torque(None, True))
-    port.servos[1].answers, port.servos[1].ignored = False, {24}  # its plug is loose
-    assert bus.relax_at_once(1.0)[PAN.joint_name]
-    for cycle in range(30):
-        if cycle == silent:  # 0: its cycles miss nothing
-            port.servos[1].answers, port.servos[1].ignored = True, set()
-        clock.pass_time(0.02)
-        bus.step()
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+def test_stop_is_tried_again_where_it_failed(rig: Rig, silent: int) -> None:
+    rig.loosen()
+    assert rig.bus.relax_at_once(1.0)[PAN.joint_name]
+    if silent:  # else its cycles miss nothing
+        rig.step(silent)
+    rig.plug_in()
+    rig.step(30 - silent)
+    assert rig.torque == [0, 0]
 
 
 @pytest.mark.parametrize("silent", [0, 2, 20])
 @pytest.mark.parametrize("lost", [False, True])
 @pytest.mark.parametrize("overtaken", [False, True])
 def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_answers(
-    silent: int, lost: bool, overtaken: bool
+    rig: Rig, silent: int, lost: bool, overtaken: bool
 ) -> None:
-    port, clock = FakePort(), FakeClock(tick=1000)
-    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
-    bus.connect()
-    run(bus.switching_torque(None, True))
-    port.servos[1].answers, port.servos[1].ignored = False, {24}  # its plug is loose
+    rig.loosen()
     for _ in range(10 * lost):
-        bus.step()
-    stopping = submit(bus, bus.stopping([PAN.joint_name]))
+        rig.bus.step()
+    stopping = submit(rig.bus, rig.bus.stopping([PAN.joint_name]))
     if overtaken:
-        bus.relax_at_once(0.0)
+        rig.bus.relax_at_once(0.0)
     while not stopping.done():
-        bus.step()
+        rig.bus.step()
     assert stopping.exception()
-    for cycle in range(silent + 10):
-        if cycle == silent:
-            port.servos[1].answers, port.servos[1].ignored = True, set()
-        clock.pass_time(0.02)
-        reading = bus.step()
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, not overtaken]
-    assert bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
+    if silent:
+        rig.step(silent)
+    rig.plug_in()
+    reading = rig.step(10)
+    assert rig.torque == [0, not overtaken]
+    assert rig.bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
     assert set(reading.states) == {TILT.joint_name}
-    port.take_log()
-    bus.step()
-    assert all(packet[1] != 1 for packet in port.take_log())  # it is left alone
-    assert bus.close() == ()
+    rig.port.take_log()
+    rig.bus.step()
+    assert all(packet[1] != 1 for packet in rig.port.take_log())  # it is left alone
+    assert rig.bus.close() == ()
 
 
-def test_a_servo_that_is_silent_for_a_moment_at_the_end_is_relaxed() -> None:
-    port, clock = FakePort(), FakeClock(tick=1000)
-
-    def pause(seconds: float) -> None:
-        clock.pass_time(seconds)
-        if clock() > silent_until:
-            port.servos[1].answers, port.servos[1].ignored = True, set()
-
-    bus = ServoBus(port, [PAN, TILT], monotonic=clock, pause=pause)  # type: ignore[arg-type]
-    bus.connect()
-    run(bus.switching_torque(None, True))
-    silent_until = clock() + 0.8e9
-    port.servos[1].answers, port.servos[1].ignored = False, {24}
-    assert bus.close() == ()
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+def test_a_servo_that_is_silent_for_a_moment_at_the_end_is_relaxed(rig: Rig) -> None:
+    rig.loosen()
+    rig.loose_until = rig.clock.now + 0.8e9
+    assert rig.bus.close() == ()
+    assert rig.torque == [0, 0]
 
 
-def test_a_stop_without_time_relaxes_all_the_same() -> None:
-    port = FakePort(1)
-    bus = ServoBus(port, [PAN], monotonic=FakeClock(tick=1000))  # type: ignore[arg-type]
-    bus.connect()
-    run(bus.switching_torque(None, True))
-    assert bus.relax_at_once(0.0)[PAN.joint_name]  # not confirmed yet
-    assert port.servos[1]["Torque Enable"] == 0
+def test_a_stop_without_time_relaxes_all_the_same(rig: Rig) -> None:
+    assert rig.bus.relax_at_once(0.0)[PAN.joint_name]  # not confirmed yet
+    assert rig.torque == [0, 0]
     for _ in range(3):
-        bus.step()
-    assert bus.joint(PAN.joint_name).confirmed
+        rig.bus.step()
+    assert rig.bus.joint(PAN.joint_name).confirmed
 
 
 # An adapter that comes back
@@ -224,28 +229,22 @@ def test_a_stop_without_time_relaxes_all_the_same() -> None:
 
 @pytest.mark.parametrize("other", [{"Firmware Version": 25}, {"Model Number": 18}])
 def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
+    rig: Rig,
     other: dict[str, int],
 ) -> None:
-    port, clock = FakePort(), FakeClock(tick=1000)
-    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
-    bus.connect()
-    port.gone = True
-    bus.step()
+    rig.port.gone = True
+    rig.bus.step()
     ((name, value),) = other.items()
-    before = port.servos[2][name]
-    port.servos[2][name] = value  # of another servo with the same id, on another adapter
-    port.gone = False
-    port.take_log()
-    for _ in range(20):
-        clock.pass_time(0.1)
-        bus.step()
-    assert not bus.statistics().connected
-    assert not writes(port.take_log())
-    port.servos[2][name] = before
-    for _ in range(20):
-        clock.pass_time(0.1)
-        assert bus.step() is not None
-    assert bus.statistics().connected
+    before = rig.tilt[name]
+    rig.tilt[name] = value  # of another servo with the same id, on another adapter
+    rig.port.gone = False
+    rig.port.take_log()
+    rig.step(100)
+    assert not rig.bus.statistics().connected
+    assert not writes(rig.port.take_log())
+    rig.tilt[name] = before
+    rig.step(100)
+    assert rig.bus.statistics().connected
 
 
 # Without a running bus
@@ -315,24 +314,22 @@ def test_what_cannot_be_relaxed_raises() -> None:
 
 
 def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(
-    monkeypatch: pytest.MonkeyPatch,
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    port = FakePort()
-    bus = connected(port)
-
     def interrupt(_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bus._procedures, "write_goals", interrupt)
+    monkeypatch.setattr(rig.bus._procedures, "write_goals", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        bus.close()
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+        rig.bus.close()
+    assert rig.torque == [0, 0]
 
 
-def test_no_joint_is_called_relaxed_when_closing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    port = FakePort()
+def test_no_joint_is_called_relaxed_when_closing_fails(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     errors: list[BaseException] = []
-    thread = BusThread(connected(port), 100.0, lambda _: None, errors.append)
+    thread = BusThread(rig.bus, 100.0, lambda _: None, errors.append)
 
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError

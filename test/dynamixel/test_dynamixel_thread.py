@@ -89,18 +89,6 @@ def test_requests_run_in_the_owners_thread_and_return_results() -> None:
     thread.stop()
 
 
-def test_cancelled_request_is_not_run() -> None:
-    bus = connected(FakePort())
-    thread = BusThread(bus, 1.0, ignore)
-    ran: list[int] = []
-    future = thread.call(lambda owned: ran.append(1))
-    assert future.cancel()
-    thread.start()
-    thread.call(lambda owned: None).result(PATIENCE)
-    thread.stop()
-    assert ran == []
-
-
 @pytest.mark.parametrize("started", [False, True])
 def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
     port = FakePort()
