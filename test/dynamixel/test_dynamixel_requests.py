@@ -275,6 +275,9 @@ def test_a_goal_that_waits_for_its_torque_does_not_replace_a_newer_one() -> None
     queue.put_goals({"another": Goal(0.3)}, 1)
     queue.keep_goal(JOINT, waiting)
     assert queue.take_goals() == {"another": Goal(0.3)}
+    queue.put_goals({JOINT: Goal(0.4)}, 1)
+    queue.epoch.advance()
+    assert not queue.take_goals()
 
 
 def test_a_function_that_was_sent_before_a_stop_is_not_called_after_it() -> None:
@@ -287,6 +290,14 @@ def test_a_function_that_was_sent_before_a_stop_is_not_called_after_it() -> None
     with pytest.raises(StoppedError):
         early.result(0.0)
     assert relaxing.result(0.0) == "relaxing"
+
+
+def test_a_function_that_was_cancelled_is_not_called() -> None:
+    queue = RequestQueue(Epoch(), lambda: 0)
+    called: list[int] = []
+    assert queue.add(lambda: called.append(1)).cancel()
+    queue.begin_next()
+    assert not called
 
 
 def test_the_wait_for_a_joint_with_another_request_is_bounded() -> None:
