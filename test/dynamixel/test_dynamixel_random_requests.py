@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from random import Random
 
+import pytest
 from dynamixel_fakes import submit
-from hypothesis import HealthCheck, settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
@@ -27,9 +26,6 @@ from head_tracking.simulation import SimulatedServo
 
 PERIOD = 0.02
 SETTLING = 60  # cycles after which everything that goes on by itself has been done
-
-joints = st.sampled_from(["j1", "j2"])
-some_joints = st.sampled_from([None, ["j1"], ["j2"]])
 
 
 @dataclass
@@ -59,11 +55,16 @@ LINES = [
 """Models that share a line."""
 
 
-class Requests(RuleBasedStateMachine):
-    """Two joints on one line."""
+class Requests:
+    """Two joints on one line.
 
-    @initialize(names=st.sampled_from(LINES))
-    def start_bus(self, names: tuple[str, str]) -> None:
+    Args:
+        names: of the models of their servos.
+        seed: of what happens.
+    """
+
+    def __init__(self, names: tuple[str, str], seed: int = 0) -> None:
+        self.random = Random(seed)
         models = [servo_model(name) for name in names]
         self.servos = {
             f"j{i}": SimulatedServo(i, model, boot_time=0.05)
@@ -75,6 +76,28 @@ class Requests(RuleBasedStateMachine):
         self.expected = {name: Expected() for name in self.servos}
         self.plugged = True
         self.settle()
+
+    def act(self) -> None:
+        """Let something happen, and check what must always be so."""
+        random = self.random
+        name = random.choice(["j1", "j2"])
+        chosen = random.choice([None, [name]])
+        acts = [
+            lambda: self.step(random.randint(1, 30)),
+            lambda: self.relax(chosen, random.random() < 0.5),
+            lambda: self.torque_on(chosen, random.randint(0, 12)),
+            lambda: self.stop(chosen),
+            lambda: self.start(chosen),
+            lambda: self.recover(chosen),
+            lambda: self.command(name, random.uniform(-0.8, 0.8)),
+            lambda: self.overload(name),
+            lambda: self.cut_power(name),
+            lambda: self.give_power(name),
+            self.unplug,
+            self.plug_in,
+        ]
+        random.choices(acts, (1, 2, 3, 2, 2, 2, 4, 2, 1, 2, 1, 3))[0]()
+        self.check()
 
     # What happens by itself
 
@@ -88,13 +111,8 @@ class Requests(RuleBasedStateMachine):
     def settle(self) -> None:
         self.step(SETTLING)
 
-    @rule(count=st.integers(1, 30))
-    def pass_cycles(self, count: int) -> None:
-        self.step(count)
-
     # Requests
 
-    @rule(chosen=some_joints, at_once=st.booleans())
     def relax(self, chosen: list[str] | None, at_once: bool) -> None:
         for name in chosen or self.expected:
             self.expected[name].relaxed = True
@@ -109,7 +127,6 @@ class Requests(RuleBasedStateMachine):
             if self.plugged and self.expected[name].powered:
                 assert self.servos[name].register("Torque Enable") == 0
 
-    @rule(chosen=some_joints, cycles=st.integers(0, 12))
     def torque_on(self, chosen: list[str] | None, cycles: int) -> None:
         future = submit(self.bus, self.bus.switching_torque(chosen, True))
         self.step(cycles)
@@ -131,7 +148,6 @@ class Requests(RuleBasedStateMachine):
                 reachable = self.plugged and expected.powered
                 expected.wanted = expected.wanted or reachable
 
-    @rule(chosen=some_joints)
     def stop(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
             run(self.bus.stopping(chosen))
@@ -139,7 +155,6 @@ class Requests(RuleBasedStateMachine):
             self.expected[name].stopped = True
             self.expected[name].off()
 
-    @rule(chosen=some_joints)
     def start(self, chosen: list[str] | None) -> None:
         with suppress(DynamixelError):
             run(self.bus.starting(chosen))
@@ -147,7 +162,6 @@ class Requests(RuleBasedStateMachine):
             self.expected[name].stopped = False
         self.settle()
 
-    @rule(chosen=some_joints)
     def recover(self, chosen: list[str] | None) -> None:
         self.settle()
         with suppress(DynamixelError):
@@ -159,7 +173,6 @@ class Requests(RuleBasedStateMachine):
                 expected.off()
         self.settle()
 
-    @rule(name=joints, position=st.floats(-0.8, 0.8))
     def command(self, name: str, position: float) -> None:
         expected = self.expected[name]
         try:
@@ -180,18 +193,15 @@ class Requests(RuleBasedStateMachine):
 
     # The world
 
-    @precondition(lambda self: self.plugged)
-    @rule(name=joints)
     def overload(self, name: str) -> None:
         expected = self.expected[name]
-        if not expected.powered or expected.stopped:
+        if not expected.powered or expected.stopped or not self.plugged:
             return
         self.servos[name].overload()
         self.settle()
         expected.faulted = True
         expected.off()
 
-    @rule(name=joints)
     def cut_power(self, name: str) -> None:
         if self.expected[name].powered:
             self.servos[name].power_off()
@@ -199,7 +209,6 @@ class Requests(RuleBasedStateMachine):
             self.expected[name].off()
             self.settle()
 
-    @rule(name=joints)
     def give_power(self, name: str) -> None:
         if not self.expected[name].powered:
             self.servos[name].power_on()
@@ -208,12 +217,10 @@ class Requests(RuleBasedStateMachine):
             if self.plugged and not self.expected[name].stopped:
                 self.expected[name].faulted = False  # it starts with its memory's torque limit
 
-    @rule()
     def unplug(self) -> None:
         self.plugged = self.bench.line.plugged = False
         self.step(2)
 
-    @rule()
     def plug_in(self) -> None:
         self.plugged = self.bench.line.plugged = True
         self.settle()
@@ -226,9 +233,9 @@ class Requests(RuleBasedStateMachine):
 
     # What must always be so
 
-    @invariant()
-    def facts_are_what_a_person_expects(self) -> None:
-        if not hasattr(self, "expected") or not self.plugged:
+    def check(self) -> None:
+        """Whether facts are what a person expects."""
+        if not self.plugged:
             return
         self.settle()
         for name, expected in self.expected.items():
@@ -244,22 +251,18 @@ class Requests(RuleBasedStateMachine):
                 assert joint.on, name
 
 
-TestRequests = Requests.TestCase
-TestRequests.settings = settings(
-    max_examples=8,
-    derandomize=True,
-    stateful_step_count=25,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("names", LINES, ids="+".join)
+def test_requests_in_any_order_do_what_a_person_expects(names: tuple[str, str], seed: int) -> None:
+    requests = Requests(names, seed)
+    for _ in range(25):
+        requests.act()
 
 
-def test_what_is_stopped_while_the_adapter_is_out_is_relaxed_when_it_comes_back():
-    state = Requests()
-    state.start_bus(names=("AX-12", "XM430-W350"))
-    state.command(name="j1", position=0.0)
-    state.unplug()
-    state.stop(chosen=None)
-    state.plug_in()
-    state.facts_are_what_a_person_expects()
-    state.teardown()
+def test_what_is_stopped_while_the_adapter_is_out_is_relaxed_when_it_comes_back() -> None:
+    requests = Requests(("AX-12", "XM430-W350"))
+    requests.command("j1", 0.0)
+    requests.unplug()
+    requests.stop(None)
+    requests.plug_in()
+    requests.check()
