@@ -63,7 +63,7 @@ def test_the_state_publishers_survive_random_messages(kinectbot, threads):
     ]
     world.publish("/robot_description", String(data=urdf))
     sent = world.record("/completed")
-    for _ in range(3000):
+    for _ in range(1500):
         kind = rnd.randrange(40)
         if kind == 0:
             world.publish("/robot_description", description(rnd, urdf))

@@ -245,11 +245,11 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
     publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
     wait_for(lambda: "servo_bus" in viewer.robot.graph.nodes, PATIENCE)
     pairs = [KeyValue(key=f"{number}", value="y" * 2000) for number in range(400)]
-    many = [DiagnosticStatus(name=f"stranger: {number}") for number in range(3000)]
-    names = [DiagnosticStatus(name=f"node_{number}: part") for number in range(3000)]
+    many = [DiagnosticStatus(name=f"stranger: {number}") for number in range(600)]
+    names = [DiagnosticStatus(name=f"node_{number}: part") for number in range(600)]
     huge = [
         DiagnosticStatus(name=f"stranger: {number}", message="x" * 10**5, values=pairs)
-        for number in range(1, 40)
+        for number in range(1, 8)
     ]
 
     def health() -> dict[str, Any]:
