@@ -37,6 +37,14 @@ def page(threads) -> Callable[..., Any]:
     return lambda **options: view(threads, **options).robot
 
 
+@pytest.fixture
+def tracked(start, page) -> tuple[BusStandIn, ControllerStandIn, Any]:
+    """A bus, a tracker, and the robot as its page sees it."""
+    bus, tracker, robot = start(BusStandIn()), start(ControllerStandIn("head_tracker")), page()
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    return bus, tracker, robot
+
+
 def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, page):
     bus = start(BusStandIn())
     bus.confirms = {"head_pan_joint"}
@@ -108,10 +116,8 @@ def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
 
 
 @pytest.mark.parametrize("by_page", [True, False])
-def test_a_stop_ends_what_the_page_sends_for_good(start, page, by_page):
-    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
-    robot = page()
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+def test_a_stop_ends_what_the_page_sends_for_good(tracked, by_page):
+    bus, tracker, robot = tracked
     assert robot.modes.follow_path(Path([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1).done
     assert robot.modes.mode() is Mode.PATH
     assert robot.stop.begin().wait().done if by_page else bus.say_stopped(True) is None
@@ -163,12 +169,10 @@ def test_many_requests_of_stop_are_one_attempt_and_no_thread_waits_for_each(
     go_on.set()
 
 
-def test_a_mode_is_chosen_after_resume_only(start, page):
-    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
+def test_a_mode_is_chosen_after_resume_only(start, tracked):
+    bus, tracker, robot = tracked
     pointer = start(ControllerStandIn("point_head", on=False))
-    robot = page()
     wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     bus.confirms = set()
     assert not robot.stop.begin().wait().done  # it is tried on; a choice does not end that
     for mode in (Mode.POINT, Mode.TRACK):
@@ -185,12 +189,10 @@ def test_a_mode_is_chosen_after_resume_only(start, page):
     assert pointer.asked == [True]
 
 
-def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, page):
-    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
+def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
+    bus, tracker, robot = tracked
     pointer = start(ControllerStandIn("point_head", on=False))
-    robot = page()
     wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
     switch = tracker.switch
 
     def stopped_meanwhile(on: bool) -> None:
@@ -292,10 +294,8 @@ def test_during_a_stop_nothing_is_enabled(start, page):
     assert tracker.on is True
 
 
-def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(start, page):
-    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker"))
-    robot = page()
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(tracked):
+    bus, tracker, robot = tracked
     wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
     wait_for(robot.model)
     assert not robot.joints.move({"head_pan_joint": 0.2, "nose": 0.1}).done
