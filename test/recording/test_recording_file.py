@@ -256,17 +256,17 @@ def test_many_pictures_take_no_more_memory(kinectbot, monkeypatch):
 
 
 def test_a_file_that_was_cut_off_opens_up_to_there(kinectbot):
-    data = bag(moving(kinectbot, 20.0), chunk_size=10_000)
+    data = bag(moving(kinectbot, 10.0), chunk_size=5_000)
     whole = read(data)
     assert not whole.notice
     durations = []
-    for size in range(len(data) // 3, len(data) - 1, len(data) // 40):
+    for size in range(len(data) // 3, len(data) - 1, len(data) // 15):
         recording = read(data[:size])
         assert "cut off" in recording.notice
-        assert all(one == whole.at(3.0) for one in [recording.at(3.0)])
+        assert recording.at(1.5) == whole.at(1.5)
         durations.append(recording.duration)
     assert durations == sorted(durations)
-    assert durations[-1] > 15.0
+    assert durations[-1] > 7.0
     with pytest.raises(RecordingError, match="cut off"):
         read(data[:100])
 
@@ -283,8 +283,9 @@ def test_a_day_is_shown_in_fewer_pictures_and_no_more_memory(kinectbot, monkeypa
     assert recording.at(40_000.0).joints[PAN] == pytest.approx(1.0, abs=0.03)
 
 
-def test_a_chunk_that_unpacks_to_very_much_is_not_unpacked():
-    size = 300_000_000
+def test_a_chunk_that_unpacks_to_very_much_is_not_unpacked(monkeypatch):
+    size = 30_000_000
+    monkeypatch.setattr(recording_file, "_LARGEST", size - 1)
     data = bag([(0.0, "robot_description", {"data": " " * size})], chunk_size=2 * size)
     tracemalloc.start()
     try:

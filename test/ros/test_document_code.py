@@ -168,9 +168,8 @@ def test_commands(code: str, new: list[str], tmp_path: Path) -> None:
             parse_arguments(shlex.split(words))
     with ExitStack() as stack:
         domain = stack.enter_context(own_domain())
-        script = stack.enter_context(
-            servos("\n".join(("set -eo pipefail", *commands(new))), robot_of(code))
-        )
+        script = "\n".join(("set -eo pipefail", *commands(new))).replace("/tmp/", f"{tmp_path}/")
+        script = stack.enter_context(servos(script, robot_of(code)))
         run(["bash", "-c", script.replace("./scripts/run", "head_tracking")], tmp_path, domain)
 
 
