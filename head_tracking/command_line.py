@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-import signal
 import sys
-import threading
 from argparse import ArgumentTypeError
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
-from typing import NamedTuple, NoReturn, TypeVar
+from typing import NamedTuple, TypeVar
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.signals import ending_signals
 
 Value = TypeVar("Value")
 
 DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
 """Exit codes of tools; 2 is argparse's, for a wrong command line."""
-
-_ENDING = [signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def exit_code(tool: str, work: Callable[[], int]) -> int:
@@ -30,7 +25,7 @@ def exit_code(tool: str, work: Callable[[], int]) -> int:
     SIGTERM and a closed terminal end it as Ctrl-C does, with 128 + the number of the signal.
     """
     try:
-        with _ending_signals():
+        with ending_signals():
             return work()
     except RefusedError as error:
         print(f"{tool}: refused: {error}", file=sys.stderr)
@@ -40,29 +35,6 @@ def exit_code(tool: str, work: Callable[[], int]) -> int:
         return FAILED
     except KeyboardInterrupt as interrupt:
         return 128 + interrupt.args[0] if interrupt.args else INTERRUPTED
-
-
-@contextmanager
-def _ending_signals() -> Iterator[None]:
-    """Raise KeyboardInterrupt at signals that would end the process and leave servos as they are.
-
-    Ignored signals stay ignored: nohup does that.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handled = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
-    for number in handled:
-        signal.signal(number, _interrupt)
-    try:
-        yield
-    finally:
-        for number in handled:
-            signal.signal(number, signal.SIG_DFL)
-
-
-def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt(number)
 
 
 def finite(text: str) -> float:

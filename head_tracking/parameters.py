@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
@@ -78,7 +79,7 @@ def checked(name: str, info: ParameterInfo, default: Any, value: Any) -> Any:
     Args:
         name: name of the parameter, for the error.
         info: the allowed values.
-        default: decides the type; an int is accepted for a float.
+        default: decides the type; any real number is accepted for a float.
         value: the value to check; a sequence becomes a tuple.
 
     Raises:
@@ -90,7 +91,7 @@ def checked(name: str, info: ParameterInfo, default: Any, value: Any) -> Any:
         element = default[0] if default else ""
         return tuple(checked(f"{name}[{i}]", info, element, v) for i, v in enumerate(value))
     expected = type(default)
-    if expected is float and type(value) is int:
+    if expected is float and isinstance(value, Real) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not expected:
         raise ParameterError(f"{name} is {value!r}; it must be {_KINDS[expected]}")

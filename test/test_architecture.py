@@ -22,7 +22,8 @@ ALLOWED: dict[str, set[str]] = {
     "exceptions": set(),
     "compatibility": set(),
     "output": set(),
-    "command_line": set(),
+    "command_line": {"signals"},
+    "signals": set(),
     "parameters": set(),
     "parameter_files": set(),
     "transforms": set(),
@@ -39,7 +40,7 @@ ALLOWED: dict[str, set[str]] = {
     "calibration": {"gaze", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
-    | {"calibration", "configuration", "parameters", "vision"},
+    | {"calibration", "configuration", "parameters", "signals", "vision"},
     "share": set(),
     "tf": {"transforms", "ros"},
     "ros": CORE | {"tf", "share", "recording", "programs", "parameter_files"},

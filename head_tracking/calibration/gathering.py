@@ -19,7 +19,7 @@ from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import LATEST, JointLimits, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
-from head_tracking.vision.camera_follower import DEFAULT_VIEW, pictures
+from head_tracking.vision.camera_follower import DEFAULT_VIEW, checked_pictures
 from head_tracking.vision.candidate import Frame
 from head_tracking.vision.images import Picture, Pixels
 from head_tracking.vision.markers import MarkerParameters
@@ -104,7 +104,7 @@ def calibrate_camera(
     assert robot is not None
     pan, tilt = head.joints
     geometry = HeadGeometry.of(robot, pan, tilt, frame)
-    source = iter(pictures(camera) if isinstance(camera, int | str) else camera)
+    source = checked_pictures(camera)
     _, first = next(source, (0.0, None))
     if first is None:
         raise _no_picture()

@@ -53,6 +53,11 @@ class ServoCalibration:
 
     def __post_init__(self) -> None:
         _check_name("joint_name", self.joint_name)
+        if not isinstance(self.model, ServoModel):
+            raise ConfigurationError(
+                f"{self.joint_name}: model is {self.model!r}; give a model of a servo, such as "
+                "servo_model('XL430-W250')"
+            )
         last = self.model.ticks - 1
         limits = (("id", MAX_ID[self.model.protocol]), ("init", last), ("min", last), ("max", last))
         for name, highest in limits:

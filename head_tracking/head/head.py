@@ -26,6 +26,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     ServoBus,
     StoppedError,
+    TorqueError,
 )
 from head_tracking.exceptions import (
     FrameError,
@@ -38,9 +39,10 @@ from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.head.motions import MotionEnd, PointMotion, Tracking, TrackingSettings
-from head_tracking.head.obstacle import Reason
+from head_tracking.head.obstacle import Obstacle, Reason
 from head_tracking.parameters import checked, parameter_info
 from head_tracking.share import robot_file, robot_parameters
+from head_tracking.signals import ending_signals
 from head_tracking.tracking import (
     ClockWatch,
     LearnedValue,
@@ -116,8 +118,9 @@ class Head:
     """A pan/tilt head on Dynamixel servos; `open` and `simulated` create one.
 
     The servos are relaxed at first, and nothing moves before the first `look_at` or `follow`.
-    `close`, the end of a `with` block and the end of the program brake and relax them. All methods
-    may be called by any thread.
+    `close`, the end of a `with` block and the end of the program brake and relax them. In a `with`
+    block, SIGTERM and a closed terminal raise KeyboardInterrupt, unless the program handles or
+    ignores them. All methods may be called by any thread.
 
     Args:
         port: serial port of the servos.
@@ -198,6 +201,7 @@ class Head:
         self._failure: BaseException | None = None
         self._follower: CameraFollower | None = None
         self._resources = resources or ExitStack()
+        self._signals = ExitStack()
         atexit.register(self._close)
         self._servos.start()
         if not self._servos.measured.wait(_TIMEOUT):
@@ -300,6 +304,7 @@ class Head:
             DynamixelError: a servo does not answer, or has shut down.
             ValueError: a number is not finite, or not allowed.
         """
+        max_velocity, timeout = float(max_velocity), float(timeout)
         if not 0.0 < max_velocity <= _FASTEST:
             raise ValueError(f"max_velocity is {max_velocity}; allowed are 0 to {_FASTEST:g} rad/s")
         if not timeout > 0.0:
@@ -310,7 +315,7 @@ class Head:
         with control.lock:
             self._permit(epoch)
             switched = self._servos.switch_torque(None, True, epoch)
-        _confirm(switched)
+        self._confirm_on(switched, None)
         result: Future[PointingResult] = Future()
         with control.lock:
             self._permit(epoch)
@@ -384,7 +389,7 @@ class Head:
             RefusedCommandError: the head is stopped, relaxed or closed.
             ValueError: there is no such detector.
         """
-        from head_tracking.vision import CameraFollower, find_detector, pictures
+        from head_tracking.vision import CameraFollower, checked_pictures, find_detector
 
         base, epoch = self._head.base_frame, self._permit()
         self.pose(frame, base)
@@ -407,7 +412,7 @@ class Head:
 
         follower = CameraFollower(
             find_detector(what) if isinstance(what, str) else what,
-            pictures(camera) if isinstance(camera, int | str) else camera,
+            checked_pictures(camera),
             follow,
             see,
             model,
@@ -529,7 +534,7 @@ class Head:
                 self._owners.resume(epoch)
             off = self._control.off
             switched = self._servos.switch_torque(None, True, epoch)
-        _confirm(switched)
+        self._confirm_on(switched, off)
         with self._control.lock, _refused_if_stopped():
             self._owners.permit()
             if self._control.off is not off:
@@ -566,10 +571,12 @@ class Head:
         result.result()
 
     def __enter__(self) -> Self:
+        self._signals.enter_context(ending_signals())
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        with self._signals:
+            self.close()
 
     # State
 
@@ -719,6 +726,16 @@ class Head:
             raise RefusedCommandError(HeadState.STOPPED)
         return now
 
+    def _confirm_on(self, switched: Sequence[Future[None]], off: Obstacle | None) -> None:
+        """Wait until torque is on; refused if `relax` has replaced `off` meanwhile."""
+        try:
+            _confirm(switched)
+        except TorqueError as error:
+            now = self._control.off
+            if now is not off and now is not None and now.reason is Reason.RELAXED:
+                raise RefusedCommandError(HeadState.RELAXED) from error
+            raise
+
     def _end_following(self, follower: CameraFollower | None = None) -> CameraFollower | None:
         """End and return the camera that controls the head; another one replaces it, or none."""
         with self._control.lock:
@@ -802,6 +819,7 @@ def _nanoseconds(stamp: float | None) -> int:
     """Convert a time [s] to a stamp [ns]; None: the latest."""
     if stamp is None:
         return LATEST
-    if not math.isfinite(stamp):
+    nanoseconds = float(stamp) * 1e9
+    if not math.isfinite(nanoseconds):
         raise ValueError(f"the stamp is {stamp}; give seconds, as time.time() does")
-    return round(stamp * 1e9)
+    return round(nanoseconds)

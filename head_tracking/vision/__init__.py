@@ -3,7 +3,12 @@
 from head_tracking.detectors import DETECTORS
 from head_tracking.vision.annotation import annotated, depth_picture
 from head_tracking.vision.camera import Box, Camera, CameraError, camera_with_view
-from head_tracking.vision.camera_follower import CameraFollower, NoPictureError, pictures
+from head_tracking.vision.camera_follower import (
+    CameraFollower,
+    NoPictureError,
+    checked_pictures,
+    pictures,
+)
 from head_tracking.vision.candidate import Candidate, Detector, Frame, GivenDetector
 from head_tracking.vision.colour import ColourDetector, ColourParameters
 from head_tracking.vision.faces import FaceDetector, FaceParameters
@@ -83,6 +88,7 @@ __all__ = [
     "VisualTracker",
     "annotated",
     "camera_with_view",
+    "checked_pictures",
     "decode_compressed_depth",
     "decode_compressed_picture",
     "decode_depth",

@@ -7,6 +7,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 
+import numpy as np
+
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
@@ -45,6 +47,8 @@ def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
         NoPictureError: the camera delivers no image, or no more.
         OpenCVMissingError: OpenCV is not installed.
     """
+    if isinstance(camera, int) and camera < 0:  # OpenCV crashes at -1 if there is no camera
+        raise NoPictureError(camera)
     capture = cv2.VideoCapture(camera)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the latest image, if the driver supports it
     try:
@@ -56,6 +60,32 @@ def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
     finally:
         capture.release()
     raise NoPictureError(camera)
+
+
+def checked_pictures(
+    camera: int | str | Iterable[tuple[float, Pixels]],
+) -> Iterator[tuple[float, Pixels]]:
+    """Return the images of a camera, or those that a program yields; check these.
+
+    Raises:
+        TypeError: there is no iterator of images.
+        ImageError: while they are read: an image cannot be used, or its time is not finite.
+        NoPictureError: likewise; see `pictures`.
+    """
+    return pictures(camera) if isinstance(camera, int | str) else _checked(iter(camera))
+
+
+def _checked(source: Iterator[tuple[float, Pixels]]) -> Iterator[tuple[float, Pixels]]:
+    for stamp, picture in source:
+        shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
+        if kind != np.uint8 or len(shape) != 3 or shape[2] != 3 or 0 in shape:
+            raise ImageError(
+                f"an image has the type {kind} and the shape {shape}; give numpy arrays of uint8, "
+                "shape (height, width, 3): blue, green, red"
+            )
+        if not math.isfinite(stamp):
+            raise ImageError(f"the time of an image is {stamp}; give seconds, as time.time() does")
+        yield stamp, picture
 
 
 class CameraFollower:
@@ -118,8 +148,6 @@ class CameraFollower:
 
     def _process(self, stamp: float, picture: Pixels) -> None:
         height, width, _ = picture.shape
-        if not picture.size:
-            raise ImageError("the picture is empty")
         camera = self._camera or camera_with_view(width, height, DEFAULT_VIEW)
         frame = Frame(round(stamp * 1e9), camera, Picture(picture), None)
         self.sighting = self._tracker.step(frame, self._pose(stamp))

@@ -17,7 +17,7 @@ from head_tracking.parameters import parameter
 from head_tracking.vision.camera import Box
 from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.images import Pixels
-from head_tracking.vision.opencv import cv2
+from head_tracking.vision.opencv import OpenCVMissingError, cv2
 
 _CASCADE = "haarcascade_frontalface_alt2.xml"
 _FOLDERS = ("/usr/share/opencv4/haarcascades", "/usr/local/share/opencv4/haarcascades")
@@ -98,6 +98,8 @@ class FaceDetector(Detector):
             else:
                 self.shortcoming = self._load(file)
         if self._net is None:
+            if not hasattr(cv2, "CascadeClassifier"):
+                raise OpenCVMissingError(f"OpenCV {cv2.__version__} has no cascade for faces")
             self._cascade = cv2.CascadeClassifier(str(_cascade_file()))
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:

@@ -8,13 +8,13 @@ from head_tracking.exceptions import HeadTrackingError
 
 
 class OpenCVMissingError(HeadTrackingError, ImportError):
-    """OpenCV is not installed."""
+    """OpenCV is not installed, or its version is not supported."""
 
-    def __init__(self) -> None:
+    def __init__(self, problem: str = "OpenCV is not installed") -> None:
         super().__init__(
-            "OpenCV is not installed. In a checkout: pip install -r requirements/vision.txt; "
-            "elsewhere: pip install 'head_tracking[vision]', or another OpenCV of at least 4.6 "
-            "(4.8 for the neural network that detects faces)"
+            f"{problem}. In a checkout: pip install -r requirements/vision.txt; elsewhere: "
+            "pip install 'head_tracking[vision]', or another OpenCV 4, at least 4.6 (4.8 for the "
+            "neural network that detects faces)"
         )
 
 

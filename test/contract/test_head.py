@@ -9,8 +9,10 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from decimal import Decimal
 from functools import partial
 
+import numpy as np
 import pytest
 from rig import DEGREE, SOURCE
 from waiting import join, repeating, wait_for
@@ -26,12 +28,13 @@ from head_tracking import (
     TargetState,
     UnreachableError,
 )
-from head_tracking.dynamixel import DynamixelError
+from head_tracking.dynamixel import DynamixelError, TorqueError
 from head_tracking.dynamixel.exceptions import (
     ConfigurationError,
     PortMissingError,
     ServoNotFoundError,
 )
+from head_tracking.head import head as head_module
 from head_tracking.share import robot_file
 from head_tracking.transforms import Rotation, Transform, load_robot_model
 
@@ -294,7 +297,7 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
         with pytest.raises(ValueError):
             head.follow(point)
     camera_pose = partial(head.pose, "camera_link")
-    for stamp in (math.nan, math.inf):
+    for stamp in (math.nan, math.inf, 1e300):
         for ask in (partial(head.look_at, LEFT), partial(head.follow, LEFT), camera_pose):
             with pytest.raises(ValueError):
                 ask(stamp=stamp)
@@ -305,6 +308,13 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
             head.look_at((1, 0, 0), timeout=velocity)
     assert servos.torque == [0, 0]
     assert servos.true == (0.0, 0.0)
+
+
+def test_numbers_of_any_type_are_accepted(head):
+    """Else the loop fails at the first step, and closes the head."""
+    assert head.look_at(RIGHT, max_velocity=Decimal("2.5"), timeout=np.float32(10.0)).arrived
+    head.learn(servo_delay=np.float64(0.05), camera_delay=np.float32(0.125))
+    assert head.state is HeadState.HOLDING
 
 
 def test_a_turn_may_take_any_time(head):
@@ -406,6 +416,21 @@ def test_a_command_that_began_before_relax_does_not_switch_the_torque_on(head, s
     assert servos.torque == [0, 0]
 
 
+@pytest.mark.parametrize("command", [lambda head: head.look_at(LEFT), lambda head: head.resume()])
+def test_a_command_is_refused_if_relax_comes_before_its_torque(head, monkeypatch, command):
+    confirm = head_module._confirm
+
+    def relaxing_before(switched):
+        monkeypatch.setattr(head_module, "_confirm", confirm)
+        head.relax()
+        raise TorqueError(True, {"head_pan_joint": "relaxed on request"})
+
+    monkeypatch.setattr(head_module, "_confirm", relaxing_before)
+    with pytest.raises(RefusedCommandError) as refused:
+        command(head)
+    assert refused.value.state == head.state == HeadState.RELAXED
+
+
 def test_concurrent_commands_each_get_a_result(head, servos):
     failures = []
 
@@ -470,15 +495,34 @@ def test_an_exception_closes_the_head(servos, kinectbot):
     head.close()  # twice
 
 
-@pytest.mark.parametrize("number", [1, 3])
-def test_repeated_ctrl_c_relaxes_the_servos(servos, number):
+@pytest.mark.parametrize(
+    ("sent", "number"), [("SIGINT", 1), ("SIGINT", 3), ("SIGTERM", 1), ("SIGHUP", 3)]
+)
+def test_signals_that_end_the_program_relax_the_servos(servos, sent, number):
     turning = f"with head: head.look_at({LEFT}, max_velocity=0.4)\n"
     program = run_until_it_turns(servos, turning)
     for _ in range(number):
-        program.send_signal(signal.SIGINT)
+        program.send_signal(getattr(signal, sent))
         time.sleep(0.02)
     assert program.wait(30) != 0
     assert servos.torque == [0, 0]
+
+
+def test_a_program_keeps_its_own_signal_handlers(servos):
+    """Before and after a block, and those that it sets inside."""
+    program = f"""
+import signal, os
+def own(*_): print("own")
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+with head:
+    assert head.look_at({LEFT}, max_velocity=2.0).arrived
+    os.kill(os.getpid(), signal.SIGHUP)
+    signal.signal(signal.SIGTERM, own)
+    os.kill(os.getpid(), signal.SIGTERM)
+assert signal.getsignal(signal.SIGTERM) is own
+assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+"""
+    assert run_until_it_turns(servos, program).wait(30) == 0
 
 
 def test_the_end_of_the_program_relaxes_the_servos(servos):

@@ -15,7 +15,7 @@ from head_tracking import (
     SupersededError,
     TargetState,
 )
-from head_tracking.vision import NoPictureError
+from head_tracking.vision import ImageError, NoPictureError
 
 pytest.importorskip("cv2")
 GREY = np.full((240, 320, 3), 128, np.uint8)
@@ -123,16 +123,36 @@ def test_invalid_cameras_and_detectors_are_refused(head, tmp_path):
     camera = head.follow_camera("face", str(tmp_path / "none.mp4"))
     assert camera.wait(10.0)
     assert isinstance(camera.error, NoPictureError)
+    with pytest.raises(TypeError):
+        head.follow_camera("face", None)
     head.stop()
     with pytest.raises(RefusedCommandError):
         head.follow_camera("face")
 
 
-@pytest.mark.parametrize("picture", [np.zeros((0, 0, 3), np.uint8), np.zeros(5, np.uint8), "text"])
-def test_an_invalid_picture_ends_following_with_an_error(head, picture):
+def test_a_negative_number_of_a_camera_is_refused(head):
+    """OpenCV 4 and 5 end the process at -1 if there is no camera; the servos would keep torque."""
+    camera = head.follow_camera("face", -1)
+    assert camera.wait(10.0)
+    assert isinstance(camera.error, NoPictureError)
+
+
+def test_a_picture_without_a_time_ends_following_with_an_error(head):
+    camera = head.follow_camera("face", [(float("nan"), GREY)])
+    assert camera.wait(10.0)
+    assert isinstance(camera.error, ImageError)
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [np.zeros((0, 0, 3), np.uint8), np.zeros(5, np.uint8), GREY[:, :, 0], GREY / 255, "text", None],
+)
+def test_an_invalid_picture_ends_following_and_calibration_with_an_error(head, picture):
     camera = head.follow_camera("face", iter([(time.time(), picture)]))
     assert camera.wait(10.0)
-    assert camera.error is not None
+    assert isinstance(camera.error, ImageError)
+    with pytest.raises(ImageError):
+        head.calibrate([(time.time(), picture)], target="room")
     assert head.look_at((1.0, 0.2, 0.6)).arrived
 
 

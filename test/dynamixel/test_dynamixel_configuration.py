@@ -56,6 +56,7 @@ def test_no_load_speed_is_the_limit_unless_configured() -> None:
         ({"id": 254}, "0 to 253"),
         ({"id": -1}, "0 to 253"),
         ({"id": "1"}, "0 to 253"),
+        ({"model": "AX-12"}, "model is .AX-12."),
         ({"joint_name": " "}, "joint_name must be a name"),
         ({"controller": ""}, "controller must be a name"),
         ({"joint_speed": math.nan}, "joint_speed: nan"),

@@ -14,6 +14,7 @@ from head_tracking.vision import (
     FaceParameters,
     Frame,
     IdentityParameters,
+    OpenCVMissingError,
     Picture,
     VisualTracker,
 )
@@ -101,6 +102,12 @@ def test_the_cascade_finds_upright_faces_only():
     cascade = FaceDetector(FaceParameters(net="none"))
     assert share(cascade, "upright", 0, lights=(1,), sizes=(60,))[0] > 0.7
     assert share(cascade, "upright", 30, lights=(1,), sizes=(60,))[0] < 0.2
+
+
+def test_an_opencv_without_cascades_is_named(monkeypatch):
+    monkeypatch.delattr("cv2.CascadeClassifier")  # OpenCV 5
+    with pytest.raises(OpenCVMissingError):
+        FaceDetector(FaceParameters(net="none"))
 
 
 @with_photographs
