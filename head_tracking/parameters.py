@@ -126,10 +126,23 @@ def unknown(name: str, known: Collection[str], given: Collection[str]) -> str:
         known: the parameters of the node.
         given: the names of all values for the node; a servo among them may be unused.
     """
-    is_unused = f"{name.split('.', 1)[0]}.motor.id" in given
+    servo = f"{name.split('.', 1)[0]}.motor.id"
+    is_unused = servo in given and servo not in known
     if name in known or is_unused or name.startswith("qos_overrides."):
         return ""
     return f"has no parameter {name}{nearest(name, known)}"
+
+
+def unknown_node(name: str, known: Iterable[str]) -> str:
+    """Return a text about a misspelt name of a node in a file; empty: it is none.
+
+    A name that contains a known one is right: servo_bus_left may be a second servo_bus.
+    """
+    known = list(known)
+    similar = nearest(name, known)
+    if not similar or any(one in name for one in known):
+        return ""
+    return f"there is no node {name}{similar}"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

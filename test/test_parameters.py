@@ -52,6 +52,8 @@ def test_a_name_that_ros_would_refuse_is_refused(name):
         ("{baud_rate: fast}", "baud_rate is 'fast'"),
         ("{baud_rat: 57600}", "baud_rate meant"),
         ("{head_pan_controller: {motor: {idd: 3}}}", "head_pan_controller.motor.id"),
+        ("{head_tilt_controller: {motor: {id: 2, mni: 375}}}", "motor.mni"),
+        ("{eeprom: {return_delay: low}}", "eeprom.return_delay"),
         ("{dynamixels: 3}", "list"),
         ("[a]", "ros__parameters"),
         ("{a: [1", "YAML"),
@@ -68,9 +70,25 @@ def test_a_mistake_in_the_parameter_file_of_a_robot_is_named_with_the_file(tmp_p
 
 @pytest.mark.parametrize(
     "content",
-    ["{use_sim_time: true}", "{neck_controller: {motor: {id: 7, idd: 3}}}", "{update_rate: 5e1}"],
+    [
+        "{use_sim_time: true}",
+        "{neck_controller: {motor: {id: 7, idd: 3}}}",
+        "{update_rate: 5e1}",
+        "{eeprom: {return_delay: 0}}",
+    ],
 )
 def test_other_values_of_a_robot_file_are_no_mistake(tmp_path, content):
     file = tmp_path / "mine.yaml"
     file.write_text(f"/**/servo_bus: {{ros__parameters: {content}}}")
+    configured_head([file])
+
+
+def test_a_misspelt_node_in_the_parameter_file_of_a_robot_is_named(tmp_path):
+    """Else the limits of the servos would be left out without a word."""
+    file = tmp_path / "mine.yaml"
+    file.write_text("/**/servobus: {ros__parameters: {baud_rate: 57600}}")
+    with pytest.raises(HeadTrackingError) as error:
+        configured_head([file])
+    assert "servo_bus" in str(error.value)
+    file.write_text("/**/servo_bus_left: {ros__parameters: {baud_rate: 57600}}")
     configured_head([file])

@@ -21,11 +21,18 @@ from head_tracking.configuration.bus_parameters import (
 from head_tracking.dynamixel import (
     BusSettings,
     ConfigurationError,
+    EepromSettings,
     JointConfiguration,
     check_configuration,
 )
-from head_tracking.parameter_files import COMMAND_LINE, Given, given_to
-from head_tracking.parameters import ParameterError, checked, parameter_info, unknown
+from head_tracking.parameter_files import COMMAND_LINE, Given, given_to, read
+from head_tracking.parameters import (
+    ParameterError,
+    checked,
+    parameter_info,
+    unknown,
+    unknown_node,
+)
 
 P = TypeVar("P")
 
@@ -72,6 +79,7 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
         ParameterFileError: a file cannot be read.
         ParameterError: a value is not allowed, or a parameter does not exist.
     """
+    _check_nodes(files)
     pan, tilt, frame = head_names("point_head", files)
     for bus in configured_buses(files):
         joints = {joint.joint_name: joint for joint in bus.joints}
@@ -81,6 +89,14 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
         f"no bus has servos for both {pan} and {tilt}; see servo_bus and head_pan_joint in "
         f"{', '.join(map(str, files))}"
     )
+
+
+def _check_nodes(files: Sequence[Path]) -> None:
+    """Raise ParameterError if a file misspells a node; else its values would be left out."""
+    for file in files:
+        for node in {given.node for given in read(str(file))}:
+            if problem := unknown_node(node, ("servo_bus", "point_head", "head_tracker")):
+                raise ParameterError(f"{file}: {problem}")
 
 
 def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
@@ -116,6 +132,7 @@ def configured_buses(
     values = _Values("servo_bus", files, {"port_name": port_name, "baud_rate": baud_rate})
     p = values.read(ServoBusParameters)
     settings = bus_settings(p, values.read(TemperatureParameters, "temperature."))
+    values.read(EepromSettings, "eeprom.")  # only ~/write_eeprom uses them
     buses: dict[tuple[str, int], list[JointConfiguration]] = {}
     for name in p.dynamixels:
         prefix = f"{name}_controller."

@@ -30,6 +30,7 @@ from head_tracking.parameters import (
     nearest,
     parameter_info,
     unknown,
+    unknown_node,
 )
 from head_tracking.programs import NODES
 
@@ -125,12 +126,12 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
 
 def _misspelt_nodes(known: set[str]) -> Iterator[str]:
     for file, name in dict.fromkeys((given.file, given.node) for given in _given):
-        if file == COMMAND_LINE:
-            is_wrong = name not in known
-        else:  # servo_bus_left may be a second servo_bus
-            is_wrong = not any(one in name for one in known) and bool(nearest(name, known))
-        if name and is_wrong:
-            yield f"{file}: there is no node {name}{nearest(name, known)}"
+        if file != COMMAND_LINE:
+            problem = unknown_node(name, known)
+        else:
+            problem = "" if name in known else f"there is no node {name}{nearest(name, known)}"
+        if name and problem:
+            yield f"{file}: {problem}"
 
 
 class NodeParameters(Generic[P]):
