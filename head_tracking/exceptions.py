@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class HeadTrackingError(Exception):
     """An error that the user can correct; the message says what was wrong and what is allowed.
 
     Programs print the message only. They print the traceback of any other error.
     """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Keep message and attributes on the way to another process."""
+        return _restored, (type(self), self.args), self.__dict__
+
+
+def _restored(kind: type[HeadTrackingError], arguments: tuple[Any, ...]) -> HeadTrackingError:
+    return kind.__new__(kind, *arguments)
 
 
 class RefusedError(HeadTrackingError):

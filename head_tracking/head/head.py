@@ -8,9 +8,8 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
-from contextlib import ExitStack, contextmanager, suppress
+from concurrent.futures import Future, wait
+from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -326,9 +325,11 @@ class Head:
                 at_stamp=stamp is not None,
             )
         try:
-            return result.result(min(timeout, threading.TIMEOUT_MAX))
-        except FutureTimeoutError:
-            return PointingResult(False, miss if motion.miss is None else motion.miss)
+            # `result(timeout)` would raise TimeoutError, which a signal handler may raise too
+            wait((result,), min(timeout, threading.TIMEOUT_MAX))
+            if not result.done():
+                return PointingResult(False, miss if motion.miss is None else motion.miss)
+            return result.result()
         finally:  # also on Ctrl-C
             control.cancel(motion)
 
@@ -562,8 +563,7 @@ class Head:
         interrupt: KeyboardInterrupt | None = None
         while not result.done():
             try:
-                with suppress(FutureTimeoutError):
-                    result.exception(_TIMEOUT)
+                wait((result,), _TIMEOUT)
             except KeyboardInterrupt as error:
                 interrupt = error
         if interrupt is not None:
@@ -786,12 +786,11 @@ def _load_robot(
 
 def _confirm(switched: Sequence[Future[None]]) -> None:
     """Wait until the servos have confirmed that their torque was switched."""
-    try:
-        with _refused_if_stopped():
-            for bus in switched:
-                bus.result(_TIMEOUT)
-    except FutureTimeoutError:
-        raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
+    if wait(switched, _TIMEOUT).not_done:
+        raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s")
+    with _refused_if_stopped():
+        for bus in switched:
+            bus.result()
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """`Head`, for Python programs: what it does, what it refuses, and that it ends relaxed."""
 
 import math
+import pickle
 import signal
 import statistics
 import subprocess
@@ -317,6 +318,22 @@ def test_numbers_of_any_type_are_accepted(head):
     assert head.state is HeadState.HOLDING
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        FrameError("nose", "the frame 'nose' does not exist"),
+        UnreachableError((1.0, 2.0, 3.0), "base_link", 0.5, "it is behind"),
+        RefusedCommandError("stopped"),
+        SupersededError((1.0, 2.0, 3.0), None),
+        TorqueError(True, {"pan": "no answer"}),
+    ],
+)
+def test_errors_reach_another_process_whole(error):
+    received = pickle.loads(pickle.dumps(error))
+    assert type(received) is type(error)
+    assert (str(received), vars(received)) == (str(error), vars(error))
+
+
 def test_a_turn_may_take_any_time(head):
     assert head.look_at(LEFT, timeout=math.inf).arrived
 
@@ -506,6 +523,23 @@ def test_signals_that_end_the_program_relax_the_servos(servos, sent, number):
         time.sleep(0.02)
     assert program.wait(30) != 0
     assert servos.torque == [0, 0]
+
+
+def test_a_timeout_error_of_a_signal_handler_ends_look_at(head):
+    """It is no timeout of look_at."""
+
+    def interrupt(*_):
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        with pytest.raises(TimeoutError):
+            head.look_at(LEFT, max_velocity=0.2)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert head.state is HeadState.HOLDING
 
 
 def test_a_program_keeps_its_own_signal_handlers(servos):
