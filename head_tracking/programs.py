@@ -75,6 +75,10 @@ def __getattr__(name: str) -> Callable[[], int]:
             program_name = command
             del sys.argv[1]
             sys.argv[0] = program_name
+        elif name == "head_tracking" and command and not command.startswith("_"):
+            commands = ", ".join(COMMANDS)
+            print(f"{name}: no command {sys.argv[1]}; there are {commands}", file=sys.stderr)
+            return 2
         try:
             program = import_module(f"head_tracking.{_module(program_name)}")
             spinning = "head_tracking.ros.kit.spinning"

@@ -161,6 +161,12 @@ def test_a_run_with_a_wrong_option_is_refused(
     assert capsys.readouterr().err
 
 
+def test_a_misspelt_command_is_refused_with_those_that_exist(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["head_tracking", "docter"])
+    assert programs.head_tracking() == 2
+    assert "doctor" in capsys.readouterr().err
+
+
 def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):
     def interrupted(name: str) -> None:
         raise KeyboardInterrupt

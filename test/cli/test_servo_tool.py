@@ -21,10 +21,11 @@ from head_tracking.cli.servo.register_values import as_text, find_register, pars
 from head_tracking.cli.servo.session import Session, ToolError
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
-from head_tracking.dynamixel.exceptions import PortMissingError
+from head_tracking.dynamixel.exceptions import CorruptReplyError, PortMissingError
 from head_tracking.dynamixel.models import all_models, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
+from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import (
     SimulatedBus,
@@ -482,6 +483,22 @@ def test_monitor_shows_measured_values(bench: Tool) -> None:
     assert "input voltage" in rows["8"]
     assert bench.clock() > 1.2
     assert max(map(len, bench.output.splitlines())) <= 80
+
+
+def test_monitor_leaves_out_an_id_for_which_only_noise_answered(
+    bench: Tool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ping, noisy = Servo.ping, [4]
+
+    def noise(servo: Servo, *tries: int) -> int:
+        if servo.id in noisy:
+            noisy.remove(servo.id)
+            raise CorruptReplyError("noise")
+        return ping(servo, *tries)
+
+    monkeypatch.setattr(Servo, "ping", noise)
+    assert bench.run("monitor", "--count", "1") == DONE
+    assert [line.split()[0] for line in bench.output.splitlines()[-4:]] == ["1", "2", "7", "8"]
 
 
 def test_monitor_ends_when_the_reader_of_its_output_has_ended() -> None:

@@ -168,7 +168,11 @@ def monitor(
 ) -> int:
     """Show the measured values of servos `count` times, 0: until Ctrl-C; return the exit code."""
     with session.port() as port:
-        present = ids or [i for i in _FIRST_IDS if protocol_of(port, i, attempts=1) is not None]
+        present = ids or [
+            servo_id
+            for servo_id in _FIRST_IDS
+            if protocol_of(port, servo_id, attempts=1) and protocol_of(port, servo_id)  # no noise
+        ]
         servos = [find_servo(port, servo_id, model) for servo_id in present]
         if not servos:
             raise ToolError(
