@@ -34,6 +34,7 @@ _COMPARED: Final = 4  # and minimum number of images: a busy computer is late
 _LONGEST_STOP: Final = 10.0  # s in which the head comes to rest
 _LATE: Final = 0.5  # s: maximum delay of joint measurements after an image
 _POLL: Final = 0.005  # s
+_OLDEST: Final = 10.0  # s: an image that is so much older than the joints has another clock
 _RETRY: Final = 0.2  # s
 _REACH: Final = 0.75  # of half the image: range of positions of the target
 _DISTANCE: Final = 2.0  # m: distance of the points to look at
@@ -96,8 +97,8 @@ def calibrate_camera(
             each other or the model.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is unknown, or the joints are not measured until the end.
-        ValueError: there is no such target, the marker has no size or a wrong family, or the model
-            is for other images.
+        ValueError: there is no such target, the marker has no size or a wrong family, the model
+            is for other images, or the times of the images are of another clock.
     """
     observe = observer(target, marker)
     robot = head.frames.model
@@ -162,6 +163,11 @@ class _Observer:
             if time.monotonic() > deadline:
                 return []
             stamp = min(stamped, time.time())  # the clock of the camera may be ahead
+            if stamp < arrived - _OLDEST:
+                raise ValueError(
+                    f"the time of an image is {stamped}, the joints were measured at {arrived}; "
+                    "give the time at which it was taken, as time.time() does"
+                )
             if stamp < arrived + _SETTLING:
                 continue
             self._wait_for_joints(stamp)

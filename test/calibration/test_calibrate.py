@@ -341,6 +341,13 @@ def test_an_unknown_family_or_a_model_of_other_images_is_refused(family, model):
         head.calibrate(images, marker=MarkerParameters(family, -1, 0.16), model=model)
 
 
+def test_the_clock_of_another_camera_is_named():
+    """Else the error would say that nothing is visible."""
+    images = ((time.monotonic() - 1e6, np.zeros((240, 320, 3), np.uint8)) for _ in range(100))
+    with Head.simulated() as head, pytest.raises(ValueError):
+        head.calibrate(images, marker=MARKER)
+
+
 @pytest.mark.parametrize(
     ("target", "scene", "pixels"), [("room", "empty", 8.0), ("face", "still face", 0.7)]
 )
