@@ -50,7 +50,7 @@ class DynamixelBackend(JointBackend):
 
     Attributes:
         threads: one for each bus.
-        measured: set as soon as a joint has been measured.
+        measured: set as soon as every joint has been measured.
     """
 
     def __init__(
@@ -82,6 +82,7 @@ class DynamixelBackend(JointBackend):
         self._by_joint = {
             name: thread for thread in self.threads for name in self._names[thread.bus]
         }
+        self._unmeasured = set(self._by_joint)
         controllers = {each.controller for each in self.joints}
         if min(len(self._by_joint), len(controllers)) < len(self.joints):
             raise ConfigurationError(
@@ -301,8 +302,10 @@ class DynamixelBackend(JointBackend):
                 self._loop.stuck[event.joint_name] = event.text
         self._on_reading(bus, reading)
         self._loop.publish(self._names[bus], *self._read[bus])
-        if reading.states:
-            self.measured.set()
+        if self._unmeasured:
+            self._unmeasured.difference_update(reading.states)
+            if not self._unmeasured:
+                self.measured.set()
 
     def _by_bus(self, joints: Iterable[str]) -> dict[BusThread, tuple[str, ...]]:
         """Return the joints of each bus; raise GoalError if one is unknown."""

@@ -36,7 +36,7 @@ _SENTENCES = {
     Reason.NO_MODEL: "waiting for robot_description",
     Reason.INVALID_MODEL: "robot_description cannot be used: {}",
     Reason.CLOCK: "{}",
-    Reason.NOT_MEASURED: "no recent position of {} in joint_states",
+    Reason.NOT_MEASURED: "no recent position of {}: its servo or joint_states are silent",
     Reason.FUTURE: "the positions of {} in joint_states have stamps in the future: the clocks of "
     "their sender and of this machine differ",
 }

@@ -29,6 +29,7 @@ from head_tracking import (
     TargetState,
     UnreachableError,
 )
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import DynamixelError, TorqueError
 from head_tracking.dynamixel.exceptions import (
     ConfigurationError,
@@ -128,6 +129,21 @@ def test_a_head_that_the_robot_does_not_have_leaves_the_port_alone(servos, kinec
     with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         assert head.state is HeadState.HOLDING
     assert "nose" in str(kept.value)
+
+
+def test_a_head_is_open_when_both_joints_are_measured(servos, kinectbot, monkeypatch):
+    """Replies are lost on a disturbed line; the error would speak of a clock that jumped."""
+    start, servo = DynamixelBackend.start, servos.port.use(lambda bus: bus[2])
+
+    def start_without_tilt(backend):
+        servos.port.use(lambda bus: servo.set_register("ID", 9))
+        restore = partial(servos.port.use, lambda bus: servo.set_register("ID", 2))
+        threading.Timer(0.5, restore).start()
+        start(backend)
+
+    monkeypatch.setattr(DynamixelBackend, "start", start_without_tilt)
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        assert len(head.joints) == 2
 
 
 def test_the_joints_are_not_known_if_the_servos_are_silent_after_a_jump_of_the_clock(
