@@ -241,7 +241,8 @@ def _find_rate(
                 text = ", ".join(f"{number} ({models[number]})" for number in sorted(models))
                 session.terminal.print(f"servos at {own_rate} baud: {text}")
                 return own_rate, sorted(models)
-    seen = ", ".join(f"{servo.id} at {servo.baud_rate} baud" for servo in found) or "none"
+    each = dict.fromkeys(f"{servo.id} at {servo.baud_rate} baud" for servo in found)
+    seen = ", ".join(each) or "none"
     names = f"the servos {' and '.join(map(str, given))}" if given else "two servos"
     raise ToolError(
         f"{names} do not answer at one baud rate (found: {seen}); check power and cables, give the "

@@ -255,6 +255,13 @@ def test_servos_that_do_not_answer_are_an_error(user: User) -> None:
     assert user.files == []
 
 
+def test_a_servo_that_answers_at_any_rate_is_listed_once(
+    user: User, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert user.run("--pan", "3", "--tilt", "17") == FAILED
+    assert capsys.readouterr().err.count("3 at 57600 baud") == 1
+
+
 def test_a_missing_folder_is_an_error(user: User) -> None:
     assert user.run(*GIVEN, "--folder", str(user.folder / "none"), "--yes") == FAILED
 
