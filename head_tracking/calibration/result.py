@@ -122,8 +122,9 @@ class Calibration:
             solution.residuals,
         )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write a YAML file, atomically."""
+        path = Path(path)
         document = {
             "robot": self.robot,
             "made": time.strftime(_TIME, time.localtime(self.made)),

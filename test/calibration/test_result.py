@@ -53,7 +53,7 @@ def test_a_file_is_what_was_saved(file):
     assert (found.error_before, found.error_after) == pytest.approx((0.1, 0.001))
     assert 0.0 <= found.age < 3600.0
     again = file.with_name("again.yaml")
-    found.save(again)
+    found.save(str(again))
     assert Calibration.load(again) == found
 
 
