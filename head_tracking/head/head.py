@@ -118,8 +118,8 @@ class Head:
 
     The servos are relaxed at first, and nothing moves before the first `look_at` or `follow`.
     `close`, the end of a `with` block and the end of the program brake and relax them. In a `with`
-    block, SIGTERM and a closed terminal raise KeyboardInterrupt, unless the program handles or
-    ignores them. All methods may be called by any thread.
+    block of the main thread, SIGTERM and a closed terminal raise KeyboardInterrupt, unless the
+    program handles or ignores them. All methods may be called by any thread.
 
     Args:
         port: serial port of the servos.
