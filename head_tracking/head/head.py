@@ -420,8 +420,8 @@ class Head:
             distances,
         )
         before = self._end_following(follower)
-        if before is not None and isinstance(camera, int | str):
-            before.wait(_TIMEOUT)  # it may use the same device
+        if before is not None:
+            before.wait(_TIMEOUT)  # it may use the same camera
         follower.start()
         return follower
 

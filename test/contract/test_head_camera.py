@@ -83,6 +83,21 @@ def test_a_second_camera_replaces_the_first(head, follow):
     assert second.error is None
 
 
+def test_another_detector_gets_the_images_of_the_same_camera(head):
+    def images():
+        while True:
+            time.sleep(0.02)
+            yield time.time(), GREY
+
+    camera = images()
+    head.follow_camera("face", camera)
+    second = head.follow_camera("colour", camera)
+    assert not second.wait(0.5)
+    head.hold()
+    assert second.wait(10.0)
+    assert isinstance(second.error, SupersededError)
+
+
 @pytest.mark.parametrize(
     ("command", "error"),
     [
