@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from closed_loop import Conditions, SimulatedHead, ax12
+from closed_loop import Conditions, ax12
+from plant import Deaf
 from runs import Watched, around, run, sine, tracker
 
 from head_tracking.tracking import (
@@ -149,21 +150,9 @@ def test_servos_that_are_held_are_stalled_within_two_seconds(head, law):
     assert {state for now, state in states.items() if now > 1_002.0} == {TargetState.STALLED}
 
 
-class ServosWithoutTorque(SimulatedHead):
-    """Take no goal before a time [s], as servos whose commands are refused, or that are held."""
-
-    def __init__(self, start, until):
-        super().__init__(start)
-        self._until = until
-
-    def write(self, command, now):
-        if now * 1e-9 >= self._until:
-            super().write(command, now)
-
-
 @pytest.mark.parametrize("until", [0.8, 1.3, 1.45])
 def test_servos_that_are_let_go_turn_to_the_target_and_not_beyond(head, until):
-    conditions = Conditions(duration=4.0, servos=lambda start: ServosWithoutTorque(start, until))
+    conditions = Conditions(duration=4.0, servos=lambda start: Deaf(ax12()(start), until))
     recording = run(head, lambda t: around(0.2 + 0.2 * t), conditions).recording
     beyond = recording.positions[:, 0] - recording.wanted[:, 0]
     assert beyond.max() < 0.02

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from closed_loop import ClosedLoop, Conditions, ax12
-from plant import Pair, PlainServo
+from plant import Deaf, Pair, PlainServo
 from runs import LEVEL, around, sine, tracker
 
 from head_tracking.tracking import Learning, LearningParameters
@@ -73,29 +73,6 @@ def test_a_weak_servo_stops_at_a_target_that_has_jumped(head):
 
     ours, _ = run(head, jumping, replace(BESIDE, servos=weak))
     assert abs(ours.between(6.0).positions[:, 0]).max() < 0.25 + 0.06
-
-
-class Deaf:
-    """Servos that hear no command for a while, as between two plugs or before their torque is on.
-
-    Args:
-        servos: as they are.
-        seconds: how long from the first command on.
-    """
-
-    def __init__(self, servos, seconds):
-        self._servos, self._deaf = servos, round(seconds * 1e9)
-        self._since = None
-        self.read, self.true_positions = servos.read, servos.true_positions
-
-    @property
-    def goals(self):
-        return self._servos.goals
-
-    def write(self, command, now):
-        self._since = self._since or now
-        if now - self._since > self._deaf:
-            self._servos.write(command, now)
 
 
 @pytest.mark.parametrize(("seconds", "lag"), [(0.26, 0.03), (0.28, 0.05), (0.3, 0.07)])

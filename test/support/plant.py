@@ -241,6 +241,31 @@ class _Joint:
         return camera
 
 
+class Deaf:
+    """Servos that hear no command for a while, as between two plugs or before their torque is on.
+
+    Args:
+        servos: as they are.
+        seconds: how long from the first command on.
+    """
+
+    def __init__(self, servos: Servos, seconds: float) -> None:
+        self._servos, self._deaf = servos, round(seconds * 1e9)
+        self._since: int | None = None
+        self.read, self.true_positions = servos.read, servos.true_positions
+
+    @property
+    def goals(self) -> tuple[int, int] | None:
+        """See `Servos`."""
+        return self._servos.goals
+
+    def write(self, command: HeadCommand, now: int) -> None:
+        """See `Servos`."""
+        self._since = self._since or now
+        if now - self._since > self._deaf:
+            self._servos.write(command, now)
+
+
 class Stream(Protocol):
     """Turns commands into positions, a control period apart."""
 
