@@ -225,13 +225,18 @@ class TransformBuffer:
 
         Raises:
             InvalidArgumentException: a name is empty, both names are equal, a number is not finite,
-                or the quaternion is not of unit length.
+                the quaternion is not of unit length, or the model has the frame in another parent.
         """
         parent, child = parent.removeprefix("/"), child.removeprefix("/")
         transform = _checked(parent, child, transform)
         with self._lock:
             edge = self._edges.get(child)
-            if self._is_known_by_model(edge):
+            if edge is not None and self._is_known_by_model(edge):
+                if edge.parent != parent:
+                    raise InvalidArgumentException(
+                        f"{child!r} in {parent!r} is ignored: the robot model has it in "
+                        f"{edge.parent!r}; use one of them (world_frame is a part of the model)"
+                    )
                 return False
             recorded = True
             if static:

@@ -68,7 +68,9 @@ def test_many_points_are_transformed_as_one_is(buffer):
 
 def test_the_model_keeps_its_frames_from_being_overwritten(buffer):
     before = buffer.lookup_transform("base_link", "camera_link")
-    buffer.set_transform(SECOND, "torso_link", "head_pan_link", moved(5))
+    assert not buffer.set_transform(SECOND, "torso_link", "head_pan_link", moved(5))
+    with pytest.raises(InvalidArgumentException):
+        buffer.set_transform(SECOND, "odom", "head_pan_link", moved(5))
     assert buffer.lookup_transform("base_link", "camera_link") == before
 
 

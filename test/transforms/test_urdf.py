@@ -48,6 +48,7 @@ def joint(type: str = "revolute", parent: str = "a", more: str = LIMIT) -> str:
         robot(TWO_LINKS, joint(more="")),
         robot(TWO_LINKS, joint(more='<limit lower="1" upper="-1"/>')),
         robot(TWO_LINKS, joint(more='<limit lower="nan" upper="1"/>')),
+        robot(TWO_LINKS, joint(more='<limit lower="-1" upper="1" velocity="-1"/>')),
         robot(TWO_LINKS, joint(more=LIMIT + '<axis xyz="0 0 0"/>')),
         robot(TWO_LINKS, joint(more=LIMIT + '<axis xyz="0 1"/>')),
         robot(TWO_LINKS, joint(more=LIMIT + '<origin rpy="a b c"/>')),
@@ -75,6 +76,12 @@ def test_left_out_origin_axis_and_limits_are_what_urdf_says():
     assert model.joints["j"].axis == (1, 0, 0)
     assert model.joints["j"].origin == Transform.identity()
     assert model.joints["j"].limits.upper == float("inf")
+
+
+def test_a_speed_of_0_is_no_limit():
+    limit = '<limit lower="-1" upper="1" velocity="0" effort="0"/>'
+    model = parse_robot_model(robot(TWO_LINKS, joint(more=limit)))
+    assert model.joints["j"].limits.velocity == float("inf")
 
 
 def test_an_axis_is_normalised():
