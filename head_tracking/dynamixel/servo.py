@@ -555,10 +555,8 @@ class Servo:
             ticks: Goal position, inside the range.
             speed: rad/s, reduced to `fastest`; 0 for the slowest.
         """
-        count = round(speed / self.model.speed_unit)
-        if count > self.fastest:
-            count = self.fastest
-        elif count < self.model.speed_minimum:  # 0 would be full speed
+        count = round(min(speed / self.model.speed_unit, self.fastest))  # the ratio may be inf
+        if count < self.model.speed_minimum:  # 0 would be full speed
             count = self.model.speed_minimum
         return self.model.encode_goal(ticks, count)
 

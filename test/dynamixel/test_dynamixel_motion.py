@@ -200,11 +200,12 @@ def test_slow_is_never_zero_on_the_wire(port, bus, speed: float) -> None:
     assert port.servos[1]["Moving Speed"] == 1
 
 
-def test_fast_is_capped_at_the_speed_limit() -> None:
+@pytest.mark.parametrize("speed", [50.0, 1e308])
+def test_fast_is_capped_at_the_speed_limit(speed: float) -> None:
     port = FakePort(1)
     joint = replace(PAN, joint_speed=0.5, max_speed=1.0)
     bus = connected(port, joint)
-    bus.command({"head_pan_joint": Goal(0.5, 50.0)})
+    bus.command({"head_pan_joint": Goal(0.5, speed)})
     bus.step()
     assert port.servos[1]["Moving Speed"] == 86
 
