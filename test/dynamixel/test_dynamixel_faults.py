@@ -29,10 +29,12 @@ def test_each_fault_is_survived_and_passes(name: str, kind: Fault) -> None:
     ordeal.run(100, 0.1)
     assert ordeal.faults.counts[kind] > 3
     assert ordeal.goals_outside() == ordeal.full_speeds() == 0
-    ordeal.run(80, 0.0)
-    assert all(len(reading.states) == 2 for reading in ordeal.readings[-20:])
-    for joint in ordeal.joints:
-        assert ordeal.bus.joint(joint.joint_name).torque is Torque.ON
+    for _ in range(8):
+        ordeal.run(20, 0.0)
+        torque = {ordeal.bus.joint(joint.joint_name).torque for joint in ordeal.joints}
+        if torque == {Torque.ON} and all(len(each.states) == 2 for each in ordeal.readings[-20:]):
+            return
+    raise AssertionError((torque, ordeal.readings[-1]))
 
 
 @pytest.mark.parametrize(

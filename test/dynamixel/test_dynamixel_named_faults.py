@@ -320,7 +320,7 @@ def test_a_fault_is_named_soon_after_its_first_visible_sign(
 
 def drained(rig: Rig) -> None:
     def drain() -> None:
-        rig.volts -= CYCLE * 0.15
+        rig.volts -= CYCLE * 0.4
 
     rig.each_cycle.append(drain)
 
