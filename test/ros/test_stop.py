@@ -5,13 +5,11 @@ import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Point, PointStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, String
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from waiting import eventually, join, wait_for
 
@@ -19,8 +17,8 @@ from head_tracking.control import JointOwners
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.joint_owners import control_message, sender_from
 from head_tracking.ros.kit.spinning import NodeDied
+from head_tracking.ros.kit.topics import LATCHED
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 JOINTS = ("head_pan_joint", "head_tilt_joint")
 STILL = 0.012  # rad: a joint that is let go moves on a little
 
@@ -28,19 +26,6 @@ STILL = 0.012  # rad: a joint that is let go moves on a little
 @pytest.fixture
 def robot(make_robot):
     return make_robot("--target", "fictitious")
-
-
-def latched(robot, topic, kind):
-    messages = []
-    robot.node.create_subscription(kind, topic, messages.append, LATCHED)
-    wait_for(lambda: messages)
-    return messages
-
-
-def point(x, y, z, frame):
-    message = PointStamped(point=Point(x=x, y=y, z=z))
-    message.header.frame_id = frame
-    return message
 
 
 def torque(robot):
@@ -171,23 +156,21 @@ def test_stop_waits_for_no_callback_that_hangs(robot):
 
 def test_a_controller_that_loses_one_joint_releases_the_other(robot):
     tracking(robot)
-    owners = latched(robot, "joint_owners", String)
     claim = JointState(name=["head_tilt_joint"])
     claim.header.frame_id = "/other"
     robot.publish("joint_claims", claim)
-    wait_for(lambda: owners[-1].data == "head_pan_joint: \nhead_tilt_joint: /other")
-    enabled = latched(robot, "head_tracker/enabled", Bool)
-    wait_for(lambda: not enabled[-1].data)
+    wait_for(lambda: robot.owners == {"head_pan_joint": "", "head_tilt_joint": "/other"})
+    wait_for(lambda: not robot.latched("head_tracker/enabled", Bool))
 
 
 def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     tracking(robot)
     tracker = robot.composition.nodes["head_tracker"]
-    stopped = latched(robot, "stopped", Bool)
+    stopped = robot.hear("stopped", Bool, LATCHED)
     tracker.control.targets.restart = lambda *_: 1 // 0
     answer = robot.composition.loop.stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
-    assert eventually(lambda: stopped[-1].data)
+    assert eventually(lambda: stopped and stopped[-1].data)
     with pytest.raises(NodeDied):  # (by the loop, or by the node, whichever notices the STOP first)
         wait_for(lambda: False)
 
@@ -196,7 +179,8 @@ def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
 def test_the_state_is_published_as_fields(make_robot, mode):
     robot = make_robot("--mode", mode, "--target", "fictitious")
     name = {"track": "head_tracker", "point": "point_head"}[mode]
-    messages = latched(robot, f"{name}/status", DiagnosticStatus)
+    messages = robot.hear(f"{name}/status", DiagnosticStatus, LATCHED)
+    wait_for(lambda: messages)
 
     def fields():
         found = {each.key: each.value for each in messages[-1].values}
@@ -208,6 +192,6 @@ def test_the_state_is_published_as_fields(make_robot, mode):
     assert robot.call("stop").success
     wait_for(lambda: fields() == ("disabled", "false", "true", "true"))
     assert messages[-1].level == DiagnosticStatus.WARN
-    assert messages[-1].message == latched(robot, f"{name}/state", String)[-1].data
+    assert messages[-1].message == robot.latched(f"{name}/state")
     assert robot.call("resume").success
     wait_for(lambda: fields()[1:3] == ("true", "false"))

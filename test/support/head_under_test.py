@@ -16,7 +16,7 @@ from geometry_msgs.msg import Point, PointStamped
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -25,9 +25,9 @@ from std_srvs.srv import SetBool
 from waiting import failing_waits, join, wait_for
 
 from head_tracking.ros.kit.spinning import NodeThreads
+from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.transforms import TransformBuffer
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 JOINTS = ("head_pan_joint", "head_tilt_joint")
 _PERIOD = 0.02
 
