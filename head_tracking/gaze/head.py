@@ -594,11 +594,6 @@ def _fixed_joints(
                 f"{joint.name!r} cannot turn the head: it must be revolute or continuous and "
                 "mimic no other joint"
             )
-        if not joint.limits.velocity > 0.0:
-            raise RobotModelError(
-                f"{joint.name!r} has the velocity limit {joint.limits.velocity:g}, so it cannot "
-                "move; give the highest speed of the joint [rad/s], or leave velocity out"
-            )
     if pointing_frame not in model.links:
         raise RobotModelError(
             f"the model {model.name!r} has no link {pointing_frame!r} to point; "
