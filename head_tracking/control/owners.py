@@ -178,7 +178,8 @@ class JointOwners:
         Args:
             stopped: whether the servo bus is stopped.
             epoch: number of its STOPs.
-            owners: of its joints. An owner that loses a joint there loses it here.
+            owners: of its joints. An owner that loses a joint there loses it here, also if it is
+                another one that gets it back at the end of a STOP.
         """
         with self._lock:
             if self.stopped and not stopped and epoch != self.epoch.value:
@@ -192,7 +193,8 @@ class JointOwners:
                 self._resume()
             for joint, other in self._elsewhere.items():
                 owner, _ = self._owners.get(joint, ("", 0.0))
-                if owner and other and owner == before.get(joint) != other:
+                known = owner if changed else before.get(joint)  # a claim may be on its way
+                if owner and other and owner == known != other:
                     self._owners[joint] = other, math.inf
                     changed = True
         if changed:

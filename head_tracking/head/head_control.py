@@ -197,7 +197,7 @@ class HeadControl(Controller):
             StoppedError: the head is stopped.
         """
         epoch = self._owners.permit()
-        if self.off is not None:
+        if self.off is not None or self._owners.elsewhere(self.joints) not in ("", self.name):
             self._loop.take_over(self.name, self.joints, epoch)
             self.result = None
         self.watch()

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from waiting import eventually, join, wait_for
 
 from head_tracking.control import JointOwners
+from head_tracking.head.obstacle import Reason
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.joint_owners import control_message, sender_from
 from head_tracking.ros.kit.spinning import NodeDied
@@ -60,9 +61,11 @@ class ElsewhereBus:
         self.node.create_subscription(JointState, "joint_commands", self.commands.append, 10)
         wait_for(self._control.get_subscription_count)
 
-    def say(self, stopped: bool, epoch: int) -> None:
+    def say(self, stopped: bool, epoch: int, owner: str = "") -> None:
         owners = JointOwners()
         owners.follow(stopped, epoch)
+        if owner:
+            owners.take_over(owner, JOINTS)
         name = self.node.get_fully_qualified_name()
         self._control.publish(control_message(owners, JOINTS, name))
         assert self._control.wait_for_all_acked(Duration(seconds=10.0))
@@ -77,6 +80,33 @@ def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
     threads.start(bus.node)
     wait_for(lambda: tracker.control.is_cautious)
     assert not tracker.control.off
+
+
+def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
+    """It took over so shortly before the STOP that the tracker had not heard of it."""
+    tracker = HeadTrackerNode()
+    bus = ElsewhereBus()
+    threads.start(tracker)
+    threads.start(bus.node)
+    bus.say(True, 1)
+    wait_for(lambda: tracker.control.is_stopped)
+    bus.say(False, 1, "/other")
+    wait_for(lambda: not tracker.control.is_stopped)
+    assert tracker.control.off
+    tracker.control.enable()
+    assert not tracker.control.off
+    wait_for(lambda: bus.claims)
+
+
+def test_enabling_claims_joints_that_another_owner_has_at_the_bus(threads):
+    tracker = HeadTrackerNode()
+    bus = ElsewhereBus()
+    threads.start(tracker)
+    threads.start(bus.node)
+    bus.say(False, 0, "/other")
+    wait_for(lambda: tracker.control.obstacle.reason is Reason.OWNED)
+    tracker.control.enable()
+    wait_for(lambda: bus.claims)
 
 
 def test_a_restarted_bus_without_short_names_is_stopped_again(threads):
