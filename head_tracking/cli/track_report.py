@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -101,7 +102,7 @@ def _report(client: Client, options: argparse.Namespace) -> int:
         line.show([progress, f"{recording.targets} targets"])
         client.stop.wait(0.2)
     line.end(f"recorded {time.monotonic() - start:.1f} s, {recording.targets} targets")
-    trace = recording.trace
+    trace = recording.trace.between(-math.inf)  # more samples may come
     if len(trace) < _FEWEST_SAMPLES:
         raise HeadTrackingError(
             f"joints and target were known at {len(trace)} moments only, {_FEWEST_SAMPLES} are "
