@@ -197,9 +197,9 @@ class HeadControl(Controller):
             StoppedError: the head is stopped.
         """
         epoch = self._owners.permit()
-        if self.off is not None or self._owners.elsewhere(self.joints) not in ("", self.name):
-            self._loop.take_over(self.name, self.joints, epoch)
+        if self.off is not None:
             self.result = None
+        self._loop.take_over(self.name, self.joints, epoch)
         self.watch()
 
     def disable(self, reason: Reason, detail: str = "") -> None:

@@ -110,11 +110,10 @@ class _Shapes:
     def __init__(self, urdf: str, meshes_at: str, find_package: FindPackage) -> None:
         # yourdfpy logs what it does not understand; that becomes a notice here
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)
-        robot = (
-            import_yourdfpy()
-            .URDF.load(io.BytesIO(urdf.encode()), build_scene_graph=False, load_meshes=False)
-            .robot
-        )
+        yourdfpy = import_yourdfpy()
+        robot = yourdfpy.URDF.load(
+            io.BytesIO(urdf.encode()), build_scene_graph=False, load_meshes=False
+        ).robot
         self.found: list[dict[str, Any]] = []
         self.meshes: list[bytes] = []
         self.notices: list[str] = []

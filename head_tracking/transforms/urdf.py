@@ -8,6 +8,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -30,6 +31,7 @@ def parse_in_child_process() -> None:
     _parses_in_child = True
 
 
+@cache
 def import_yourdfpy() -> ModuleType:
     """Import yourdfpy with a stand-in for trimesh, which loads trimesh when it is first used.
 
