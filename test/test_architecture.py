@@ -36,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
     "dynamixel": {"feetech", "parameters"},
     "feetech": set(),
     "simulation": set(),
-    "configuration": {"dynamixel", "parameters", "parameter_files"},
+    "configuration": {"dynamixel", "parameters", "parameter_files", "simulation"},
     "calibration": {"gaze", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}

@@ -253,7 +253,7 @@ class Head:
         calibration: str | Path | None = None,
     ) -> Self:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
-        from head_tracking.simulation import SimulatedJoints  # needs pseudo-terminals
+        from head_tracking.configuration.simulated import SimulatedJoints  # needs pseudo-terminals
 
         model, head, known = _load_robot(robot, calibration)
         servos = servos or head.servos

@@ -14,6 +14,7 @@ import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.control import ControlLoop, JointOwners
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.exceptions import HeadTrackingError
@@ -30,7 +31,6 @@ from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import HINT, execute
 from head_tracking.run.true_positions import TruePositionsOutput
-from head_tracking.simulation import SimulatedJoints
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms.urdf import parse_in_child_process
 

@@ -3,7 +3,7 @@
 from head_tracking.simulation.bus import Answer, SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError, SimulationError
 from head_tracking.simulation.faults import Fault, Faults
-from head_tracking.simulation.port import SimulatedJoints, SimulatedPort, mounted_servos
+from head_tracking.simulation.port import SimulatedPort
 from head_tracking.simulation.serial_line import (
     Overlap,
     SerialLine,
@@ -22,12 +22,10 @@ __all__ = [
     "SerialLine",
     "SimulatedBus",
     "SimulatedClock",
-    "SimulatedJoints",
     "SimulatedLine",
     "SimulatedPort",
     "SimulatedServo",
     "SimulationError",
     "Write",
     "WriteLog",
-    "mounted_servos",
 ]

@@ -12,14 +12,13 @@ import threading
 import time
 import tty
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 from zlib import crc32
 
 from head_tracking.simulation.bus import SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError
-from head_tracking.simulation.models import Named, simulated_model
 from head_tracking.simulation.serial_line import Overlap, SerialLine
 from head_tracking.simulation.servo import SimulatedServo
 
@@ -304,97 +303,3 @@ class SimulatedPort:
             pause = max(0, rest - _SPIN) if self._spinning else rest
             ready = select.select(watched, (), (), pause * 1e-9)[0]
         return ready
-
-
-class _Mount(Protocol):
-    """A servo of a joint; see `ServoCalibration` of the driver."""
-
-    @property
-    def id(self) -> int: ...
-    @property
-    def model(self) -> Named: ...
-    @property
-    def init(self) -> int: ...
-    @property
-    def direction(self) -> int: ...
-    @property
-    def offset(self) -> int | None: ...
-    @property
-    def reverse(self) -> bool | None: ...
-
-
-class _Joint(Protocol):
-    """A joint and its servos; see `JointConfiguration` of the driver."""
-
-    @property
-    def joint_name(self) -> str: ...
-    @property
-    def calibrations(self) -> Sequence[_Mount]: ...
-    def position(self, ticks: float) -> float: ...
-
-
-class SimulatedJoints:
-    """Simulated servos for configured joints, with the true joint positions.
-
-    A context manager. Joints start at position 0. Two servos of one joint are coupled.
-
-    Args:
-        joints: The `JointConfiguration` of each joint.
-        link_play: Play behind each encoder, rad; see `SimulatedServo`.
-
-    Attributes:
-        port: The port of the bus.
-    """
-
-    def __init__(self, joints: Iterable[_Joint], link_play: float = 0.0) -> None:
-        self._joints = {joint.joint_name: joint for joint in joints}
-        self.port = SimulatedPort(mounted_servos(self._joints.values(), link_play), paced=True)
-
-    @property
-    def port_name(self) -> str:
-        """Path for the driver to open."""
-        return self.port.port_name
-
-    def true_position(self, joint_name: str) -> float:
-        """Return the exact position of a joint, rad."""
-        joint = self._joints[joint_name]
-        return joint.position(self.port.true_ticks(joint.calibrations[0].id))
-
-    def __enter__(self) -> Self:
-        self.port.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.port.close()
-
-
-def mounted_servos(joints: Iterable[_Joint], link_play: float = 0.0) -> SimulatedBus:
-    """Return a bus with the servos of joints, each joint at position 0."""
-    pairs = [joint.calibrations for joint in joints]
-    bus = SimulatedBus([_servo(mount, link_play) for mounts in pairs for mount in mounts])
-    for mounts in pairs:
-        if len(mounts) == 2:
-            one, other = mounts
-            bus.couple(one.id, other.id, _rotation(one) * _rotation(other))
-    return bus
-
-
-def _servo(mount: _Mount, link_play: float) -> SimulatedServo:
-    """Return a servo at position 0 of its joint, with the configured EEPROM."""
-    model, init = simulated_model(mount.model), mount.init
-    if mount.offset and model.is_feetech:
-        init = (init + mount.offset) % model.ticks
-    elif mount.offset and model.control == "profile":
-        init -= mount.offset
-    position = 2 * model.center - init if mount.reverse else init
-    servo = SimulatedServo(mount.id, mount.model, position=position, link_play=link_play)
-    if mount.reverse:
-        servo.set_register("Drive Mode", 1)
-    if mount.offset:
-        servo.set_offset(mount.offset)
-    return servo
-
-
-def _rotation(mount: _Mount) -> int:
-    """Return 1 if the shaft turns counter-clockwise for rising joint positions, else -1."""
-    return -mount.direction if mount.reverse else mount.direction

@@ -24,13 +24,13 @@ from head_tracking.calibration.targets import observer
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
+from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
 from head_tracking.scene.render import Renderer
 from head_tracking.scene.scenes import make_scene
 from head_tracking.share import robot_file, robot_parameters
-from head_tracking.simulation import SimulatedJoints
 from head_tracking.transforms import (
     RobotModel,
     Rotation,
@@ -143,7 +143,7 @@ def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(tmp_path, numbe
         wait_for(lambda: abs(servos.true_position(pan)) > 0.05 or program.poll() is not None)
         program.send_signal(number)
         _, errors = program.communicate(timeout=60.0)
-        torque = servos.port.use(lambda bus: [bus[id].register("Torque Enable") for id in (1, 2)])
+        torque = servos.use(lambda bus: [bus[id].register("Torque Enable") for id in (1, 2)])
     assert program.returncode == 128 + number, errors
     assert errors.splitlines()[-1].startswith("calibrate: ")
     assert torque == [0, 0]

@@ -16,6 +16,7 @@ from head_tracking.configuration.bus_parameters import (
     SecondMotorParameters,
     configured_joint,
 )
+from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.dynamixel import (
     BusEvent,
     ConfigurationError,
@@ -30,7 +31,7 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.exceptions import ServoSetupError
 from head_tracking.dynamixel.servo import Servo, run
 from head_tracking.feetech import FeetechErrors
-from head_tracking.simulation import SimulatedJoints, SimulatedServo
+from head_tracking.simulation import SimulatedServo
 
 PERIOD = 0.02
 STS, SCS = servo_model("STS3215"), servo_model("SCS0009")
@@ -161,7 +162,7 @@ def test_the_offset_comes_from_the_parameters_of_the_joint() -> None:
     assert joint.offset == -85
     with SimulatedJoints([joint]) as simulated:  # its servo has that memory
         assert simulated.true_position("pan") == pytest.approx(0.0, abs=1e-9)
-        assert simulated.port.use(lambda bus: bus[1].register("Position Offset")) == 2048 + 85
+        assert simulated.use(lambda bus: bus[1].register("Position Offset")) == 2048 + 85
 
 
 # Power (SO-ARM100 issue 132: brown-outs reset servos or misplace them)

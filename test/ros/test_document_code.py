@@ -22,9 +22,9 @@ import yaml
 from ros_domain import own_domain
 
 from head_tracking.configuration import configured_head
+from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.run.options import parse_arguments
 from head_tracking.share import robot_parameters
-from head_tracking.simulation import SimulatedJoints
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

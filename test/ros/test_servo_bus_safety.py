@@ -25,7 +25,7 @@ def robot(pointing_robot):
 
 
 def register(robot, servo_id, name):
-    return robot.simulated.port.use(lambda bus: bus[servo_id].register(name))
+    return robot.simulated.use(lambda bus: bus[servo_id].register(name))
 
 
 def bus_thread(robot):
@@ -98,7 +98,7 @@ def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot
     ((before, _, models),) = node.servos_by_port()
     monkeypatch.setattr(bus_thread(robot).bus._port, "stable_name", "/dev/serial/by-id/x")
     ((name, _, same),) = node.servos_by_port()
-    assert (before, name) == (robot.simulated.port.port_name, "/dev/serial/by-id/x")
+    assert (before, name) == (robot.simulated.port_name, "/dev/serial/by-id/x")
     assert models == same and set(models) == {1, 2}
 
 
@@ -117,7 +117,7 @@ def test_torque_that_is_switched_off_during_a_stop_stays_off_after_resume(robot)
 
 def test_a_stop_does_not_interrupt_the_writing_of_a_servos_memory(robot):
     """It would leave the lock of a Feetech servo's memory off."""
-    robot.simulated.port.use(lambda bus: bus[1].set_register("CCW Angle Limit", 1000))
+    robot.simulated.use(lambda bus: bus[1].set_register("CCW Angle Limit", 1000))
     client = robot.node.create_client(Trigger, "servo_bus/write_eeprom")
     wait_for(client.service_is_ready)
     writing = client.call_async(Trigger.Request())
@@ -132,7 +132,7 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
         bus[1].set_register("CW Angle Limit", 500)
         bus[1].set_register("CCW Angle Limit", 600)
 
-    robot.simulated.port.use(narrow)
+    robot.simulated.use(narrow)
     assert robot.call("head_pan_controller/restart").success
     client = robot.node.create_client(SetParameters, "servo_bus/set_parameters")
     wait_for(client.service_is_ready)
@@ -153,7 +153,7 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
     def narrower(bus):
         bus[1].set_register("CW Angle Limit", 530)
 
-    robot.simulated.port.use(narrower)
+    robot.simulated.use(narrower)
     assert set_maximum(1000).successful
     wait_for(lambda: joint.limits[1] > 0.4)
     assert robot.call("head_pan_controller/restart").success

@@ -30,7 +30,7 @@ def robot(make_robot):
 
 
 def torque(robot):
-    use = robot.simulated.port.use
+    use = robot.simulated.use
     return [use(lambda bus, i=i: bus[i].register("Torque Enable")) for i in (1, 2)]
 
 

@@ -8,11 +8,11 @@ from statistics import mean
 from simulated_device import Bench
 
 from head_tracking.configuration import configured_head
+from head_tracking.configuration.simulated import mounted_servos
 from head_tracking.dynamixel import Goal
 from head_tracking.dynamixel.servo import run
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file, robot_parameters
-from head_tracking.simulation import mounted_servos
 from head_tracking.tracking import LAWS, Tracker
 from head_tracking.transforms import Vector3, load_robot_model
 

@@ -60,7 +60,7 @@ class Robot(Talker):
     def lead_pan(self, position: float) -> None:
         """Let a hand lead the pan joint to a position [rad] within half a second."""
         assert self.simulated is not None
-        self.simulated.port.lead(1, 512 + position / math.radians(300.0 / 1024), 0.5)
+        self.simulated.lead(1, 512 + position / math.radians(300.0 / 1024), 0.5)
 
     def goals(self) -> list[Mapping[str, Goal]]:
         """What the run's own nodes tell the servos from now on."""

@@ -1,0 +1,61 @@
+"""Simulated servos for configured joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from head_tracking.dynamixel import JointConfiguration, ServoCalibration
+from head_tracking.simulation import SimulatedBus, SimulatedPort, SimulatedServo
+from head_tracking.simulation.models import simulated_model
+
+
+class SimulatedJoints(SimulatedPort):
+    """The port of simulated servos for configured joints, with the true joint positions.
+
+    Joints start at position 0. Two servos of one joint are coupled.
+
+    Args:
+        joints: The joints.
+        link_play: Play behind each encoder, rad; see `SimulatedServo`.
+    """
+
+    def __init__(self, joints: Iterable[JointConfiguration], link_play: float = 0.0) -> None:
+        self._joints = {joint.joint_name: joint for joint in joints}
+        super().__init__(mounted_servos(self._joints.values(), link_play), paced=True)
+
+    def true_position(self, joint_name: str) -> float:
+        """Return the exact position of a joint, rad."""
+        joint = self._joints[joint_name]
+        return joint.position(self.true_ticks(joint.calibrations[0].id))
+
+
+def mounted_servos(joints: Iterable[JointConfiguration], link_play: float = 0.0) -> SimulatedBus:
+    """Return a bus with the servos of joints, each joint at position 0."""
+    pairs = [joint.calibrations for joint in joints]
+    bus = SimulatedBus([_servo(mount, link_play) for mounts in pairs for mount in mounts])
+    for mounts in pairs:
+        if len(mounts) == 2:
+            one, other = mounts
+            bus.couple(one.id, other.id, _rotation(one) * _rotation(other))
+    return bus
+
+
+def _servo(mount: ServoCalibration, link_play: float) -> SimulatedServo:
+    """Return a servo at position 0 of its joint, with the configured EEPROM."""
+    model, init = simulated_model(mount.model.name), mount.init
+    if mount.offset and model.is_feetech:
+        init = (init + mount.offset) % model.ticks
+    elif mount.offset and model.control == "profile":
+        init -= mount.offset
+    position = 2 * model.center - init if mount.reverse else init
+    servo = SimulatedServo(mount.id, mount.model, position=position, link_play=link_play)
+    if mount.reverse:
+        servo.set_register("Drive Mode", 1)
+    if mount.offset:
+        servo.set_offset(mount.offset)
+    return servo
+
+
+def _rotation(mount: ServoCalibration) -> int:
+    """Return 1 if the shaft turns counter-clockwise for rising joint positions, else -1."""
+    return -mount.direction if mount.reverse else mount.direction
