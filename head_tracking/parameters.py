@@ -18,6 +18,7 @@ from head_tracking.exceptions import HeadTrackingError
 
 _KEY = "parameter"
 _LIKELY, _LISTED = 0.75, 3  # similarity and number of suggested names
+_MISSPELT = 0.8  # similarity from which another name of a node is a mistake
 _WORD = r"([A-Za-z_]|\{(node|ns|namespace)\})\w*"
 _ROS_NAME = re.compile(rf"(~/|/)?{_WORD}(/{_WORD})*|~", re.ASCII)
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
@@ -139,10 +140,11 @@ def unknown_node(name: str, known: Iterable[str]) -> str:
     A name that contains a known one is right: servo_bus_left may be a second servo_bus.
     """
     known = list(known)
-    similar = nearest(name, known)
-    if not similar or any(one in name for one in known):
+    if not difflib.get_close_matches(name, known, 1, _MISSPELT) or any(
+        one in name for one in known
+    ):
         return ""
-    return f"there is no node {name}{similar}"
+    return f"there is no node {name}{nearest(name, known)}"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

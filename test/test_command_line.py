@@ -18,6 +18,7 @@ from head_tracking.command_line import (
     with_negative_values,
     writable_file,
 )
+from head_tracking.ros.kit.spinning import run_node
 from head_tracking.run.options import parse_arguments
 
 
@@ -165,6 +166,15 @@ def test_a_misspelt_command_is_refused_with_those_that_exist(monkeypatch, capsys
     monkeypatch.setattr(sys, "argv", ["head_tracking", "docter"])
     assert programs.head_tracking() == 2
     assert "doctor" in capsys.readouterr().err
+
+
+def test_a_node_with_a_misspelt_argument_does_not_start(monkeypatch, capsys):
+    """Else the parameters behind `--ros-arg` would be left out without a word."""
+    monkeypatch.setattr(sys, "argv", ["target_mux", "--ros-arg", "-p", "rate:=5.0"])
+    with pytest.raises(SystemExit) as refused:
+        run_node(lambda: pytest.fail("it has started"))
+    assert refused.value.code == 2
+    assert "--ros-arg -p" in capsys.readouterr().err
 
 
 def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):

@@ -90,5 +90,6 @@ def test_a_misspelt_node_in_the_parameter_file_of_a_robot_is_named(tmp_path):
     with pytest.raises(HeadTrackingError) as error:
         configured_head([file])
     assert "servo_bus" in str(error.value)
-    file.write_text("/**/servo_bus_left: {ros__parameters: {baud_rate: 57600}}")
-    configured_head([file])
+    for other in ("servo_bus_left", "face_tracker"):
+        file.write_text(f"/**/{other}: {{ros__parameters: {{rate: 5}}}}")
+        configured_head([file])

@@ -153,10 +153,7 @@ class HeadControl(Controller):
         owners = self._owners
         try:
             owners.claim(self.name, self.joints)
-        except OwnershipError as error:
-            self._disabled = Obstacle(Reason.OWNED, error.owner)
-            self._log.warning(f"{error}; until then {self.targets.title} is disabled")
-        except StoppedError as error:
+        except (OwnershipError, StoppedError) as error:
             owners.claim_at_resume(self.name, self.joints)
             self._log.warning(f"{error}; until then {self.targets.title} is disabled")
         self.watch()
@@ -174,8 +171,15 @@ class HeadControl(Controller):
         """Why the head is disabled; None: it is enabled, because this owns the joints."""
         if self._owners.owns(self.name, self.joints):
             return None
-        is_stopped = self._owners.stopped and self._disabled.reason is not Reason.CLOSED
-        return Obstacle(Reason.STOPPED) if is_stopped else self._disabled
+        if self._owners.stopped and self._disabled.reason is not Reason.CLOSED:
+            return Obstacle(Reason.STOPPED)
+        others = self._others() if self._disabled.reason is Reason.DISABLED else ""
+        return Obstacle(Reason.OWNED, others) if others else self._disabled
+
+    def _others(self) -> str:
+        """Return the other owners of the joints; empty: there are none."""
+        owners = set(self._owners.of(self.joints).values()) - {"", self.name}
+        return " and ".join(sorted(owners))
 
     @property
     def is_stopped(self) -> bool:
@@ -229,9 +233,9 @@ class HeadControl(Controller):
         if noticed == self._noticed:
             return
         (was_owner, old_epoch), self._noticed = self._noticed, noticed
-        others = set(owners.of(self.joints).values()) - {"", self.name}
+        others = self._others()
         if was_owner and not owned and others:
-            self._disabled = Obstacle(Reason.LOST, " and ".join(sorted(others)))
+            self._disabled = Obstacle(Reason.LOST, others)
             owners.release(self.name)  # the other joint, too
         if epoch != old_epoch:
             self.is_cautious, self._cautious_for = True, 0.0

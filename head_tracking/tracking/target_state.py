@@ -98,7 +98,7 @@ class TargetStateMachine:
         if not self.enabled:
             return self.off
         reason = self.stalled or self._reason
-        return f"{reason}; targets are refused: {self.refusal}" if self.refusal else reason
+        return f"{reason}; a target was refused: {self.refusal}" if self.refusal else reason
 
     def enable(self, on: bool) -> None:
         """Enable or disable following."""

@@ -103,7 +103,7 @@ def test_why_targets_are_refused_stands_behind_the_reason_until_one_is_taken(mak
     life.refused("something else", 0.6)  # nobody could read the first one so fast
     assert life.state is TargetState.IDLE
     assert life.reason == (
-        "no target has come yet; targets are refused: the frame 'nose' does not exist"
+        "no target has come yet; a target was refused: the frame 'nose' does not exist"
     )
     life.refused("something else", 2.0)
     assert "something else" in life.reason

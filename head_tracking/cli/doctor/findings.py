@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
+import textwrap
 from enum import IntEnum
 from typing import Final, NamedTuple
 
@@ -25,6 +27,8 @@ class Finding(NamedTuple):
     text: str
 
 
+_INDENT: Final = 25  # columns before the text
+_SHORTEST: Final = 20  # columns of the text
 _COLOURS: Final = {Grade.GREEN: "32", Grade.AMBER: "33", Grade.RED: "31"}
 
 
@@ -34,4 +38,9 @@ def show(finding: Finding) -> None:
     word = f"{'-' if level is Grade.SKIPPED else level.name.lower():5}"
     if colour and sys.stdout.isatty() and "NO_COLOR" not in os.environ:
         word = f"\033[{colour}m{word}\033[0m"
-    print(f"{word}  {finding.check:17} {finding.text}", flush=True)
+    text = finding.text
+    if sys.stdout.isatty():
+        width = max(_SHORTEST, shutil.get_terminal_size().columns - _INDENT)
+        lines = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+        text = f"\n{' ' * _INDENT}".join(lines)
+    print(f"{word}  {finding.check:17} {text}", flush=True)

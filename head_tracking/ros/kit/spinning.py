@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import re
@@ -11,7 +12,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -265,7 +266,13 @@ def run_node(make: Callable[[], Node]) -> int:
     Returns:
         The exit code: 0, or 1 after an error at the start, in a callback, or at the end (servos
         that are not confirmed relaxed); the error is printed.
+
+    Raises:
+        SystemExit: there is an argument that is none of ROS.
     """
+    parser = argparse.ArgumentParser(usage="%(prog)s [--ros-args ...]")
+    with suppress(HeadTrackingError):  # a malformed argument of ROS: start_ros raises it again
+        parser.parse_args(without_ros_arguments(sys.argv)[1:])
     threads = NodeThreads()
 
     def begin() -> None:
