@@ -313,8 +313,9 @@ class Head:
         miss = self._check(target)
         with control.lock:
             self._permit(epoch)
+            disabled = control.disabled
             switched = self._servos.switch_torque(None, True, epoch)
-        self._confirm_on(switched, None)
+        self._confirm_on(switched, disabled)
         result: Future[PointingResult] = Future()
         with control.lock:
             self._permit(epoch)
@@ -525,22 +526,25 @@ class Head:
         After a `stop` the head moves slowly until it has arrived once.
 
         Raises:
-            DynamixelError: a servo has not confirmed.
+            DynamixelError: a servo has not confirmed; a head that was stopped stays stopped.
             RefusedCommandError: the head is closed, or was stopped or relaxed meanwhile.
         """
         self._require_open()
-        with self._control.lock, _refused_if_stopped():
-            epoch = self._owners.epoch.value
-            if self._owners.stopped:
-                self._owners.resume(epoch)
-            off = self._control.off
+        control, owners = self._control, self._owners
+        with control.lock:
+            epoch, stopped, disabled = owners.epoch.value, owners.stopped, control.disabled
             switched = self._servos.switch_torque(None, True, epoch)
-        self._confirm_on(switched, off)
-        with self._control.lock, _refused_if_stopped():
-            self._owners.permit()
-            if self._control.off is not off:
-                raise RefusedCommandError(self.state)
-            self._control.enable()
+        try:
+            self._confirm_on(switched, disabled)
+        except BaseException:
+            if stopped and epoch == owners.epoch.value:
+                self.stop()
+            raise
+        with control.lock, _refused_if_stopped():
+            if control.disabled is not disabled:
+                raise RefusedCommandError(self._refusing or HeadState.RELAXED)
+            owners.resume(epoch)
+            control.enable()
 
     def close(self) -> None:
         """Brake and relax the servos and close the port; may be called twice.
@@ -726,13 +730,13 @@ class Head:
             raise RefusedCommandError(HeadState.STOPPED)
         return now
 
-    def _confirm_on(self, switched: Sequence[Future[None]], off: Obstacle | None) -> None:
-        """Wait until torque is on; refused if `relax` has replaced `off` meanwhile."""
+    def _confirm_on(self, switched: Sequence[Future[None]], disabled: Obstacle) -> None:
+        """Wait until torque is on; refused if `relax` has replaced `disabled` meanwhile."""
         try:
             _confirm(switched)
         except TorqueError as error:
-            now = self._control.off
-            if now is not off and now is not None and now.reason is Reason.RELAXED:
+            now = self._control.disabled
+            if now is not disabled and now.reason is Reason.RELAXED:
                 raise RefusedCommandError(HeadState.RELAXED) from error
             raise
 

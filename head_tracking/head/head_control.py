@@ -97,6 +97,7 @@ class HeadControl(Controller):
         error: angle between the pointing axis and the target [rad]; None: there is no target.
         held: commanded pan and tilt [rad] at which the head stands; None: not known.
         is_cautious: whether the head is slow after a STOP.
+        disabled: why this does not own the joints, while it does not and the head is not stopped.
         lock: held during every decision.
     """
 
@@ -144,7 +145,7 @@ class HeadControl(Controller):
         self._troubled_since, self._is_troubled = math.inf, False
         self._cautious_for = 0.0  # s, with a target
         self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
-        self._disabled = Obstacle(Reason.DISABLED, targets.title)
+        self.disabled = Obstacle(Reason.DISABLED, targets.title)
         self._epoch = self._owners.epoch.value
         self._noticed = False, self._epoch
 
@@ -171,10 +172,10 @@ class HeadControl(Controller):
         """Why the head is disabled; None: it is enabled, because this owns the joints."""
         if self._owners.owns(self.name, self.joints):
             return None
-        if self._owners.stopped and self._disabled.reason is not Reason.CLOSED:
+        if self._owners.stopped and self.disabled.reason is not Reason.CLOSED:
             return Obstacle(Reason.STOPPED)
-        others = self._others() if self._disabled.reason is Reason.DISABLED else ""
-        return Obstacle(Reason.OWNED, others) if others else self._disabled
+        others = self._others() if self.disabled.reason is Reason.DISABLED else ""
+        return Obstacle(Reason.OWNED, others) if others else self.disabled
 
     def _others(self) -> str:
         """Return the other owners of the joints; empty: there are none."""
@@ -209,7 +210,7 @@ class HeadControl(Controller):
     def disable(self, reason: Reason, detail: str = "") -> None:
         """Stop the head and release the joints, also after a STOP has ended."""
         with self.lock:
-            self._disabled = Obstacle(reason, detail)
+            self.disabled = Obstacle(reason, detail)
             self._stop()
             self._owners.release(self.name)
         self.watch()
@@ -235,7 +236,7 @@ class HeadControl(Controller):
         (was_owner, old_epoch), self._noticed = self._noticed, noticed
         others = self._others()
         if was_owner and not owned and others:
-            self._disabled = Obstacle(Reason.LOST, others)
+            self.disabled = Obstacle(Reason.LOST, others)
             owners.release(self.name)  # the other joint, too
         if epoch != old_epoch:
             self.is_cautious, self._cautious_for = True, 0.0

@@ -419,6 +419,27 @@ def test_stop_ends_everything_until_resume(head, servos):
     assert way / (time.monotonic() - began) < 0.4  # slowly at first
 
 
+def test_a_stopped_head_stays_stopped_if_a_servo_is_silent_at_resume(head, servos):
+    assert set(head.stop().values()) == {""}
+    silent = servos.port.use(lambda bus: bus[1])
+    servos.port.use(lambda bus: silent.set_register("ID", 9))
+    with pytest.raises(DynamixelError):
+        head.resume()
+    assert head.state == HeadState.STOPPED
+    assert servos.port.use(lambda bus: [servo.register("Torque Enable") for servo in bus]) == [0, 0]
+    with pytest.raises(RefusedCommandError):
+        head.follow(LEFT)
+    servos.port.use(lambda bus: silent.set_register("ID", 1))
+
+    def resumed():
+        with suppress(DynamixelError):
+            head.resume()
+        return head.state == HeadState.HOLDING
+
+    wait_for(resumed)
+    assert servos.torque == [1, 1]
+
+
 def test_a_relaxed_head_is_turned_by_hand_and_refuses_commands_until_resume(head, servos):
     assert head.look_at((2.0, 0.5, 0.6)).arrived
     head.relax()
