@@ -283,3 +283,24 @@ def test_a_restarted_servo_bus_stays_stopped_until_resume(bench, person):
     assert person.stopped
     assert person.call("resume").success
     wait_for(lambda: bench.servos.torque == [1, 1])
+
+
+def test_a_servo_bus_that_was_killed_stays_stopped_though_commands_come(tmp_path):
+    """Of a program that does not know of the STOP; after an orderly end the bus is as new."""
+    with closing(Bench(tmp_path)) as bench:
+        bus, person = bench.run_bus(), bench.person
+        onward = JointState(name=list(JOINTS), position=[0.3, 0.2])
+        with repeating(lambda: person.publish("joint_commands", onward), period=0.01):
+            wait_for(lambda: bench.servos.torque == [1, 1], 60.0)
+            assert person.call("stop").success
+            bus.kill()
+            bus = bench.run_bus()
+            assert not person.call("torque_enable", True).success
+            time.sleep(0.5)  # commands keep coming
+            assert bench.servos.torque == [0, 0]
+            assert person.call("resume").success
+            wait_for(lambda: bench.servos.torque == [1, 1])
+            assert person.call("stop").success
+            assert bus.end(signal.SIGTERM) == 0
+            bus = bench.run_bus()
+            wait_for(lambda: bench.servos.torque == [1, 1], 60.0)

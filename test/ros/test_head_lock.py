@@ -16,7 +16,7 @@ from waiting import eventually, join, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
-from head_tracking.ros.kit.head_lock import HeadLock, domain_and_namespace, namespace
+from head_tracking.ros.kit.head_lock import HeadLock, domain_and_namespace, namespace, node_name
 from head_tracking.ros.kit.topics import LATCHED
 
 
@@ -126,6 +126,11 @@ def test_whoever_comes_when_there_is_never_a_simulated_head_beside_a_real_one(lo
 )
 def test_the_namespace_of_all_nodes_is_read_as_ros_does(arguments, found):
     assert namespace(arguments) == found
+
+
+def test_the_name_of_the_only_node_is_read_as_ros_does():
+    assert node_name(("--ros-args", "-r", "a:=b"), "servo_bus") == "servo_bus"
+    assert node_name(("--ros-args", "-r", "__ns:=/a", "-r", "__node:=left"), "servo_bus") == "left"
 
 
 @pytest.mark.parametrize("text", ["7", "07", "0x7", " 7", "", "0"])

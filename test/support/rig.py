@@ -446,7 +446,14 @@ class Bench:
     def close(self) -> None:
         self._resources.close()
 
-    def start(self, name: str, *arguments: str, **options: Any) -> Program:
+    def start(
+        self,
+        name: str,
+        *arguments: str,
+        environment: dict[str, str | None] | None = None,
+        **options: Any,
+    ) -> Program:
+        options["environment"] = {"XDG_STATE_HOME": str(self.folder)} | (environment or {})
         program = Program(name, *arguments, domain=self.domain, **options)
         self._resources.callback(program.kill)
         return program

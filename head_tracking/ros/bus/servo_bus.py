@@ -44,7 +44,7 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
 from head_tracking.ros.kit.diagnostics import diagnostics
-from head_tracking.ros.kit.head_claim import HeadClaim
+from head_tracking.ros.kit.head_claim import HeadClaim, KeptStop
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.node_parameters import NodeParameters
@@ -426,11 +426,17 @@ def main() -> int:
         print(error, file=sys.stderr)
         if lock.descriptors:
             return 1  # (a simulated head did not end)
-    return run_node(_claiming_node)
+    kept = KeptStop(sys.argv, "servo_bus")
+    code = run_node(lambda: _claiming_node(kept))
+    if code == 0:
+        kept.forget()
+    return code
 
 
-def _claiming_node() -> ServoBusNode:
+def _claiming_node(kept: KeptStop) -> ServoBusNode:
     """Return the node of a single head, which continues also beside another head."""
-    node = ServoBusNode()
+    loop = ControlLoop(None)
+    kept.guard(loop.owners)
+    node = ServoBusNode(loop=loop)
     HeadClaim(node, simulated=False).begin()
     return node

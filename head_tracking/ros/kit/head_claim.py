@@ -17,7 +17,7 @@ from std_msgs.msg import String
 
 from head_tracking.control import JointOwners
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.kit.head_lock import CURES, domain_and_namespace
+from head_tracking.ros.kit.head_lock import CURES, domain_and_namespace, node_name
 from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.share import state_folder
 
@@ -82,10 +82,13 @@ class KeptStop:
 
     Args:
         arguments: of ROS; they may set the namespace.
+        node: the only node of the program, as it is usually named; empty: a run.
     """
 
-    def __init__(self, arguments: Sequence[str]) -> None:
-        self._file = state_folder("stopped") / f"domain_{domain_and_namespace(arguments)}"
+    def __init__(self, arguments: Sequence[str], node: str = "") -> None:
+        name = node_name(arguments, node) if node else ""
+        place = f"domain_{domain_and_namespace(arguments)}"
+        self._file = state_folder("stopped") / f"{place}-{name}".rstrip("-")
 
     def guard(self, owners: JointOwners) -> None:
         """Stop the head if it was stopped before and not resumed; keep each STOP from now on."""
@@ -97,7 +100,7 @@ class KeptStop:
         owners.observe(lambda: self._keep(owners.stopped))
 
     def forget(self) -> None:
-        """Discard the STOP, because the run has ended normally."""
+        """Discard the STOP, because the program has ended normally."""
         self._keep(False)
 
     def _keep(self, stopped: bool) -> None:
