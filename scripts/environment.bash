@@ -119,8 +119,7 @@ select_environment() {
   export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
   if compgen -G "$venv/lib/python3*/site-packages/rclpy" >/dev/null; then # wheels
     export AMENT_PREFIX_PATH=$venv
-    if [[ $1 == test ]] && "$root/test/messages/build" "$venv/bin/python" "$venv/messages"; then
-      export AMENT_PREFIX_PATH=$venv/messages:$venv
+    if [[ $1 == test ]] && "$venv/bin/python" "$root/test/messages/build.py" "$venv/messages"; then
       export LD_LIBRARY_PATH=$venv/messages/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
       PYTHONPATH+=:$(echo "$venv"/messages/lib/python3*/site-packages)
     fi
