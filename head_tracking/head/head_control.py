@@ -97,6 +97,7 @@ class HeadControl(Controller):
         error: angle between the pointing axis and the target [rad]; None: there is no target.
         held: commanded pan and tilt [rad] at which the head stands; None: not known.
         is_cautious: whether the head is slow after a STOP.
+        epoch: the number of STOPs before the latest measurement.
         disabled: why this does not own the joints, while it does not and the head is not stopped.
         lock: held during every decision.
     """
@@ -146,8 +147,8 @@ class HeadControl(Controller):
         self._cautious_for = 0.0  # s, with a target
         self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
         self.disabled = Obstacle(Reason.DISABLED, targets.title)
-        self._epoch = self._owners.epoch.value
-        self._noticed = False, self._epoch
+        self.epoch = self._owners.epoch.value
+        self._noticed = False, self.epoch
 
     def begin(self) -> None:
         """Control the head from the next cycle on, unless the joints have another owner."""
@@ -270,7 +271,7 @@ class HeadControl(Controller):
         owners, (pan, tilt) = self._owners, self.joints
         if (
             command is None
-            or self._epoch != owners.epoch.value
+            or self.epoch != owners.epoch.value
             or not owners.owns(self.name, self.joints)
         ):
             return
@@ -280,7 +281,7 @@ class HeadControl(Controller):
         }
         backend = self._loop.backend
         assert backend is not None
-        backend.write(self.name, goals, self._epoch)
+        backend.write(self.name, goals, self.epoch)
 
     def _is_due(self, stamp: float, now: float) -> bool:
         before, measured = self._updated
@@ -339,7 +340,7 @@ class HeadControl(Controller):
 
         The clock and the model are checked first. What is missing is logged, and is the `trouble`.
         """
-        self._epoch = self._owners.epoch.value
+        self.epoch = self._owners.epoch.value
         jump = self._clock.check(simulated=self._is_simulated())
         if jump:
             self._restart_after(jump)

@@ -17,6 +17,7 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import (
+    JointReading,
     JointTrajectory,
     Tolerances,
     TrajectoryCode,
@@ -25,7 +26,7 @@ from head_tracking.tracking import (
     Waypoint,
     checked_waypoints,
 )
-from head_tracking.transforms import RobotModelError, TransformException
+from head_tracking.transforms import JointLimits, RobotModelError, TransformException
 
 try:
     from control_msgs.action import FollowJointTrajectory, PointHead
@@ -179,35 +180,52 @@ class HeadActions:
                 latest = control.readings.latest
                 goal.feedback(_feedback(motion.trajectory, latest.stamp, latest.positions))
 
+        def through(waypoints: list[Waypoint]) -> JointTrajectory:
+            with control.lock:
+                joints, limits = self._measured()
+                if control.epoch != epoch:
+                    stopped = "the head was stopped after this was requested"
+                    raise TrajectoryError(TrajectoryCode.INVALID_GOAL, stopped)
+                present = dict(zip(control.joints, control.present(joints), strict=True))
+                now, stamp = control.now, stamp_to_ns(message.header.stamp)
+                start = stamp * 1e-9 if stamp else now
+                return JointTrajectory(names, waypoints, start, now, present, limits, tolerances)
+
+        # What takes long for many points is done without the lock, which the cycle needs.
+        names = tuple(message.joint_names) if waypoints else ()
+        with control.lock:
+            _, limits = self._measured()
+            epoch = control.epoch
+        if waypoints:
+            checked_waypoints(names, waypoints, limits)
+        tolerances = _tolerances(goal, names, tuple(limits), self._tolerances.value)
+        if control.is_cautious:
+            possible = max(limit.velocity for limit in limits.values())  # else it fails anyway
+            peak = min(through(waypoints).peak_speed, possible)
+            factor = peak / (_RESERVE * control.fastest)
+            if factor > 1.0:
+                self._log.info(f"the trajectory takes {factor:.1f} times as long after a stop")
+                waypoints = [waypoint.slowed(factor) for waypoint in waypoints]
+        with control.lock:
+            if not waypoints:
+                control.hold("preempted by an empty trajectory")
+            motion = TrajectoryMotion(
+                through(waypoints), control.law, None if goal is None else notify
+            )
+            if goal is not None:
+                goal.on_cancel = lambda: control.cancel(motion)
+            control.start(motion)
+
+    def _measured(self) -> tuple[JointReading, dict[str, JointLimits]]:
+        """Return the measured joints and their limits; raise TrajectoryError if nothing moves."""
+        control = self._control
         with control.lock:
             control.watch()
             joints, head, obstacle = control.readings.latest, control.frames.head, control.obstacle
             if joints is None or head is None or obstacle is not None:
                 raise TrajectoryError(TrajectoryCode.INVALID_GOAL, str(obstacle))
-            limits = dict(zip(control.joints, (head.pan_limits, head.tilt_limits), strict=True))
-            names = tuple(message.joint_names) if waypoints else ()
-            if waypoints:
-                checked_waypoints(names, waypoints, limits)
-            else:
-                control.hold("preempted by an empty trajectory")
-            tolerances = _tolerances(goal, names, tuple(limits), self._tolerances.value)
-            now, stamp = control.now, stamp_to_ns(message.header.stamp)
-            start = stamp * 1e-9 if stamp else now
-            present = dict(zip(control.joints, control.present(joints), strict=True))
-
-            def through(waypoints: list[Waypoint]) -> JointTrajectory:
-                return JointTrajectory(names, waypoints, start, now, present, limits, tolerances)
-
-            trajectory = through(waypoints)
-            possible = max(limit.velocity for limit in limits.values())  # else it fails anyway
-            factor = min(trajectory.peak_speed, possible) / (_RESERVE * control.fastest)
-            if factor > 1.0:  # after a STOP
-                self._log.info(f"the trajectory takes {factor:.1f} times as long after a stop")
-                trajectory = through([waypoint.slowed(factor) for waypoint in waypoints])
-            motion = TrajectoryMotion(trajectory, control.law, None if goal is None else notify)
-            if goal is not None:
-                goal.on_cancel = lambda: control.cancel(motion)
-            control.start(motion)
+            limits = head.pan_limits, head.tilt_limits
+            return joints, dict(zip(control.joints, limits, strict=True))
 
 
 def _feedback(trajectory: JointTrajectory, stamp: float, positions: tuple[float, float]) -> Any:
