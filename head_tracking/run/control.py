@@ -30,7 +30,6 @@ from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import HINT, execute
-from head_tracking.run.true_positions import TruePositionsOutput
 from head_tracking.tf import Buffer, TransformListener
 from head_tracking.transforms.urdf import parse_in_child_process
 
@@ -86,7 +85,6 @@ class Composition:
             "buffer": self.buffer,
             "loop": self.loop,
             "connect": self._simulate if plan.simulated else None,
-            "true_position": self.true_position,
         }
         for spec in plan.nodes:
             stop.check()
@@ -112,10 +110,6 @@ class Composition:
         elif spec.process != CONTROL and self._start_elsewhere is not None:
             self._start_elsewhere(spec)
             self._elsewhere.add(spec.name)
-            if "true_position" in spec.needs and self.true_position is not None:
-                servo_bus = self.nodes["servo_bus"]
-                joints = [servo.joint_name for servo in servo_bus.status().statistics.servos]
-                TruePositionsOutput(servo_bus, joints, self.true_position)
         else:
             self.nodes[spec.name] = spec.make(self._available)
             self._threads.start(self.nodes[spec.name])

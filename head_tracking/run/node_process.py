@@ -13,24 +13,7 @@ from head_tracking.ros.kit.spinning import NodeThreads, describe, run_threads
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.child import SupervisorLink
 from head_tracking.run.node_sets import NodeSpec
-from head_tracking.run.true_positions import TruePositions
-from head_tracking.tf import Buffer, TransformListener
-
-
-class _Resources(dict[str, Any]):
-    """Resources that the nodes of the process use together, made when one needs them first."""
-
-    def __init__(self, threads: NodeThreads) -> None:
-        super().__init__()
-        self._threads = threads
-
-    def __missing__(self, name: str) -> Any:
-        node = Node("vision", enable_rosout=False, start_parameter_services=False)
-        self["buffer"] = Buffer(node=node)
-        TransformListener(self["buffer"], node)
-        self["true_position"] = TruePositions(node).now
-        self._threads.start(node)
-        return self[name]
+from head_tracking.tf import Buffer, listening_buffer
 
 
 def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) -> int:
@@ -43,7 +26,7 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
     """
     requested: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threads = NodeThreads()
-    resources = _Resources(threads)
+    resources: dict[str, Buffer] = {}
     running: dict[str, tuple[Any, bool]] = {}
 
     def start(enabled: bool, **spec: Any) -> None:
@@ -52,6 +35,10 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
             return
         node = None
         try:
+            if spec["needs"] and not resources:
+                listener = Node("vision", enable_rosout=False, start_parameter_services=False)
+                resources["buffer"] = listening_buffer(listener)
+                threads.start(listener)
             node = NodeSpec(**spec).make(resources)
             check_parameters([node], names=False)
         except Exception as error:

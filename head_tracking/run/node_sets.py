@@ -21,8 +21,7 @@ class NodeSpec:
     Attributes:
         name: the node's name.
         needs: constructor arguments that its process provides: "buffer", the transforms of the
-            process; "loop", the control loop; "connect", the port of simulated servos, or None;
-            "true_position", the true position of a simulated joint [rad], or None.
+            process; "loop", the control loop; "connect", the port of simulated servos, or None.
         parameters: values of this run; they override parameter files.
         process: CONTROL, VISION or PAGE.
     """
@@ -96,7 +95,7 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
     """Return the camera of a simulated head, with small images to save processor time."""
     return NodeSpec(
         "simulated_camera",
-        ("buffer", "true_position"),
+        ("buffer",),
         {"scene": scene, "width": 320, "height": 240, **parameters},
         VISION,
     )

@@ -319,12 +319,7 @@ def test_selected_boxes(world, look):
 
 
 def simulated_camera(world, **parameters):
-    node = world.make(
-        SimulatedCameraNode,
-        {**parameters, **SMALL},
-        buffer=world.buffer,
-        true_position=world.true_position,
-    )
+    node = world.make(SimulatedCameraNode, {**parameters, **SMALL}, buffer=world.buffer)
     world.nodes.append(node)
     return node
 

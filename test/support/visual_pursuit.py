@@ -74,12 +74,7 @@ def pursue(
     T_head_scene = model.transform(head.base_frame, "base_link", {})
     poses: dict[int, Transform] = {}
     rclpy.init()
-    eye = world.make(
-        SimulatedCameraNode,
-        {"scene": scene, **(camera or {})},
-        buffer=world.buffer,
-        true_position=world.true_position,
-    )
+    eye = world.make(SimulatedCameraNode, {"scene": scene, **(camera or {})}, buffer=world.buffer)
     nodes = [
         eye,
         world.make(VisualTargetNode, target, buffer=world.buffer),
@@ -94,6 +89,8 @@ def pursue(
         pan, tilt = joints()
         positions = {PAN.joint_name: pan, TILT.joint_name: tilt}
         poses[world.now] = model.transform("base_link", CAMERA, positions)
+
+    def taken() -> None:
         result.images += 1
 
     def on_target(message: Any) -> None:
@@ -110,7 +107,8 @@ def pursue(
             point = T_head_scene @ seen.position(followed, world.now * 1e-9)
             result.errors.add(head.miss(point, *joints()))
 
-    world.every(round(1e9 / 30.0), exposed)
+    world.every(round(1e9 * world.period), exposed)
+    world.every(round(1e9 / 30.0), taken)
     world.every(_SAMPLE, judge)
     world.listen("/target_point", on_target)
     world.listen("/visual_target/image", on_picture)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -21,10 +20,11 @@ from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.scene import SCENES, TARGET, Renderer, SensorNoise, make_scene, with_target
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
-from head_tracking.transforms import RobotModel, Transform, TransformException, Vector3
+from head_tracking.transforms import Transform, TransformException, Vector3
 from head_tracking.vision.camera import camera_with_view
 from head_tracking.vision.opencv import require_opencv
 
+_SILENT = 200_000_000  # ns without joint states: images show the last pose
 _WITH_TARGET = (TARGET, "everything")
 
 
@@ -92,12 +92,11 @@ class SimulatedCameraNode(ClosingNode):
 
     Each is published while it has subscribers.
 
-    A thread renders the images, and skips images if it is too slow.
+    An image has the pose and the stamp of the latest joint states. A thread renders the images, and
+    skips images if it is too slow.
 
     Args:
         buffer: frames that another node of this process maintains; None: subscribe to them.
-        true_position: returns the exact position of a simulated joint [rad]; None: use
-            joint_states.
         options: options of the node.
 
     Attributes:
@@ -105,12 +104,7 @@ class SimulatedCameraNode(ClosingNode):
         renderer: renders the scene.
     """
 
-    def __init__(
-        self,
-        buffer: Buffer | None = None,
-        true_position: Callable[[str], float | None] | None = None,
-        **options: Any,
-    ) -> None:
+    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         require_opencv()
         super().__init__("simulated_camera", **options)
         self._settings = NodeParameters(
@@ -118,7 +112,7 @@ class SimulatedCameraNode(ClosingNode):
         )
         p = self._settings.value
         self._buffer = (buffer or listening_buffer(self)).core
-        self._true_position = true_position
+        self._measured = 0  # stamp of the latest pose [ns]
         self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
         rng = np.random.default_rng(p.seed)
         self._shown = p.scene
@@ -165,20 +159,25 @@ class SimulatedCameraNode(ClosingNode):
         publishers = (self._image, self._compressed, self._depth, self._info)
         if not any(publisher.get_subscription_count() for publisher in publishers):
             return
-        model = self._buffer.model
-        if model is None:
+        if self._buffer.model is None:
             self.get_logger().info("waiting for robot_description", throttle_duration_sec=2.0)
             return
+        p, now = self._settings.value, self._now
         try:
-            pose = self._pose(model)
+            found = self._buffer.lookup_transform(p.scene_frame, p.frame_id)
         except TransformException as error:
             self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
             return
+        is_recent = 0 <= now - found.stamp < _SILENT
+        if is_recent and found.stamp == self._measured:
+            return
+        self._measured = found.stamp
         target = None if self._target is None else self._target.latest()
         # a ball at a target that was detected in these images would hide it
-        is_own = target is not None and target.target.frame_id == self._settings.value.frame_id
+        is_own = target is not None and target.target.frame_id == p.frame_id
         point = None if target is None or is_own else target.point
-        self._worker.offer(_Exposure(self._now, pose, point))
+        stamp = found.stamp if is_recent else now
+        self._worker.offer(_Exposure(stamp, found.transform, point))
 
     @property
     def _now(self) -> int:
@@ -208,21 +207,6 @@ class SimulatedCameraNode(ClosingNode):
                 messages.append((one, image if one is self._image else compressed_message(image)))
         taken = (self._now - exposure.stamp) * 1e-9
         self._worker.later(p.delay - min(p.delay, max(0.0, taken)), lambda: _publish(messages))
-
-    def _pose(self, model: RobotModel) -> Transform:
-        """Return `T_scene_optical` at the present joint positions."""
-        p = self._settings.value
-        chain = model.chain(p.scene_frame, p.frame_id)
-        return chain.transform(*map(self._position, chain.joints))
-
-    def _position(self, joint: str) -> float:
-        true = None if self._true_position is None else self._true_position(joint)
-        if true is not None:
-            return true
-        found = self._buffer.latest_joint_position(joint)
-        if found is None:
-            raise TransformException(f"no measurement of joint {joint} has been received")
-        return found[1]
 
 
 def _publish(messages: list[tuple[Publisher, Any]]) -> None:
