@@ -9,7 +9,7 @@ from head_tracking.tracking.following import FollowingWatch
 from head_tracking.tracking.servo_model import ServoModel
 from head_tracking.transforms import JointLimits
 
-_RESPONSE = 25.0  # 1/s: rate at which a position error decays
+_RESPONSE = 40.0  # 1/s: rate at which a position error decays
 _BRAKING = 0.6  # share of the acceleration used to plan where to brake
 _LEAST_BRAKING = 0.05
 _NEED_TIME = 0.3  # s

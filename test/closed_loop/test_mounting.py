@@ -20,7 +20,7 @@ from head_tracking.tracking import (
     Tracker,
 )
 
-WIDE = (3.0, 3.0)  # rad: a head that turns the wrong way keeps its target in view
+WIDE = (5.0, 3.0)  # rad: a head that turns the wrong way keeps its target in view
 ON_HEAD = Conditions(duration=2.0, noise=0.002, delay=0.1, on_head=True, field=WIDE)
 
 

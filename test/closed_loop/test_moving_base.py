@@ -59,4 +59,4 @@ def test_a_base_that_moves_costs_little_where_the_fixed_frame_stands_still(head,
 
 def test_a_fixed_frame_is_better_than_one_that_turns_by_fits_and_starts(head):
     fixed, carried = (error(head, stop_and_go, frame) for frame in ("odom", BASE_FRAME))
-    assert fixed < 0.65 * carried
+    assert fixed < 0.75 * carried
