@@ -1,8 +1,8 @@
 """Scenes with moving objects, rendered for a simulated camera."""
 
 from head_tracking.scene.film import film
-from head_tracking.scene.objects import Ball, Board, Panel, Path, Scene, Swing, Thing, Wall
-from head_tracking.scene.render import Renderer, Rendering
+from head_tracking.scene.objects import Ball, Board, Scene, Swing, Wall
+from head_tracking.scene.render import Renderer
 from head_tracking.scene.scenes import SCENES, TARGET, make_scene, with_target
 from head_tracking.scene.sensor import SensorNoise
 
@@ -11,14 +11,10 @@ __all__ = [
     "TARGET",
     "Ball",
     "Board",
-    "Panel",
-    "Path",
     "Renderer",
-    "Rendering",
     "Scene",
     "SensorNoise",
     "Swing",
-    "Thing",
     "Wall",
     "film",
     "make_scene",

@@ -12,21 +12,18 @@ from head_tracking.vision.camera_follower import (
 from head_tracking.vision.candidate import Candidate, Detector, Frame, GivenDetector
 from head_tracking.vision.colour import ColourDetector, ColourParameters
 from head_tracking.vision.faces import FaceDetector, FaceParameters
-from head_tracking.vision.features import FeatureDetector, FeatureParameters
-from head_tracking.vision.identity import Identity, IdentityParameters, Located, Track
+from head_tracking.vision.identity import Identity, IdentityParameters, Located
 from head_tracking.vision.images import (
     DepthImage,
     ImageError,
     Picture,
     Pixels,
     RawImage,
-    decode_compressed_depth,
-    decode_compressed_picture,
     decode_depth,
     decode_picture,
 )
-from head_tracking.vision.markers import MarkerDetector, MarkerParameters
-from head_tracking.vision.nearest import NearestDetector, NearestParameters
+from head_tracking.vision.markers import MarkerParameters
+from head_tracking.vision.nearest import NearestParameters
 from head_tracking.vision.opencv import OpenCVMissingError, require_opencv
 from head_tracking.vision.pairing import Pairing
 from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
@@ -65,17 +62,13 @@ __all__ = [
     "DistanceParameters",
     "FaceDetector",
     "FaceParameters",
-    "FeatureDetector",
-    "FeatureParameters",
     "Frame",
     "GivenDetector",
     "Identity",
     "IdentityParameters",
     "ImageError",
     "Located",
-    "MarkerDetector",
     "MarkerParameters",
-    "NearestDetector",
     "NearestParameters",
     "NoPictureError",
     "OpenCVMissingError",
@@ -84,13 +77,10 @@ __all__ = [
     "Pixels",
     "RawImage",
     "Sighting",
-    "Track",
     "VisualTracker",
     "annotated",
     "camera_with_view",
     "checked_pictures",
-    "decode_compressed_depth",
-    "decode_compressed_picture",
     "decode_depth",
     "decode_picture",
     "depth_picture",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -133,13 +132,23 @@ def decode_picture(image: RawImage) -> Picture:
         ImageError: the encoding is not supported, or the data does not match it.
     """
     try:
-        decode = _DECODERS[image.encoding.lower()]
+        kind, channels, conversion = _ENCODINGS[image.encoding.lower()]
     except KeyError:
         raise ImageError(
             f"the image encoding {image.encoding!r} is not supported; supported are "
-            f"{', '.join(sorted(_DECODERS))}"
+            f"{', '.join(sorted(_ENCODINGS))}"
         ) from None
-    return Picture(decode(image))
+    pixels = image.rows(kind, channels)
+    width, height = image.width, image.height
+    if conversion.startswith("Bayer") and min(width, height) < 2:
+        raise ImageError(f"the Bayer image has {width}x{height} pixels; the minimum is 2x2")
+    if conversion.startswith("YUV") and width % 2:
+        raise ImageError(f"the encoding {image.encoding} needs an even width; it is {width}")
+    if kind == "u2":
+        pixels = (pixels >> 8).astype(np.uint8)
+    if conversion:
+        pixels = np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")))
+    return Picture(pixels)
 
 
 def decode_depth(image: RawImage) -> DepthImage:
@@ -221,70 +230,28 @@ def _decompressed(data: Any, described: str, flags: int) -> npt.NDArray[Any]:
     return np.asarray(decoded)
 
 
-_Decoder: TypeAlias = Callable[[RawImage], Pixels]
-
-
-def _eight_bits(numbers: npt.NDArray[Any]) -> Pixels:
-    return numbers if numbers.dtype == np.uint8 else (numbers >> 8).astype(np.uint8)
-
-
-def _converted(kind: str, channels: int, conversion: str | None) -> _Decoder:
-    def decode(image: RawImage) -> Pixels:
-        pixels = _eight_bits(image.rows(kind, channels))
-        if conversion is None:
-            return pixels
-        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")))
-
-    return decode
-
-
-def _bayer(kind: str, conversion: str) -> _Decoder:
-    convert = _converted(kind, 1, conversion)
-
-    def decode(image: RawImage) -> Pixels:
-        if image.width < 2 or image.height < 2:
-            raise ImageError(
-                f"the Bayer image has {image.width}x{image.height} pixels; the minimum is 2x2"
-            )
-        return convert(image)
-
-    return decode
-
-
-def _packed_yuv(conversion: str) -> _Decoder:
-    convert = _converted("u1", 2, conversion)
-
-    def decode(image: RawImage) -> Pixels:
-        if image.width % 2:
-            raise ImageError(
-                f"the encoding {image.encoding} needs an even width; it is {image.width}"
-            )
-        return convert(image)
-
-    return decode
-
-
-_DECODERS: dict[str, _Decoder] = {
-    name: decoder
+_ENCODINGS: dict[str, tuple[str, int, str]] = {
+    name: (kind, channels, conversion)
     for bits, kind in (("8", "u1"), ("16", "u2"))
-    for name, decoder in (
-        (f"bgr{bits}", _converted(kind, 3, None)),
-        (f"rgb{bits}", _converted(kind, 3, "RGB2BGR")),
-        (f"bgra{bits}", _converted(kind, 4, "BGRA2BGR")),
-        (f"rgba{bits}", _converted(kind, 4, "RGBA2BGR")),
-        (f"mono{bits}", _converted(kind, 1, "GRAY2BGR")),
+    for name, channels, conversion in (
+        (f"bgr{bits}", 3, ""),
+        (f"rgb{bits}", 3, "RGB2BGR"),
+        (f"bgra{bits}", 4, "BGRA2BGR"),
+        (f"rgba{bits}", 4, "RGBA2BGR"),
+        (f"mono{bits}", 1, "GRAY2BGR"),
         # OpenCV names a pattern by its second row: rggb is BayerBG
-        (f"bayer_rggb{bits}", _bayer(kind, "BayerBG2BGR")),
-        (f"bayer_bggr{bits}", _bayer(kind, "BayerRG2BGR")),
-        (f"bayer_gbrg{bits}", _bayer(kind, "BayerGR2BGR")),
-        (f"bayer_grbg{bits}", _bayer(kind, "BayerGB2BGR")),
-        (f"{bits}uc1", _converted(kind, 1, "GRAY2BGR")),
-        (f"{bits}uc3", _converted(kind, 3, None)),
-        (f"{bits}uc4", _converted(kind, 4, "BGRA2BGR")),
+        (f"bayer_rggb{bits}", 1, "BayerBG2BGR"),
+        (f"bayer_bggr{bits}", 1, "BayerRG2BGR"),
+        (f"bayer_gbrg{bits}", 1, "BayerGR2BGR"),
+        (f"bayer_grbg{bits}", 1, "BayerGB2BGR"),
+        (f"{bits}uc1", 1, "GRAY2BGR"),
+        (f"{bits}uc3", 3, ""),
+        (f"{bits}uc4", 4, "BGRA2BGR"),
     )
 } | {
-    "yuv422": _packed_yuv("YUV2BGR_UYVY"),
-    "uyvy": _packed_yuv("YUV2BGR_UYVY"),
-    "yuv422_yuy2": _packed_yuv("YUV2BGR_YUY2"),
-    "yuyv": _packed_yuv("YUV2BGR_YUY2"),
+    "yuv422": ("u1", 2, "YUV2BGR_UYVY"),
+    "uyvy": ("u1", 2, "YUV2BGR_UYVY"),
+    "yuv422_yuy2": ("u1", 2, "YUV2BGR_YUY2"),
+    "yuyv": ("u1", 2, "YUV2BGR_YUY2"),
 }
+"""Type and number of the channels of each encoding, and OpenCV's conversion; empty: none."""
