@@ -96,7 +96,8 @@ def _describe(
     terminal = Terminal(assume_yes=options.yes)
     urdf, parameters = files = _new_files(options)
     measures = {name: _measure(terminal, options, name) for name in _MEASURES}
-    rate, joints = _calibrate(options, lambda baud: make_session(terminal, options.port, baud))
+    session = make_session(terminal, options.port, options.baud or USUAL_BAUD_RATES[0])
+    rate, joints = _calibrate(options, session)
     model = _model(options, [first for first, *_ in joints], measures)
     text = configuration(joints, options.port, rate, "head_tracking new-robot")
     _check_and_write(files, (model, text))
@@ -207,7 +208,7 @@ def _measure(terminal: Terminal, options: argparse.Namespace, name: str) -> str:
 
 
 def _calibrate(
-    options: argparse.Namespace, make_session: Callable[[int], Session]
+    options: argparse.Namespace, session: Session
 ) -> tuple[int, list[list[ServoCalibration]]]:
     """Return the baud rate, and the calibrations of the servos of pan and of tilt."""
     if (options.pan is None) != (options.tilt is None):
@@ -215,9 +216,8 @@ def _calibrate(
     if options.pan is not None and options.pan == options.tilt:
         raise RefusedError(f"pan and tilt cannot both be servo {options.pan}; give two ids")
     given = () if options.pan is None else (options.pan, options.tilt)
-    rate, ids = _find_rate(make_session, options.baud, given)
-    session = make_session(rate)
-    with session.port() as port:
+    rate, ids = _find_rate(session, options.baud, given)
+    with session.port(rate) as port:
         servos = [find_servo(port, number) for number in given or ids]
         if not given:
             return rate, _by_hand(session.terminal, servos)
@@ -228,12 +228,11 @@ def _calibrate(
 
 
 def _find_rate(
-    make_session: Callable[[int], Session], baud_rate: int | None, given: Sequence[int]
+    session: Session, baud_rate: int | None, given: Sequence[int]
 ) -> tuple[int, list[int]]:
     """Return the first baud rate at which two servos, or the given ones, answer, and their ids."""
     found: list[FoundServo] = []
     for rate in USUAL_BAUD_RATES if baud_rate is None else (baud_rate,):
-        session = make_session(rate)
         found += find_servos(session, (rate,), given or range(253))
         for own_rate in dict.fromkeys(servo.baud_rate for servo in found):
             models = {servo.id: servo.model for servo in found if servo.baud_rate == own_rate}

@@ -152,40 +152,40 @@ class FeatureDetector(Detector):
         if whole.width < 0.75 * around.width or whole.height < 0.75 * around.height:
             return 0.0
         rows, columns = whole.slices()
-        scale = template.shape[1] / self._box.width
-        size = (
-            round((columns.stop - columns.start) * scale),
-            round((rows.stop - rows.start) * scale),
-        )
-        if size[0] < template.shape[1] or size[1] < template.shape[0]:
-            return 0.0
-        part = cv2.resize(gray[rows, columns], size, interpolation=cv2.INTER_AREA)
-        _, match, _, (column, row) = cv2.minMaxLoc(
-            cv2.matchTemplate(part, template, cv2.TM_CCOEFF_NORMED)
-        )
+        match, x, y = _best_match(gray[rows, columns], template, self._box.width)
         if match >= self.parameters.match:
-            x, y = columns.start + column / scale, rows.start + row / scale
             # a template pixel covers several image pixels: correct a part of the difference
             self._box = self._box._replace(
-                x=self._box.x + 0.2 * (x - self._box.x), y=self._box.y + 0.2 * (y - self._box.y)
+                x=self._box.x + 0.2 * (columns.start + x - self._box.x),
+                y=self._box.y + 0.2 * (rows.start + y - self._box.y),
             )
-        return float(match)
+        return match
 
     def _search(self, gray: Gray, template: Gray) -> float:
         """Search the whole image for the template; return the best correlation."""
         best, where = 0.0, self._box
         for factor in (0.8, 1.0, 1.25):
             width = self._box.width * factor
-            scale = template.shape[1] / width
-            small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            if small.shape[0] < template.shape[0] or small.shape[1] < template.shape[1]:
-                continue
-            _, match, _, (column, row) = cv2.minMaxLoc(
-                cv2.matchTemplate(small, template, cv2.TM_CCOEFF_NORMED)
-            )
+            match, x, y = _best_match(gray, template, width)
             if match > best:
-                best = float(match)
-                where = Box(column / scale, row / scale, width, self._box.height * factor)
+                best, where = match, Box(x, y, width, self._box.height * factor)
         if best >= self.parameters.match:
             self._begin(gray, where)
         return best
+
+
+def _best_match(gray: Gray, template: Gray, width: float) -> tuple[float, float, float]:
+    """Return the best correlation of an image with a template of a width, and its column and row.
+
+    The correlation is 0 if the image is smaller than the template.
+    """
+    height_there, width_there = template.shape
+    scale = width_there / width
+    size = round(gray.shape[1] * scale), round(gray.shape[0] * scale)
+    if size[0] < width_there or size[1] < height_there:
+        return 0.0, 0.0, 0.0
+    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+    _, match, _, (column, row) = cv2.minMaxLoc(
+        cv2.matchTemplate(small, template, cv2.TM_CCOEFF_NORMED)
+    )
+    return float(match), column / scale, row / scale
