@@ -7,6 +7,8 @@ Assumptions that these sources do not confirm:
 - a goal enables torque, because other programs never write Torque Enable;
 - a write that a servo cannot obey is answered without an error, and changes nothing;
 - an overload lasts until a restart; a servo that it does not shut down uses its Holding Torque.
+
+In modes without goal positions the motor does not drive.
 """
 
 from __future__ import annotations
@@ -22,7 +24,6 @@ from head_tracking.simulation.models import (
     to_sign_magnitude,
 )
 from head_tracking.simulation.motion import (
-    Control,
     ControlLaw,
     Drive,
     DriveSettings,
@@ -31,18 +32,17 @@ from head_tracking.simulation.motion import (
 )
 from head_tracking.simulation.registers import Refusal, Registers
 
-REG_WRITE, ACTION, RESTART, CALIBRATE = 4, 5, 8, 11
-"""Instruction codes."""
+RESTART = 8
+"""Instruction code."""
 
-_FAST_UNITS, _ZERO_IS_FASTEST, _COUNTS_TURNS = 4, 8, 16  # bits of Phase; _FAST_UNITS: steps/s
+_ZERO_IS_FASTEST = 8  # bit of Phase
 _COARSE: Final = 50  # steps/s: 0.732 rpm, the precision of a speed of an STS servo
 _ACCELERATION: Final = math.radians(8.7)
 _GAIN_SLOPE: Final = math.radians(160.0)
 """Slope of a P gain of 1, rad: with 32, half of the stall torque is 2.5 degrees off
 (TheRobotStudio/SO-ARM100 issue 134: 1.8 to 2.6)."""
 
-_POSITION, _SPEED, _PWM = 0, 1, 2  # of Operating Mode
-_CALIBRATE_HERE: Final = 128  # of Torque Enable
+_POSITION: Final = 0  # of Operating Mode
 _CURRENT_UNIT: Final = 0.0065  # A
 _STALL_CURRENT: Final = 2.7  # A
 
@@ -59,7 +59,6 @@ class FeetechRegisters(Registers):
         super().__init__(model, firmware)
         self._is_sts = model.control == "sts"
         self._unsaved: dict[str, int] = {}  # EEPROM values before writes under the lock
-        self._registered: tuple[int, bytes] | None = None  # address and data of the last REG_WRITE
 
     @property
     def goal_speed(self) -> int:
@@ -78,19 +77,16 @@ class FeetechRegisters(Registers):
 
     def settings(self) -> DriveSettings:
         """Return the settings of the control loop."""
-        mode = self.get("Operating Mode")
+        low, high = self["Min Position Limit"], self["Max Position Limit"]
+        is_motor = not self._is_sts and low == high == 0
         speed = self._speed()
-        control, goal = Control.POSITION, self._angle(self._goal())
-        if mode == _SPEED:
-            control, goal = Control.VELOCITY, speed
-        elif mode == _PWM or self._is_motor:
-            control = Control.OUTPUT
-            goal = from_sign_magnitude(self["Goal Time"], 10) / 1000.0
+        if not speed and not self["Phase"] & _ZERO_IS_FASTEST:
+            speed = 1e-9  # the servo does not move
+        has_positions = self.get("Operating Mode") == _POSITION and not is_motor
         return DriveSettings(
-            torque=self["Torque Enable"] == 1,
-            control=control,
-            goal=goal,
-            profile=self._profile(abs(speed)),
+            torque=self["Torque Enable"] == 1 and has_positions,
+            goal=(self._goal() - self._offset - self.model.center) * self.model.radians_per_tick,
+            profile=Profile(speed, self.get("Acceleration") * _ACCELERATION),
             law=self._law(),
         )
 
@@ -113,7 +109,7 @@ class FeetechRegisters(Registers):
 
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """See `Registers`."""
-        if register.name == "Torque Enable" and 2 < value != _CALIBRATE_HERE:
+        if register.name == "Torque Enable" and value > 2:
             return Refusal.RANGE
         return None
 
@@ -145,38 +141,12 @@ class FeetechRegisters(Registers):
         else:
             for name in before:
                 self._unsaved.pop(name, None)
-        if self["Torque Enable"] == _CALIBRATE_HERE:
-            self["Torque Enable"] = before["Torque Enable"]
-            self._calibrate(self.model.center, drive)
-
-    def execute(self, code: int, parameters: bytes, drive: Drive) -> bool:
-        """See `Registers`."""
-        if code == REG_WRITE and len(parameters) >= 2:
-            self._registered = parameters[0], parameters[1:]
-            self["Registered"] = 1
-        elif code == ACTION:
-            changes = self.changes(*self._registered) if self._registered else {}
-            self._registered, self["Registered"] = None, 0
-            if not isinstance(changes, Refusal):
-                self.apply(changes, drive)
-        elif code == CALIBRATE and self._is_sts:
-            wanted = int.from_bytes(parameters, "little") if parameters else self.model.center
-            self._calibrate(wanted, drive)
-        else:
-            return False
-        return True
 
     def measure(self, drive: Drive, noise: float) -> None:
         """Set the measured registers; `noise` is that of the encoder, ticks."""
         model = self.model
-        if self._counts_turns:
-            turned = round(self.ticks(drive.angle) + noise)
-            self["Present Position"] = to_sign_magnitude(turned, 15)
-        else:
-            self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
+        self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
         speed = round(drive.speed / model.speed_unit)
-        if self._is_sts and not self["Phase"] & _FAST_UNITS:
-            speed = round(speed / _COARSE)
         self["Present Speed"] = to_sign_magnitude(speed, 15)
         self["Present Load"] = to_sign_magnitude(round(drive.output * model.load_maximum), 10)
         self["Moving"] = int(drive.moving)
@@ -184,15 +154,6 @@ class FeetechRegisters(Registers):
             current = abs(drive.current) * _STALL_CURRENT / _CURRENT_UNIT
             self["Present Current"] = round(current)
             self["Goal in Effect"] = to_sign_magnitude(self._goal(), 15)
-
-    @property
-    def _is_motor(self) -> bool:
-        low, high = self["Min Position Limit"], self["Max Position Limit"]
-        return not self._is_sts and low == high == 0
-
-    @property
-    def _counts_turns(self) -> bool:
-        return self._is_sts and bool(self["Phase"] & _COUNTS_TURNS)
 
     @property
     def _offset(self) -> int:
@@ -206,24 +167,12 @@ class FeetechRegisters(Registers):
         low, high = self["Min Position Limit"], self["Max Position Limit"]
         return goal if low >= high else max(low, min(high, goal))
 
-    def _angle(self, ticks: int) -> float:
-        return (ticks - self._offset - self.model.center) * self.model.radians_per_tick
-
     def _speed(self) -> float:
         """Return the goal speed, rad/s; 0: no limit."""
         count = self["Moving Speed"]
-        if not self._is_sts:
-            return count * self.model.speed_unit
-        count = from_sign_magnitude(count, 15)
-        steps = round(count / _COARSE) if self["Phase"] & _FAST_UNITS else count
-        return steps * _COARSE * self.model.speed_unit
-
-    def _profile(self, speed: float) -> Profile:
-        if not speed and not self._is_sts and self["Goal Time"] and not self._is_motor:
-            return Profile(0.0, 0.0, self["Goal Time"] * 1e-3)
-        if not speed and not self["Phase"] & _ZERO_IS_FASTEST:
-            speed = 1e-9  # the servo does not move
-        return Profile(speed, self.get("Acceleration") * _ACCELERATION)
+        if self._is_sts:
+            count = round(abs(from_sign_magnitude(count, 15)) / _COARSE) * _COARSE
+        return count * self.model.speed_unit
 
     def _law(self) -> ControlLaw:
         limit = self.get("Torque Limit", self["Max Torque"]) / 1000.0
@@ -232,10 +181,3 @@ class FeetechRegisters(Registers):
         gain = self["Position P Gain"]
         slope = _GAIN_SLOPE / gain if gain else math.inf
         return proportional_law(self.model.no_load_speed, slope, limit)
-
-    def _calibrate(self, wanted: int, drive: Drive) -> None:
-        """Set the offset so that the present position becomes the wanted one, ticks."""
-        turn = self.model.ticks
-        offset = round(self.ticks(drive.measured)) - self._offset - wanted
-        offset = (offset + turn // 2) % turn - turn // 2
-        self["Position Offset"] = to_sign_magnitude(offset, 11)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -33,38 +32,16 @@ _AX_DAMPING: Final = 0.17  # drive per rad/s: a ratio of 0.83 with the default s
 _SLOPES: Final = (128, 64, 32, 16, 8, 4)  # effective slopes: the highest one not above the register
 
 
-class Control(Enum):
-    """Controlled variable."""
-
-    POSITION = "position"
-    VELOCITY = "velocity"
-    OUTPUT = "output"
-
-
 class Profile(NamedTuple):
     """Velocity profile towards a goal.
 
     Attributes:
         velocity: Maximum speed, rad/s; 0: no limit.
         acceleration: rad/s^2; 0: no limit.
-        duration: Duration of the motion, s; 0: `velocity` and `acceleration` apply instead.
-        ramp: Part of `duration` with acceleration, s.
     """
 
     velocity: float
     acceleration: float = 0.0
-    duration: float = 0.0
-    ramp: float = 0.0
-
-    def over(self, distance: float) -> Profile:
-        """Return the velocity-based profile with this duration for a distance, rad."""
-        if self.duration <= 0.0:
-            return self
-        ramp = min(self.ramp, self.duration / 2.0)
-        velocity = abs(distance) / (self.duration - ramp)
-        if self.velocity > 0.0:
-            velocity = min(velocity, self.velocity)
-        return Profile(velocity, velocity / ramp if ramp else 0.0)
 
 
 class ControlLaw(NamedTuple):
@@ -115,20 +92,20 @@ class DriveSettings(NamedTuple):
     """Settings of the control loop, from the registers.
 
     Attributes:
-        torque: Whether torque is enabled.
-        control: Controlled variable.
-        goal: Goal angle, rad; or speed, rad/s; or drive, -1 to 1.
+        torque: Whether torque is enabled, in a mode with goal positions.
+        goal: Goal angle, rad.
         profile: Velocity profile.
         law: Control law.
         governed: Whether the drive is reduced above the velocity of the profile.
+        output: Drive of a servo in wheel mode, -1 to 1; None: `law` and `goal` apply.
     """
 
     torque: bool
-    control: Control
     goal: float
     profile: Profile
     law: ControlLaw
     governed: bool = False
+    output: float | None = None
 
     @property
     def powered(self) -> bool:
@@ -280,7 +257,6 @@ class Drive:
         self.mechanics = mechanics or Mechanics.of(model)
         self._built = replace(self.mechanics)
         self._settings = settings
-        self._profile = settings.profile
         self._start_delay = start_delay
         self._coming: deque[tuple[int, DriveSettings]] = deque()
         self._pushed = self._pulled = 0.0
@@ -313,13 +289,8 @@ class Drive:
             self._coming.append(((self._time or 0) + self._start_delay, settings))
         else:
             self._coming.clear()
-            self._use(settings)
+            self._settings = settings
         self.at_rest = False
-
-    def _use(self, settings: DriveSettings) -> None:
-        if settings.goal != self._settings.goal or settings.profile != self._settings.profile:
-            self._profile = settings.profile.over(settings.goal - self.reference)
-        self._settings = settings
 
     def subtract_turns(self, turns: int) -> None:
         """Subtract whole turns from the angles."""
@@ -351,9 +322,7 @@ class Drive:
         """Whether the reference has not reached the goal."""
         settings = self._settings
         return settings.powered and (
-            bool(self._coming)
-            or self.reference_speed != 0.0
-            or (settings.control is Control.POSITION and self.reference != settings.goal)
+            bool(self._coming) or self.reference_speed != 0.0 or self.reference != settings.goal
         )
 
     @property
@@ -362,8 +331,6 @@ class Drive:
         settings = self._settings
         if not settings.torque:
             return False
-        if settings.control is not Control.POSITION:
-            return self.speed != 0.0
         way = settings.goal - self.measured
         return abs(way) > (settings.law.ccw_margin if way > 0.0 else settings.law.cw_margin)
 
@@ -383,7 +350,7 @@ class Drive:
         while done < steps and not self.at_rest:
             time, until = self._time + done * STEP, steps - done
             while self._coming and self._coming[0][0] <= time:
-                self._use(self._coming.popleft()[1])
+                self._settings = self._coming.popleft()[1]
             if self._coming:
                 until = min(until, -(-(self._coming[0][0] - time) // STEP))
             done += self._move(time, until, voltage)
@@ -397,9 +364,8 @@ class Drive:
 
         The values are in local variables because this loop is most of the simulator's work.
         """
-        torque_on, control, goal, _, law, governed = self._settings
+        torque_on, goal, (velocity, acceleration), law, governed, fixed = self._settings
         cw_margin, cw_slope, ccw_margin, ccw_slope, punch, limit, damping = law
-        velocity, acceleration, _, _ = self._profile
         mechanics, hand, pushed = self.mechanics, self._hand, self._pushed + self._pulled
         stall, free_speed, stiction = (
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
@@ -412,7 +378,6 @@ class Drive:
         slowing = 1.0 + resistance * rate
         brake = mechanics.sliding * rate / slowing
         strained = _STRAIN * limit
-        by_position, by_velocity = control is Control.POSITION, control is Control.VELOCITY
         rotor, angle, link, speed = self._rotor, self.angle, self.link, self.speed
         reference, pace = self.reference, self.reference_speed
         output, current, strain, done = 0.0, 0.0, self.strain, 0
@@ -427,50 +392,48 @@ class Drive:
                     self._hand = hand = None
             if not powered:
                 reference, pace = measured, 0.0
+            elif fixed is not None:
+                reference, pace = measured, 0.0
+                output = max(-limit, min(limit, fixed))
+                torque += output * voltage * stall
             else:
-                if not (by_position or by_velocity):
-                    reference, pace = measured, 0.0
-                    output = max(-limit, min(limit, goal))
+                if velocity <= 0.0:
+                    reference, pace = goal, 0.0
                 else:
-                    if by_position and velocity <= 0.0:
+                    way, wanted = goal - reference, velocity
+                    if acceleration > 0.0:
+                        wanted = min(wanted, math.sqrt(2.0 * acceleration * abs(way)))
+                    if way < 0.0:
+                        wanted = -wanted
+                    if acceleration > 0.0:
+                        change = acceleration * _DT
+                        wanted = max(pace - change, min(pace + change, wanted))
+                    pace = wanted
+                    step = pace * _DT
+                    if abs(way) <= abs(step) and way * step >= 0.0:
                         reference, pace = goal, 0.0
                     else:
-                        way, wanted = goal - reference, goal
-                        if by_position:
-                            wanted = velocity
-                            if acceleration > 0.0:
-                                wanted = min(wanted, math.sqrt(2.0 * acceleration * abs(way)))
-                            if way < 0.0:
-                                wanted = -wanted
-                        if acceleration > 0.0:
-                            change = acceleration * _DT
-                            wanted = max(pace - change, min(pace + change, wanted))
-                        pace = wanted
-                        step = pace * _DT
-                        if by_position and abs(way) <= abs(step) and way * step >= 0.0:
-                            reference, pace = goal, 0.0
-                        else:
-                            reference += step
-                        lead = ccw_margin + ccw_slope if goal > measured else cw_margin + cw_slope
-                        if not -lead <= reference - measured <= lead:
-                            reference = max(measured - lead, min(measured + lead, reference))
-                    error = reference - measured
-                    if error > 0.0:
-                        excess, slope = error - ccw_margin, ccw_slope
-                    else:
-                        excess, slope = -error - cw_margin, cw_slope
-                    output = 0.0
-                    if excess > 0.0:
-                        output = punch + excess / slope * (1.0 - punch)
-                        if error < 0.0:
-                            output = -output
-                        output -= damping * (speed - pace)
-                        if not -limit <= output <= limit:
-                            output = max(-limit, min(limit, output))
-                    if governed and 0.0 < velocity < abs(speed):
-                        output -= math.copysign((abs(speed) - velocity) * _GOVERNOR, speed)
-                        if not -limit <= output <= limit:
-                            output = max(-limit, min(limit, output))
+                        reference += step
+                    lead = ccw_margin + ccw_slope if goal > measured else cw_margin + cw_slope
+                    if not -lead <= reference - measured <= lead:
+                        reference = max(measured - lead, min(measured + lead, reference))
+                error = reference - measured
+                if error > 0.0:
+                    excess, slope = error - ccw_margin, ccw_slope
+                else:
+                    excess, slope = -error - cw_margin, cw_slope
+                output = 0.0
+                if excess > 0.0:
+                    output = punch + excess / slope * (1.0 - punch)
+                    if error < 0.0:
+                        output = -output
+                    output -= damping * (speed - pace)
+                    if not -limit <= output <= limit:
+                        output = max(-limit, min(limit, output))
+                if governed and 0.0 < velocity < abs(speed):
+                    output -= math.copysign((abs(speed) - velocity) * _GOVERNOR, speed)
+                    if not -limit <= output <= limit:
+                        output = max(-limit, min(limit, output))
                 torque += output * voltage * stall
             if speed != 0.0 or abs(torque) > stiction:
                 moved = (speed + torque * rate) / slowing

@@ -20,7 +20,6 @@ from head_tracking.simulation.models import (
     to_sign_magnitude,
 )
 from head_tracking.simulation.motion import (
-    Control,
     ControlLaw,
     Drive,
     DriveSettings,
@@ -33,13 +32,14 @@ MX_ACCELERATION: Final = math.radians(8.583)
 X_ACCELERATION: Final = 214.577 * RPM / 60.0
 X_SPEED: Final = 0.229 * RPM
 _SIGN: Final = 10  # bit of the sign of speed and load
-_HIGHEST: Final = 1023
 _STALL: Final = 911  # counts of the MX Current register at stall: 4.1 A
 _MX_GAIN_SLOPE: Final = 1024.0 * math.radians(300.0 / 1024.0)
 """Slope of a P Gain of 1, rad: slope 32 of an AX equals gain 32 of an MX (e-manual)."""
 
 _REVERSE, _TIME_BASED, _TORQUE_BY_GOAL = 1, 4, 8  # bits of Drive Mode
-_CURRENT, _VELOCITY, _POSITION, _EXTENDED, _CURRENT_POSITION, _PWM = 0, 1, 3, 4, 5, 16
+_POSITION, _EXTENDED = 3, 4  # of Operating Mode; in the others the motor does not drive
+_MODES: Final = (1, _POSITION, _EXTENDED, 16)
+_CURRENT_MODES: Final = (0, 5)
 _FULL_PWM: Final = 885
 _X_GAIN: Final = 128.0  # Position P Gain of one count of PWM per tick
 _GOALS: Final = ("Goal PWM", "Goal Current", "Goal Velocity", "Goal Position")
@@ -212,10 +212,6 @@ class Registers:
         """Return the bits of the error byte that concern the packet."""
         return 0 if refusal is None else refusal.value[self.model.protocol - 1]
 
-    def execute(self, code: int, parameters: bytes, drive: Drive) -> bool:
-        """Execute an instruction of this family; return whether the code is known."""
-        return False
-
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """Return the reason for refusing a value because of another register; None: accepted."""
         return None
@@ -261,20 +257,15 @@ class JointRegisters(Registers):
 
     def settings(self) -> DriveSettings:
         """Return the settings of the control loop."""
-        model, speed, wheel = self.model, self["Moving Speed"], self._is_wheel
-        control, goal = Control.POSITION, self._angle(self["Goal Position"])
-        if wheel and model.endless:
-            control, goal = Control.VELOCITY, from_sign_magnitude(speed, _SIGN) * model.speed_unit
-        elif wheel:
-            control, goal = Control.OUTPUT, from_sign_magnitude(speed, _SIGN) / model.speed_maximum
+        speed = from_sign_magnitude(self["Moving Speed"], _SIGN)
         ramp = self.get("Goal Acceleration") * MX_ACCELERATION
         return DriveSettings(
             torque=bool(self["Torque Enable"]),
-            control=control,
-            goal=goal,
-            profile=Profile((speed & _HIGHEST) * model.speed_unit, ramp),
+            goal=self._angle(self["Goal Position"]),
+            profile=Profile(abs(speed) * self.model.speed_unit, ramp),
             law=self._law(),
             governed=True,
+            output=speed / self.model.speed_maximum if self._is_wheel else None,
         )
 
     def refusal(self, register: Register, value: int) -> Refusal | None:
@@ -336,12 +327,12 @@ class JointRegisters(Registers):
 
 
 class XRegisters(Registers):
-    """X series and MX(2.0): operating modes and profiles."""
+    """X series and MX(2.0): profiles of velocity; modes without goal positions do not drive."""
 
     @property
     def goal_speed(self) -> int:
         """Goal speed, or profile speed of the goal position, in counts."""
-        return self["Goal Velocity" if self["Operating Mode"] == _VELOCITY else "Profile Velocity"]
+        return self["Profile Velocity"]
 
     def start(self, ticks: float) -> None:
         """Initialise RAM at power-on, with the shaft at a tick."""
@@ -352,28 +343,19 @@ class XRegisters(Registers):
 
     def settings(self) -> DriveSettings:
         """Return the settings of the control loop."""
-        mode, sign, full = self["Operating Mode"], self._direction, self.model.load_maximum
-        if mode == _VELOCITY:
-            control, goal = Control.VELOCITY, sign * self["Goal Velocity"] * X_SPEED
-        elif mode == _PWM:
-            control, goal = Control.OUTPUT, sign * self["Goal PWM"] / _FULL_PWM
-        elif mode == _CURRENT:
-            control, goal = Control.OUTPUT, sign * self["Goal Current"] / full
-        else:
-            turned = self["Goal Position"] - self.model.center - self._offset
-            control, goal = Control.POSITION, sign * turned * self.model.radians_per_tick
-        limit = self["PWM Limit"] / _FULL_PWM
-        if mode in (_VELOCITY, _POSITION, _EXTENDED, _CURRENT_POSITION):
-            limit = min(limit, abs(self["Goal PWM"]) / _FULL_PWM)
-        if mode == _CURRENT_POSITION:
-            limit = min(limit, abs(self["Goal Current"]) / full)
+        turned = self["Goal Position"] - self.model.center - self._offset
+        limit = min(self["PWM Limit"], abs(self["Goal PWM"])) / _FULL_PWM
         gain = self["Position P Gain"] / _X_GAIN
         slope = _FULL_PWM / gain * self.model.radians_per_tick if gain else math.inf
+        has_positions = self["Operating Mode"] in (_POSITION, _EXTENDED)
+        in_rpm = not self["Drive Mode"] & _TIME_BASED
+        fastest, speed = self["Velocity Limit"], self["Profile Velocity"]
         return DriveSettings(
-            torque=bool(self["Torque Enable"]),
-            control=control,
-            goal=goal,
-            profile=self._profile(goal if mode == _VELOCITY else 0.0),
+            torque=bool(self["Torque Enable"]) and has_positions and in_rpm,
+            goal=self._direction * turned * self.model.radians_per_tick,
+            profile=Profile(
+                min(fastest, speed) * X_SPEED, self["Profile Acceleration"] * X_ACCELERATION
+            ),
             law=proportional_law(self.model.no_load_speed, slope, limit),
         )
 
@@ -383,8 +365,7 @@ class XRegisters(Registers):
         if register.eeprom and self["Torque Enable"]:
             return Refusal.ACCESS
         if name == "Operating Mode":
-            modes = [_VELOCITY, _POSITION, _EXTENDED, _PWM]
-            modes += [_CURRENT, _CURRENT_POSITION] if "Present Current" in self else []
+            modes = _MODES + (_CURRENT_MODES if "Present Current" in self else ())
             return None if value in modes else Refusal.RANGE
         if name in _GOALS and self.get("Bus Watchdog") == WATCHDOG_TRIPPED:
             return Refusal.RANGE
@@ -434,28 +415,18 @@ class XRegisters(Registers):
         """Stop at the present position because the bus watchdog has tripped."""
         self["Bus Watchdog"] = WATCHDOG_TRIPPED
         self["Goal Velocity"] = 0
-        self["Goal PWM"] = 0 if self["Operating Mode"] == _PWM else self["PWM Limit"]
+        self["Goal PWM"] = self["PWM Limit"]
         self["Goal Position"] = round(self.ticks(drive.angle))
 
     def _reset_goals(self) -> None:
-        mode = self["Operating Mode"]
-        self["Goal PWM"] = 0 if mode == _PWM else self["PWM Limit"]
-        self["Goal Velocity"] = 0 if mode == _VELOCITY else self["Velocity Limit"]
+        self["Goal PWM"] = self["PWM Limit"]
+        self["Goal Velocity"] = self["Velocity Limit"]
         if "Goal Current" in self:
-            self["Goal Current"] = 0 if mode == _CURRENT else self["Current Limit"]
-
-    def _profile(self, velocity: float) -> Profile:
-        fastest = self["Velocity Limit"] * X_SPEED
-        speed, ramp = self["Profile Velocity"], self["Profile Acceleration"]
-        if not self["Drive Mode"] & _TIME_BASED:
-            return Profile(min(fastest, speed * X_SPEED), ramp * X_ACCELERATION)
-        if velocity:
-            return Profile(fastest, abs(velocity) / (ramp * 1e-3) if ramp else 0.0)
-        return Profile(fastest if speed else 0.0, 0.0, speed * 1e-3, ramp * 1e-3)
+            self["Goal Current"] = self["Current Limit"]
 
     @property
     def _offset(self) -> int:
         offset = self["Homing Offset"]
-        if self["Operating Mode"] in (_POSITION, _VELOCITY):
+        if self["Operating Mode"] == _POSITION:
             return max(-1024, min(1024, offset))
         return offset

@@ -458,8 +458,6 @@ class SimulatedServo:
             case Instruction.SYNC_WRITE if broadcast:
                 share = _sync_share(data, width, self.id)
                 refusal = None if share is None else self._write(address, share)
-            case _ if self._registers.execute(packet.code, parameters, self._drive):
-                self._configure()
             case _:
                 refusal = Refusal.INSTRUCTION
         return refusal, b""

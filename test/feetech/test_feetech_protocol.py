@@ -96,19 +96,6 @@ def test_simulated_servos_answer_a_sync_read_in_its_order() -> None:
     assert two == bytes.fromhex("FF FF 02 0A 00 FF 07 00 00 00 00 77 23 53")
 
 
-def test_a_simulated_servo_keeps_a_write_for_later_and_calibrates_itself() -> None:
-    bus = servos()
-    done = exchange(bus, "FF FF 01 09 04 2A 00 08 00 00 E8 03 D4")
-    assert done == [bytes.fromhex("FF FF 01 02 00 FC")]
-    assert bus[1].register("Torque Enable") == 0 and bus[1].register("Registered") == 1
-    assert exchange(bus, "FF FF FE 02 05 FA") == []
-    assert bus[1].register("Goal Position") == 2048 and bus[1].register("Torque Enable") == 1
-    assert exchange(bus, "FF FF 02 02 0B F0") == [bytes.fromhex("FF FF 02 02 00 FB")]
-    assert bus[2].register("Present Position") == 2048
-    assert exchange(bus, "FF FF 02 04 0B 00 04 EA") == [bytes.fromhex("FF FF 02 02 00 FB")]
-    assert bus[2].register("Present Position") == 1024
-
-
 def test_what_is_written_under_the_lock_is_forgotten_at_power_off() -> None:
     servo = SimulatedServo(1, STS)
     bus = SimulatedBus([servo])
