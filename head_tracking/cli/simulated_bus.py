@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-import threading
 from collections.abc import Sequence
 from random import Random
 
-from head_tracking.command_line import baud_rate, between, named_id, read_by, servo_id
+from head_tracking.command_line import (
+    DONE,
+    FAILED,
+    baud_rate,
+    between,
+    exit_code,
+    named_id,
+    read_by,
+    servo_id,
+)
 from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.models import ServoModel, servo_model
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.simulation import (
     Fault,
     Faults,
@@ -21,38 +29,44 @@ from head_tracking.simulation import (
     SimulationError,
 )
 
+_PATIENCE = 3600.0  # s
 _model = read_by(servo_model, ConfigurationError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the name of the port and serve it until SIGINT or SIGTERM; return the exit code."""
     options = _parser().parse_args(arguments)
-    stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopped.set())
+    with StopSignal() as stop:
+        return exit_code("simulated_bus", lambda: _simulate(options, stop))
+
+
+def _simulate(options: argparse.Namespace, stop: StopSignal) -> int:
     random = Random(options.seed)
     ids = options.ids or (() if options.servo else (1, 2))
     servos = [(options.model, number) for number in ids] + (options.servo or [])
     faults = Faults(random, options.faults / 100.0, options.kinds or tuple(Fault))
-    try:
-        simulated = [_servo(model, number, options, random) for model, number in servos]
-        with SimulatedPort(
-            SimulatedBus(simulated, faults=faults, echo=options.echo),
-            link=options.link,
-            paced=options.paced,
-            latency=options.latency * 1e-3,
-            match_baud_rate=options.baud is not None,
-            spinning=options.exact,
-            on_failure=stopped.set,
-        ) as port:
-            rate = f"{options.baud} baud" if options.baud else "any baud rate"
-            listed = ", ".join(f"{model.name} {number}" for model, number in servos)
+    simulated = [_servo(model, number, options, random) for model, number in servos]
+    with SimulatedPort(
+        SimulatedBus(simulated, faults=faults, echo=options.echo),
+        link=options.link,
+        paced=options.paced,
+        latency=options.latency * 1e-3,
+        match_baud_rate=options.baud is not None,
+        spinning=options.exact,
+        on_failure=stop.set,
+    ) as port:
+        rate = f"{options.baud} baud" if options.baud else "any baud rate"
+        listed = ", ".join(f"{model.name} {number}" for model, number in servos)
+        print(port.port_name, flush=True)
+        print(f"servos: {listed}, at {rate}; Ctrl-C ends it", file=sys.stderr)
+        every = options.unplug_every
+        while not stop.wait(every * random.uniform(0.5, 1.5) if every else _PATIENCE):
+            if not every:
+                continue
+            port.close()
+            stop.wait(random.uniform(0.1, 2.0))
+            port.open()
             print(port.port_name, flush=True)
-            print(f"servos: {listed}, at {rate}; Ctrl-C ends it", file=sys.stderr)
-            _serve(port, stopped, options.unplug_every, random)
-    except SimulationError as error:
-        print(f"simulated_bus: {error}", file=sys.stderr)
-        return 1
     overlaps = [f"{kind.value} {n}" for kind, n in port.overlaps.most_common()]
     struck = [f"{kind.name.lower()} {n}" for kind, n in faults.counts.most_common()]
     for title, counts in (("two senders at once", overlaps), ("faults", struck)):
@@ -60,8 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{title}: {', '.join(counts)}", file=sys.stderr)
     if port.failure is not None:
         print("simulated_bus: the simulator itself failed; the port has vanished", file=sys.stderr)
-        return 1
-    return 0
+        return FAILED
+    return DONE
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -129,19 +143,6 @@ def _servo(
     if options.return_delay is not None:
         servo.set_register("Return Delay Time", options.return_delay // 2)
     return servo
-
-
-def _serve(
-    port: SimulatedPort, stopped: threading.Event, unplug_every: float | None, random: Random
-) -> None:
-    if unplug_every is None:
-        stopped.wait()
-        return
-    while not stopped.wait(unplug_every * random.uniform(0.5, 1.5)):
-        port.close()
-        stopped.wait(random.uniform(0.1, 2.0))
-        port.open()
-        print(port.port_name, flush=True)
 
 
 def _named_servo(text: str) -> tuple[ServoModel, int]:

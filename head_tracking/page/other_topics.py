@@ -24,14 +24,14 @@ from std_msgs.msg import Bool, Float64
 from head_tracking.page.head_modes import CONTROLLERS, SENDERS
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
-from head_tracking.ros.kit.images import camera_of, raw_image
+from head_tracking.ros.kit.images import camera_of
 from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.others import Graph
 from head_tracking.ros.kit.threads import PolledNode
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.vision.camera import Camera, CameraError
-from head_tracking.vision.images import ImageError, decode_depth, decode_picture
+from head_tracking.vision.images import ImageError, decode_depth, decode_picture, rows_of
 
 _MOST_WARNINGS = 6
 _FRESH = 1.0  # s
@@ -356,14 +356,13 @@ def image_of(message: ImageMsg | CompressedImage) -> Image.Image:
                 f"the compressed image is damaged, too large, or none of {', '.join(_FORMATS)}"
             ) from error
     _check_size(message.width, message.height)
-    raw = raw_image(message)
     if message.encoding in _DEPTHS:
-        depths = np.nan_to_num(decode_depth(raw).metres(), nan=np.inf)
+        depths = np.nan_to_num(decode_depth(message).metres(), nan=np.inf)
         return Image.fromarray((255.0 / (1.0 + depths)).astype(np.uint8))  # white is near
     if message.encoding not in _MODES:
-        return Image.fromarray(np.ascontiguousarray(decode_picture(raw).bgr[..., ::-1]))
+        return Image.fromarray(np.ascontiguousarray(decode_picture(message).bgr[..., ::-1]))
     mode, order = _MODES[message.encoding]
-    raw.rows("u1", len(order))  # checks the amount of data
+    rows_of(message, "u1", len(order))  # checks the amount of data
     size = message.width, message.height
     image = Image.frombuffer(mode, size, message.data, "raw", order, message.step, 1)
     return image.convert("RGB") if mode == "RGBA" else image

@@ -18,7 +18,6 @@ from head_tracking.vision.images import (
     ImageError,
     Picture,
     Pixels,
-    RawImage,
     decode_depth,
     decode_picture,
 )
@@ -75,7 +74,6 @@ __all__ = [
     "Pairing",
     "Picture",
     "Pixels",
-    "RawImage",
     "Sighting",
     "VisualTracker",
     "annotated",

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +20,8 @@ class ImageError(HeadTrackingError, ValueError):
     """An image cannot be used."""
 
 
-@dataclass(frozen=True, slots=True)
-class RawImage:
-    """An encoded image.
+class RawImage(Protocol):
+    """An encoded image, with the fields of sensor_msgs/Image.
 
     Attributes:
         encoding: name in sensor_msgs/image_encodings.
@@ -39,32 +37,37 @@ class RawImage:
     height: int
     step: int
     data: Any
-    is_bigendian: bool = False
+    is_bigendian: int
 
-    def rows(self, kind: str, channels: int) -> npt.NDArray[Any]:
-        """Return the numbers, shape (height, width, channels), in native byte order.
 
-        Raises:
-            ImageError: the image is empty, or there are too few bytes.
-        """
-        dtype = np.dtype(kind)
-        row = self.width * channels * dtype.itemsize
-        data = np.frombuffer(self.data, np.uint8)
-        if self.width < 1 or self.height < 1:
-            raise ImageError(f"the image is empty: {self.width}x{self.height} pixels")
-        if self.step < row or data.size < self.step * (self.height - 1) + row:
-            raise ImageError(
-                f"the image of {self.width}x{self.height} {self.encoding} pixels is damaged: step "
-                f"{self.step} (at least {row}) and {data.size} bytes (at least "
-                f"{max(self.step, row) * (self.height - 1) + row})"
-            )
-        strided = np.lib.stride_tricks.as_strided(
-            data, (self.height, row), (self.step, 1), writeable=False
+def rows_of(image: RawImage, kind: str, channels: int) -> npt.NDArray[Any]:
+    """Return the numbers of an image, shape (height, width, channels), in native byte order.
+
+    Args:
+        image: the image.
+        kind: NumPy's name of their type.
+        channels: numbers of each pixel.
+
+    Raises:
+        ImageError: the image is empty, or there are too few bytes.
+    """
+    dtype = np.dtype(kind)
+    width, height, step = image.width, image.height, image.step
+    row = width * channels * dtype.itemsize
+    data = np.frombuffer(image.data, np.uint8)
+    if width < 1 or height < 1:
+        raise ImageError(f"the image is empty: {width}x{height} pixels")
+    if step < row or data.size < step * (height - 1) + row:
+        raise ImageError(
+            f"the image of {width}x{height} {image.encoding} pixels is damaged: step {step} "
+            f"(at least {row}) and {data.size} bytes (at least "
+            f"{max(step, row) * (height - 1) + row})"
         )
-        numbers = np.ascontiguousarray(strided).view(dtype)
-        if dtype.itemsize > 1 and self.is_bigendian != (sys.byteorder == "big"):
-            numbers = numbers.byteswap()
-        return numbers.reshape(self.height, self.width, channels)
+    strided = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
+    numbers = np.ascontiguousarray(strided).view(dtype)
+    if dtype.itemsize > 1 and bool(image.is_bigendian) != (sys.byteorder == "big"):
+        numbers = numbers.byteswap()
+    return numbers.reshape(height, width, channels)
 
 
 class Picture:
@@ -138,7 +141,7 @@ def decode_picture(image: RawImage) -> Picture:
             f"the image encoding {image.encoding!r} is not supported; supported are "
             f"{', '.join(sorted(_ENCODINGS))}"
         ) from None
-    pixels = image.rows(kind, channels)
+    pixels = rows_of(image, kind, channels)
     width, height = image.width, image.height
     if conversion.startswith("Bayer") and min(width, height) < 2:
         raise ImageError(f"the Bayer image has {width}x{height} pixels; the minimum is 2x2")
@@ -163,7 +166,7 @@ def decode_depth(image: RawImage) -> DepthImage:
             f"the depth encoding {image.encoding!r} is not supported; supported are 16UC1 "
             "(millimetres) and 32FC1 (metres)"
         )
-    return DepthImage(image.rows(kind, 1)[..., 0])
+    return DepthImage(rows_of(image, kind, 1)[..., 0])
 
 
 def decode_compressed_picture(data: Any, described: str) -> Picture:

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from head_tracking.vision import RawImage
+
+class RawImage(NamedTuple):
+    """The fields of an image message."""
+
+    encoding: str
+    width: int
+    height: int
+    step: int
+    data: bytes
+    is_bigendian: bool = False
 
 
 def _channels(order: str, kind: str) -> Callable[[np.ndarray], np.ndarray]:

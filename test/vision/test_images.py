@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from image_encodings import COLOURLESS, ENCODERS, raw
+from image_encodings import COLOURLESS, ENCODERS, RawImage, raw
 
-from head_tracking.vision import Box, DepthImage, ImageError, RawImage, decode_depth, decode_picture
+from head_tracking.vision import Box, DepthImage, ImageError, decode_depth, decode_picture
 
 
 @pytest.fixture(scope="module")

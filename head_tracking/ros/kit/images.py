@@ -16,7 +16,6 @@ from head_tracking.vision.images import (
     DepthImage,
     ImageError,
     Picture,
-    RawImage,
     decode_compressed_depth,
     decode_compressed_picture,
     decode_depth,
@@ -33,7 +32,7 @@ def picture_of(message: Image | CompressedImage) -> Picture:
     """
     if isinstance(message, CompressedImage):
         return decode_compressed_picture(message.data, message.format)
-    return decode_picture(raw_image(message))
+    return decode_picture(message)
 
 
 def depth_of(message: Image | CompressedImage) -> DepthImage:
@@ -44,7 +43,7 @@ def depth_of(message: Image | CompressedImage) -> DepthImage:
     """
     if isinstance(message, CompressedImage):
         return decode_compressed_depth(message.data, message.format)
-    return decode_depth(raw_image(message))
+    return decode_depth(message)
 
 
 def frame_pose(
@@ -60,18 +59,6 @@ def frame_pose(
         except TransformException:
             continue
     return None
-
-
-def raw_image(message: Image) -> RawImage:
-    """Return the data of an image message, not copied."""
-    return RawImage(
-        message.encoding,
-        message.width,
-        message.height,
-        message.step,
-        message.data,
-        bool(message.is_bigendian),
-    )
 
 
 def image_message(header: Header, encoding: str, pixels: npt.NDArray[Any]) -> Image:
