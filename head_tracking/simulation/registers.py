@@ -1,13 +1,13 @@
 """Registers of a simulated servo: their bytes, which writes are accepted, and their effect.
 
 Sources: ROBOTIS e-manual, page of each model: angle limits, control and operating modes, profiles,
-gains, indirect addresses, bus watchdog.
+gains, bus watchdog. Indirect Data are bytes without effect.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from enum import Enum
 from typing import Final
 
@@ -84,13 +84,6 @@ class Registers:
         self._owners: list[Register | None] = [None] * size
         for register in table:
             self._owners[register.address : register.end] = [register] * register.size
-        self._aliases = {
-            self.table[r.name.replace("Address", "Data")].address: r.name
-            for r in table
-            if r.name.startswith("Indirect Address")
-        }
-        """Name of the Indirect Address register by the address of its Indirect Data register."""
-        self._first_alias = min(self._aliases, default=size)
         self.load_initial_values(eeprom=True)
         self.load_initial_values(eeprom=False)
         self["Firmware Version"] = firmware
@@ -122,37 +115,33 @@ class Registers:
         """Return bytes; None if some of them are beyond the table."""
         if length < 1 or address + length > len(self._bytes):
             return None
-        if address + length <= self._first_alias:
-            return bytes(self._bytes[address : address + length])
-        return b"".join(bytes(self._bytes[start:end]) for start, end in self._runs(address, length))
+        return bytes(self._bytes[address : address + length])
 
     def changes(self, address: int, data: bytes) -> dict[str, int] | Refusal:
         """Return the register values that a write would set, or the reason for refusing it."""
         if not data:
             return Refusal.LENGTH if self._whole else Refusal.ACCESS
         changes: dict[str, int] = {}
-        for start, end in self._runs(address, len(data)):
-            place = start
-            while place < end:
-                register = self._owners[place] if place < len(self._owners) else None
-                if register is None or not register.writable:
-                    return Refusal.ACCESS
-                share = data[: min(end, register.end) - place]
-                data = data[len(share) :]
-                if len(share) < register.size:
-                    if self._whole:
-                        return Refusal.LENGTH
-                    whole = self._bytes[register.address : register.end]
-                    at = place - register.address
-                    whole[at : at + len(share)] = share
-                    share = bytes(whole)
-                value = register.decode(share)
-                allowed = register.lowest <= value <= register.highest
-                refusal = self.refusal(register, value) if allowed else Refusal.RANGE
-                if refusal:
-                    return refusal
-                changes[register.name] = value
-                place = register.end
+        place, end = address, address + len(data)
+        while place < end:
+            register = self._owners[place] if place < len(self._owners) else None
+            if register is None or not register.writable:
+                return Refusal.ACCESS
+            share = data[place - address : register.end - address]
+            if len(share) < register.size:
+                if self._whole:
+                    return Refusal.LENGTH
+                whole = self._bytes[register.address : register.end]
+                at = place - register.address
+                whole[at : at + len(share)] = share
+                share = bytes(whole)
+            value = register.decode(share)
+            allowed = register.lowest <= value <= register.highest
+            refusal = self.refusal(register, value) if allowed else Refusal.RANGE
+            if refusal:
+                return refusal
+            changes[register.name] = value
+            place = register.end
         return changes
 
     def apply(self, changes: Mapping[str, int], drive: Drive) -> dict[str, int]:
@@ -172,22 +161,6 @@ class Registers:
         """Address of the first register that holds a measurement."""
         own = (r for r in self.table.values() if r.name.startswith(("Present", "Realtime Tick")))
         return min(register.address for register in own)
-
-    def _runs(self, address: int, length: int) -> Iterator[tuple[int, int]]:
-        """Yield begin and end of the addressed bytes, with Indirect Data resolved."""
-        end = address + length
-        if end <= self._first_alias:
-            yield address, end
-            return
-        first = last = -1
-        for byte in range(address, end):
-            place = self._values[self._aliases[byte]] if byte in self._aliases else byte
-            if place != last:
-                if last >= 0:
-                    yield first, last
-                first = place
-            last = place + 1
-        yield first, last
 
     def ticks(self, angle: float) -> float:
         """Return the position that the servo counts at an angle of the shaft, rad."""
