@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from head_tracking.dynamixel import (
-    BusSettings,
     ConfigurationError,
     JointConfiguration,
     ServoCalibration,
@@ -85,21 +84,6 @@ class ServoBusParameters:
     )
 
 
-def _temperature(default: float, description: str) -> Any:
-    return parameter(
-        default, description, unit="degrees Celsius", minimum=0.0, maximum=100.0, fixed=True
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class TemperatureParameters:
-    """Temperature limits; the limit of the factory is 65 to 80 degrees."""
-
-    warn: float = _temperature(60.0, "Reported as a warning.")
-    error: float = _temperature(65.0, "Reported as an error.")
-    rest: float = _temperature(68.0, "The joint is relaxed until it is cooler than the warning.")
-
-
 @dataclass(frozen=True, slots=True)
 class ControllerParameters:
     """A joint with one servo or two."""
@@ -160,21 +144,6 @@ TUTORIAL_HEAD: Final[dict[str, dict[str, Any]]] = {
     "head_tilt": {"id": 2, "min": 300, "max": 800},
 }
 """Default motors: those of the tutorials' head."""
-
-
-def bus_settings(p: ServoBusParameters, temperature: TemperatureParameters) -> BusSettings:
-    """Return the settings of the bus.
-
-    Raises:
-        ConfigurationError: the temperatures are not in ascending order.
-    """
-    return BusSettings(
-        command_timeout=p.command_timeout,
-        watchdog=p.bus_watchdog,
-        warm=temperature.warn,
-        hot=temperature.error,
-        rest=temperature.rest,
-    )
 
 
 def configured_joint(

@@ -14,8 +14,6 @@ from head_tracking.configuration.bus_parameters import (
     MotorParameters,
     SecondMotorParameters,
     ServoBusParameters,
-    TemperatureParameters,
-    bus_settings,
     configured_joint,
 )
 from head_tracking.dynamixel import (
@@ -25,6 +23,7 @@ from head_tracking.dynamixel import (
     JointConfiguration,
     check_configuration,
 )
+from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.parameter_files import COMMAND_LINE, Given, given_to, read
 from head_tracking.parameters import (
     ParameterError,
@@ -131,7 +130,8 @@ def configured_buses(
     """
     values = _Values("servo_bus", files, {"port_name": port_name, "baud_rate": baud_rate})
     p = values.read(ServoBusParameters)
-    settings = bus_settings(p, values.read(TemperatureParameters, "temperature."))
+    temperature = values.read(TemperatureParameters, "temperature.")
+    settings = BusSettings(p.command_timeout, p.bus_watchdog, temperature)
     values.read(EepromSettings, "eeprom.")  # only ~/write_eeprom uses them
     buses: dict[tuple[str, int], list[JointConfiguration]] = {}
     for name in p.dynamixels:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
+from typing import Any
 
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import ServoModel, servo_model
@@ -232,35 +233,41 @@ def check_configuration(joints: Iterable[JointConfiguration]) -> tuple[JointConf
     return checked
 
 
+def _temperature(default: float, description: str) -> Any:
+    return parameter(
+        default, description, unit="degrees Celsius", minimum=0.0, maximum=100.0, fixed=True
+    )
+
+
 @dataclass(frozen=True, slots=True)
-class BusSettings:
-    """Settings of a bus; the defaults suit most robots.
+class TemperatureParameters:
+    """Temperature limits; the limit of the factory is 65 to 80 degrees.
 
     Raises:
-        ConfigurationError: A value is out of range.
+        ConfigurationError: They are not in ascending order.
     """
+
+    warn: float = _temperature(60.0, "Reported as a warning.")
+    error: float = _temperature(65.0, "Reported as an error.")
+    rest: float = _temperature(68.0, "The joint is relaxed until it is cooler than the warning.")
+
+    def __post_init__(self) -> None:
+        if not self.warn <= self.error <= self.rest:
+            raise ConfigurationError(
+                f"temperature.warn, .error and .rest are {self.warn:g}, {self.error:g} and "
+                f"{self.rest:g} degrees; each must be at least the one before"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class BusSettings:
+    """Settings of a bus; the defaults suit most robots."""
 
     # Time without a command after which a moving joint holds, s; 0: never.
     command_timeout: float = 0.0
     # Time without any packet after which X servos stop by themselves, s; 0: never.
     watchdog: float = 1.0
-    warm: float = 60.0  # temperature of a warning, degrees Celsius
-    hot: float = 65.0  # temperature of an error
-    rest: float = 68.0  # temperature at which the joint is relaxed until its servo is below `warm`
-
-    def __post_init__(self) -> None:
-        allowed = (
-            ("command_timeout", 0.0 <= self.command_timeout < 1e9, "0 to 1e9 seconds"),
-            ("watchdog", 0.0 <= self.watchdog <= 2.5, "0 to 2.5 seconds"),
-            ("warm", True, "finite temperatures"),
-            ("hot", self.warm <= self.hot, f"at least warm, {self.warm} degrees"),
-            ("rest", self.hot <= self.rest, f"at least hot, {self.hot} degrees"),
-        )
-        for name, possible, what in allowed:
-            if not (possible and _is_number(getattr(self, name))):
-                raise ConfigurationError(
-                    f"{name} {getattr(self, name)} is not possible; allowed are {what}"
-                )
+    temperature: TemperatureParameters = TemperatureParameters()
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,7 +62,8 @@ class Cycle:
         self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
         self._all = tuple(bus.joints.values())
         self.diagnosis = Diagnosis(bus, procedures)
-        self._rest, self._command_timeout = bus.settings.rest, bus.settings.command_timeout
+        self._rest = bus.settings.temperature.rest
+        self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0
         self._read_time = self._poll_time = 0  # of this cycle, ns

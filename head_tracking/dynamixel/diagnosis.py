@@ -358,7 +358,8 @@ class Diagnosis:
         for symptom, find in READ:
             self._find(watch, symptom, find)
         slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
-        for symptom, text in conditions(servo, self._settings.warm, slack=slack).items():
+        warn = self._settings.temperature.warn
+        for symptom, text in conditions(servo, warn, slack=slack).items():
             if symptom is Symptom.WARM or watch.lasting("low supply", 0.06):
                 self._report(watch, symptom, text)
         if not joint.on or joint.busy or not joint.goal_ticks:
@@ -512,17 +513,17 @@ class Diagnosis:
         self._report(watch, Symptom.TORQUE_LOST, _TORQUE_LOST)
 
     def _judge_heat(self, joint: Joint, temperature: float) -> None:
-        settings = self._settings
-        if temperature >= settings.rest:
+        limits = self._settings.temperature
+        if temperature >= limits.rest:
             if joint.on:
                 joint.resting = True
                 self._procedures.cut(joint)
                 self._bus.note(
                     EventKind.RESTING,
                     joint,
-                    f"{temperature:.0f} °C is too hot; it is relaxed until {settings.warm:.0f} °C",
+                    f"{temperature:.0f} °C is too hot; it is relaxed until {limits.warn:.0f} °C",
                 )
-        elif joint.resting and temperature < settings.warm:
+        elif joint.resting and temperature < limits.warn:
             joint.resting = False
             text = f"{temperature:.0f} °C; it takes commands again"
             self._bus.note(EventKind.COOLED, joint, text)

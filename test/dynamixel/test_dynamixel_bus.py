@@ -19,7 +19,6 @@ from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     BusEvent,
-    BusSettings,
     ConfigurationError,
     CorruptReplyError,
     EventKind,
@@ -32,6 +31,7 @@ from head_tracking.dynamixel import (
     Torque,
     TorqueError,
 )
+from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.dynamixel.exceptions import (
     NotConnectedError,
     RegisterRefusedError,
@@ -160,22 +160,10 @@ def test_angle_limits_without_overlap_are_refused() -> None:
         bus.connect()
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
-        {"command_timeout": -1.0},
-        {"command_timeout": float("inf")},
-        {"watchdog": 3.0},
-        {"warm": 66.0},
-        {"warm": float("-inf")},
-        {"rest": 64.0},
-        {"rest": float("inf")},
-        {"rest": float("nan")},
-    ],
-)
-def test_senseless_numbers_are_refused(option: dict[str, float]) -> None:
-    with pytest.raises(ConfigurationError, match="allowed are"):
-        BusSettings(**option)  # type: ignore[arg-type]
+@pytest.mark.parametrize("option", [{"warn": 66.0}, {"error": 69.0}, {"rest": float("nan")}])
+def test_temperatures_must_ascend(option: dict[str, float]) -> None:
+    with pytest.raises(ConfigurationError):
+        TemperatureParameters(**option)
 
 
 def test_bus_must_be_connected() -> None:

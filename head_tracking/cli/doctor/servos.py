@@ -11,7 +11,6 @@ from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, patient_port
 from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
-    BusSettings,
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
@@ -24,6 +23,7 @@ from head_tracking.dynamixel import (
     Symptom,
     describe_errors,
 )
+from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.dynamixel.diagnosis import conditions, swapped
 from head_tracking.dynamixel.servo import Servo, run
 
@@ -55,7 +55,7 @@ def check_bus(
                 for calibration in joint.calibrations
             ]
             for servo in servos:
-                yield from _check_servo(servo, port, bus.settings)
+                yield from _check_servo(servo, port, bus.settings.temperature)
             yield from _check_limits(servos)
             yield from _check_line(bus, port, [each for each in servos if each.identity])
             silent = [each for each in servos if not each.counters.replies]
@@ -84,7 +84,9 @@ def _check_other_rate(
                 yield Finding(f"servo {servo.id}", Grade.RED, text)
 
 
-def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> Iterator[Finding]:
+def _check_servo(
+    servo: Servo, port: DynamixelPort, limits: TemperatureParameters
+) -> Iterator[Finding]:
     name, model = f"servo {servo.id}", servo.model
     joint = servo.calibration.joint_name
     try:
@@ -114,9 +116,9 @@ def _check_servo(servo: Servo, port: DynamixelPort, settings: BusSettings) -> It
     volts, celsius = servo.voltage, servo.temperature
     is_red = {
         Symptom.SUPPLY: volts < identity.lowest_voltage,
-        Symptom.WARM: celsius >= min(settings.hot, identity.temperature_limit),
+        Symptom.WARM: celsius >= min(limits.error, identity.temperature_limit),
     }
-    for symptom, text in conditions(servo, settings.warm, 0.9).items():  # 0.9: nothing moves
+    for symptom, text in conditions(servo, limits.warn, 0.9).items():  # 0.9: nothing moves
         problems.append((Grade.RED if is_red[symptom] else Grade.AMBER, text))
     level = max((level for level, _ in problems), default=Grade.GREEN)
     facts = f"{joint}: {model.name}, firmware {identity.firmware_version}, {volts:.1f} V, "

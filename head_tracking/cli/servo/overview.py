@@ -21,7 +21,7 @@ from head_tracking.cli.servo.session import (
     model_number,
     protocol_of,
 )
-from head_tracking.dynamixel.configuration import BusSettings
+from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.dynamixel.diagnosis import conditions
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
@@ -206,7 +206,7 @@ def _add_row(table: Table, servo: Servo, measured: dict[int, list[str]]) -> None
     try:
         servo.read_feedback()
         measured[servo.id] = _measured(servo, servo.get("Torque Enable"))
-        found = [symptom.value for symptom in conditions(servo, BusSettings().warm)]
+        found = [symptom.value for symptom in conditions(servo, TemperatureParameters().warn)]
         if (error := servo.read_errors()) or not found:
             found.insert(0, describe_errors(error))
         errors = ", ".join(found)

@@ -164,7 +164,7 @@ def _verdict(
         return Level.STALE, Health.STALE.value, FaultName.LATE
     if servo.errors:
         return Level.ERROR, errors, errors
-    if servo.temperature >= status.settings.hot:
+    if servo.temperature >= status.settings.temperature.error:
         text = f"{servo.temperature:.0f} degrees Celsius; {servo.torque}"
         return Level.ERROR, text, FaultName.HOT
     if servo.symptoms:

@@ -17,8 +17,6 @@ from head_tracking.configuration.bus_parameters import (
     MotorParameters,
     SecondMotorParameters,
     ServoBusParameters,
-    TemperatureParameters,
-    bus_settings,
     configured_joint,
 )
 from head_tracking.control import LEASE, ControlLoop, OwnershipError
@@ -27,6 +25,7 @@ from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import (
     BusEvent,
     BusReading,
+    BusSettings,
     BusStoppedError,
     DynamixelError,
     DynamixelPort,
@@ -39,7 +38,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     servo_model,
 )
-from head_tracking.dynamixel.configuration import fastest_speed
+from head_tracking.dynamixel.configuration import TemperatureParameters, fastest_speed
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
@@ -94,7 +93,7 @@ class ServoBusNode(ClosingNode):
         p = NodeParameters(self, ServoBusParameters).value
         temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
         self._eeprom = NodeParameters(self, EepromSettings, "eeprom.")
-        self._settings = bus_settings(p, temperature)
+        self._settings = BusSettings(p.command_timeout, p.bus_watchdog, temperature)
         self._loop = loop = loop or ControlLoop(None)
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._states_output = Output(self, JointState, "servo_states")
