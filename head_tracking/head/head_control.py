@@ -146,7 +146,7 @@ class HeadControl(Controller):
         self._troubled_since, self._is_troubled = math.inf, False
         self._cautious_for = 0.0  # s, with a target
         self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
-        self.disabled = Obstacle(Reason.DISABLED, targets.title)
+        self.disabled = Obstacle(Reason.OWNED)  # nobody has disabled it
         self.epoch = self._owners.epoch.value
         self._noticed = False, self.epoch
 
@@ -175,8 +175,12 @@ class HeadControl(Controller):
             return None
         if self._owners.stopped and self.disabled.reason is not Reason.CLOSED:
             return Obstacle(Reason.STOPPED)
-        others = self._others() if self.disabled.reason is Reason.DISABLED else ""
-        return Obstacle(Reason.OWNED, others) if others else self.disabled
+        if self.disabled.reason is not Reason.OWNED:
+            return self.disabled
+        others = self._others()
+        if others:
+            return Obstacle(Reason.OWNED, others)
+        return Obstacle(Reason.DISABLED, self.targets.title)
 
     def _others(self) -> str:
         """Return the other owners of the joints; empty: there are none."""

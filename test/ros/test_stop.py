@@ -89,10 +89,12 @@ def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
     threads.start(tracker)
     threads.start(bus.node)
     bus.say(True, 1)
-    wait_for(lambda: tracker.control.is_stopped)
+    wait_for(lambda: tracker.control.is_cautious)
     bus.say(False, 1, "/other")
     wait_for(lambda: not tracker.control.is_stopped)
     assert tracker.control.off == Obstacle(Reason.OWNED, "/other")
+    tracker.control.disable(Reason.DISABLED, "tracking")
+    assert tracker.control.off == Obstacle(Reason.DISABLED, "tracking")
     tracker.control.enable()
     assert not tracker.control.off
     wait_for(lambda: bus.claims)
