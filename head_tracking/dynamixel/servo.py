@@ -38,7 +38,7 @@ _T = TypeVar("_T")
 EEPROM_PAUSE: Final = 0.025
 """Pause after a write to EEPROM, s: a servo replies, and then is deaf for about 6 ms per byte."""
 
-MOST_TRIES: Final = 6  # where a servo is identified: a busy machine may miss replies
+MOST_TRIES: Final = 6  # where a servo is identified or shown: a busy machine may miss replies
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
 _REVERSE: Final = 1  # bit of Drive Mode
 _WATCHDOG_UNIT: Final = 0.02  # s
@@ -187,7 +187,7 @@ class Servo:
     def registers(self) -> list[tuple[Register, int]]:
         """Read all registers."""
         table = self.model.control_table
-        values = run(self.read_named(table.spans(_LONGEST_READ, gaps=False)))
+        values = run(self.read_named(table.spans(_LONGEST_READ, gaps=False), MOST_TRIES))
         return [(register, values[register.name]) for register in table]
 
     def read_feedback(self, tries: int = 1, clock_offset: int | None = None) -> None:

@@ -191,6 +191,17 @@ def test_info_shows_all_registers_in_units(bench: Tool) -> None:
     assert "Indirect Address 28" in bench.output
 
 
+@pytest.mark.parametrize("servo_id", ["1", "7"])
+@pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.STALL])
+def test_info_reads_a_servo_whose_answers_are_often_lost_damaged_or_late(
+    bench: Tool, servo_id: str, kind: Fault
+) -> None:
+    for seed in range(10):
+        bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(seed), 0.25, [kind]))
+        assert bench.run("info", servo_id) == DONE, bench.messages
+        assert "1000000 baud" in bench.output
+
+
 @pytest.mark.parametrize(
     "command",
     [("info", "44"), ("info", "1"), ("--port", "/dev/none", "info", "7"), ("relax", "44")],

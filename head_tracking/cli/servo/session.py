@@ -15,14 +15,14 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import MAX_ID
-from head_tracking.dynamixel.servo import Servo, answering
+from head_tracking.dynamixel.servo import MOST_TRIES, Servo, answering
 from head_tracking.exceptions import HeadTrackingError
 
 USUAL_BAUD_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
 """Baud rates of the factories and other common ones; the most common first."""
 
 _ATTEMPTS = 3
-_FEETECH_BYTE_ORDER = 2  # address; the id is three bytes after it
+_FEETECH_BYTE_ORDER = ("Firmware Version", "ID", "Baud Rate", "Return Delay Time")  # of an AX-12
 _TIMEOUT = 0.03  # s; long: the id of a servo that is not found could be given to another one
 
 
@@ -87,7 +87,7 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
     Raises:
         ToolError: the servo does not answer, or its model is unknown.
     """
-    protocol = protocol_of(port, servo_id)
+    protocol = protocol_of(port, servo_id, MOST_TRIES)
     if protocol is None:
         raise ToolError(
             f"no servo with id {servo_id} answers on {port.name} at {port.baud_rate} baud; check "
@@ -107,7 +107,8 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
         servo = Servo(port, servo_id, model)
         servo.acknowledges_writes = False
         return servo
-    servo.acknowledges_writes = servo.model.acknowledges_writes(servo.get("Status Return Level"))
+    level = servo.get("Status Return Level", MOST_TRIES)
+    servo.acknowledges_writes = servo.model.acknowledges_writes(level)
     return servo
 
 
@@ -122,7 +123,8 @@ def model_number(port: DynamixelPort, servo_id: int, protocol: int) -> int:
     """
     any_model = servo_model("AX-12" if protocol == 1 else "XM430-W350")
     if protocol == 1:
-        byte_order, *_, own_id = port.read(servo_id, _FEETECH_BYTE_ORDER, 4).data
+        bytes_2_to_5 = any_model.control_table.block(*_FEETECH_BYTE_ORDER)
+        byte_order, *_, own_id = Servo(port, servo_id, any_model).read(bytes_2_to_5, MOST_TRIES)
         if own_id == servo_id and byte_order in (0, 1):
             any_model = servo_model("SCS0009" if byte_order else "STS3215")
-    return Servo(port, servo_id, any_model).get("Model Number")
+    return Servo(port, servo_id, any_model).get("Model Number", MOST_TRIES)
