@@ -32,9 +32,6 @@ from head_tracking.simulation.motion import (
 )
 from head_tracking.simulation.registers import Refusal, Registers
 
-RESTART = 8
-"""Instruction code."""
-
 _ZERO_IS_FASTEST = 8  # bit of Phase
 _COARSE: Final = 50  # steps/s: 0.732 rpm, the precision of a speed of an STS servo
 _ACCELERATION: Final = math.radians(8.7)
@@ -55,15 +52,12 @@ class FeetechRegisters(Registers):
         firmware: Major version of its firmware.
     """
 
+    ignores_gaps = True
+
     def __init__(self, model: SimulatedModel, firmware: int) -> None:
         super().__init__(model, firmware)
         self._is_sts = model.control == "sts"
         self._unsaved: dict[str, int] = {}  # EEPROM values before writes under the lock
-
-    @property
-    def goal_speed(self) -> int:
-        """Profile speed of the goal position, in counts."""
-        return self["Moving Speed"]
 
     def start(self, ticks: float) -> None:
         """Initialise RAM at power-on, with the shaft at a tick; restore unsaved EEPROM values."""
@@ -90,23 +84,6 @@ class FeetechRegisters(Registers):
             law=self._law(),
         )
 
-    def changes(self, address: int, data: bytes) -> dict[str, int] | Refusal:
-        """See `Registers`; writes to gaps between registers are ignored."""
-        changes: dict[str, int] = {}
-        place, end = address, address + len(data)
-        while place < end:
-            register = self._owners[place] if place < len(self._owners) else None
-            if register is None:
-                place += 1
-                continue
-            share = data[place - address : register.end - address]
-            found = super().changes(place, share)
-            if isinstance(found, Refusal):
-                return found
-            changes |= found
-            place = register.end
-        return changes if data else Refusal.LENGTH
-
     def refusal(self, register: Register, value: int) -> Refusal | None:
         """See `Registers`."""
         if register.name == "Torque Enable" and value > 2:
@@ -125,12 +102,6 @@ class FeetechRegisters(Registers):
         """Return whether a goal is written to a servo without a fatal error (assumed)."""
         fatal = self["Hardware Error Status"] & self["Shutdown"]
         return "Goal Position" in names and not fatal and self["Torque Enable"] == 0
-
-    def shut_down(self) -> bool:
-        """Disable torque because of an error; return whether it was enabled."""
-        on = bool(self["Torque Enable"])
-        self["Torque Enable"] = 0
-        return on
 
     def after_write(self, before: Mapping[str, int], drive: Drive) -> None:
         """See `Registers`."""

@@ -70,7 +70,14 @@ class Registers:
     Args:
         model: Model of the servo.
         firmware: Version of the firmware.
+
+    Attributes:
+        speed_register: Name of the register of the goal speed, in counts.
+        ignores_gaps: Whether bytes between registers may be written, without effect.
     """
+
+    ignores_gaps = False
+    speed_register = "Moving Speed"
 
     def __init__(self, model: SimulatedModel, firmware: int) -> None:
         self.model = model
@@ -125,6 +132,9 @@ class Registers:
         place, end = address, address + len(data)
         while place < end:
             register = self._owners[place] if place < len(self._owners) else None
+            if register is None and self.ignores_gaps:
+                place += 1
+                continue
             if register is None or not register.writable:
                 return Refusal.ACCESS
             share = data[place - address : register.end - address]
@@ -168,11 +178,8 @@ class Registers:
         return self.model.center + turned + self._offset
 
     def shut_down(self) -> bool:
-        """Shut down because of an error; return whether torque was available before.
-
-        Protocol 1.0 sets the torque limit to 0, protocol 2.0 disables torque.
-        """
-        name = "Torque Limit" if self.model.protocol == 1 else "Torque Enable"
+        """Shut down because of an error; return whether torque was available before."""
+        name = "Torque Enable" if "Hardware Error Status" in self else "Torque Limit"
         on = bool(self[name])
         self[name] = 0
         return on
@@ -217,11 +224,6 @@ class Registers:
 
 class JointRegisters(Registers):
     """AX, RX, MX with protocol 1.0, and XL-320; the angle limits select joint or wheel mode."""
-
-    @property
-    def goal_speed(self) -> int:
-        """Goal speed, or profile speed of the goal position, in counts."""
-        return self["Moving Speed"]
 
     def start(self, ticks: float) -> None:
         """Initialise RAM at power-on, with the shaft at a tick."""
@@ -302,10 +304,7 @@ class JointRegisters(Registers):
 class XRegisters(Registers):
     """X series and MX(2.0): profiles of velocity; modes without goal positions do not drive."""
 
-    @property
-    def goal_speed(self) -> int:
-        """Goal speed, or profile speed of the goal position, in counts."""
-        return self["Profile Velocity"]
+    speed_register = "Profile Velocity"
 
     def start(self, ticks: float) -> None:
         """Initialise RAM at power-on, with the shaft at a tick."""

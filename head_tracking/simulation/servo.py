@@ -8,7 +8,7 @@ from random import Random
 from typing import Final
 
 from head_tracking.simulation.exceptions import SimulationError
-from head_tracking.simulation.feetech import RESTART, FeetechRegisters
+from head_tracking.simulation.feetech import FeetechRegisters
 from head_tracking.simulation.models import (
     Named,
     Register,
@@ -391,7 +391,7 @@ class SimulatedServo:
             return None
         answers = self._answers(packet.code)
         refusal, data = self._execute(packet)
-        if self.model.is_feetech and packet.code == RESTART:
+        if self.model.is_feetech and packet.code == Instruction.REBOOT:
             return None
         if silent or not (answers and self._answers(packet.code)):
             return None
@@ -491,7 +491,7 @@ class SimulatedServo:
             self._ignore_packets(slow * self._eeprom_time)
         if self.write_log is not None:
             goal, torque = registers["Goal Position"], bool(registers["Torque Enable"])
-            speed, names = registers.goal_speed, tuple(before)
+            speed, names = registers[registers.speed_register], tuple(before)
             self.write_log.add(Write(self._now, self.id, goal, speed, torque, names))
         return None
 

@@ -6,8 +6,7 @@ from collections import deque
 from typing import Final, NamedTuple
 
 _LOGGED: Final = frozenset(
-    ("Goal Position", "Torque Enable", "Moving Speed", "Profile Velocity", "Goal Velocity",
-     "Bus Watchdog")
+    ("Goal Position", "Torque Enable", "Moving Speed", "Profile Velocity", "Bus Watchdog")
 )  # fmt: skip
 
 
@@ -18,7 +17,7 @@ class Write(NamedTuple):
         time: ns.
         id: Id of the servo.
         goal: Goal Position after the write.
-        speed: Moving Speed or Profile Velocity after the write; Goal Velocity in velocity mode.
+        speed: Moving Speed or Profile Velocity after the write.
         torque: Whether torque was enabled after the write.
         names: The written registers.
     """
