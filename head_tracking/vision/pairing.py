@@ -18,7 +18,7 @@ class Pairing(Generic[P, D]):
         tolerance: maximum difference of the stamps [ns].
 
     Attributes:
-        dropped: number of images without a depth image since the last pair.
+        dropped: number of images that waited in vain since the last pair.
     """
 
     def __init__(self, tolerance: int) -> None:
@@ -29,6 +29,7 @@ class Pairing(Generic[P, D]):
 
     def picture(self, stamp: int, picture: P) -> tuple[P, D] | None:
         """Add an image; return the pair that it completes, if any."""
+        self.dropped += len(self._pictures) == _KEPT
         self._pictures.append((stamp, picture))
         return self._match()
 
@@ -39,23 +40,18 @@ class Pairing(Generic[P, D]):
 
     def _match(self) -> tuple[P, D] | None:
         """Return the latest pair; discard what is older."""
-        while self._pictures:
-            stamp, picture = self._pictures[-1]
-            near = min(self._depths, key=lambda item: abs(item[0] - stamp), default=None)
-            if near is not None and abs(near[0] - stamp) <= self._tolerance:
-                self._pictures.clear()
-                while self._depths and self._depths[0][0] <= near[0]:
+        for number, (stamp, picture) in reversed(list(enumerate(self._pictures))):
+            ages = [abs(other - stamp) for other, _ in self._depths]
+            if ages and min(ages) <= self._tolerance:
+                near, depth = self._depths[ages.index(min(ages))]
+                for _ in range(number + 1):
+                    self._pictures.popleft()
+                while self._depths and self._depths[0][0] <= near:
                     self._depths.popleft()
                 self.dropped = 0
-                return picture, near[1]
-            if len(self._pictures) == 1:
-                return None
-            # the latest image still waits for its depth; an older one may be complete
-            latest = self._pictures.pop()
-            pair = self._match()
-            if pair is None:
-                self.dropped += 1
-                self._pictures.clear()
-            self._pictures.append(latest)
-            return pair
+                return picture, depth
+        latest = self._depths[-1][0] if self._depths else 0
+        while self._pictures and self._pictures[0][0] < latest - self._tolerance:
+            self._pictures.popleft()
+            self.dropped += 1
         return None
