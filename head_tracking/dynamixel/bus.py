@@ -145,7 +145,7 @@ class ServoBus:
         try:
             for name, goal in goals.items():
                 joint = self._joints.get(name) or self.joint(name)
-                if clamp and not joint.on and joint.torque.refuses:
+                if clamp and not joint.goal_ticks and joint.torque.refuses:
                     left_out[name] = joint.torque.value
                     continue
                 position = joint.admit(goal, clamp)

@@ -145,8 +145,8 @@ class Cycle:
                     and servo.accept(reply, offset)
                 ):
                     servo.counters.replies += 1
-                    states[joint.name] = state = joint.state()
-                    if reply.error or servo.errors or state.temperature >= rest or joint.resting:
+                    states[joint.name] = joint.state()
+                    if reply.error or servo.errors or servo.temperature >= rest or joint.resting:
                         unusual = True
                 else:
                     unusual = True
@@ -233,7 +233,7 @@ class Cycle:
     def _accept_goals(self) -> None:
         for name, goal in self._requests.take_goals().items():
             joint = self._joints[name]
-            if joint.on and not joint.busy:
+            if joint.goal_ticks and not joint.busy:
                 joint.aim(goal.position, goal.speed, self._last)
                 continue
             if joint.torque.refuses or not joint.complete:
@@ -246,7 +246,7 @@ class Cycle:
         usual = not (self._unusual or self.incomplete)
         ready: list[Joint] = []
         for joint in self._all:
-            if joint.on and not joint.busy:
+            if joint.goal_ticks and not joint.busy:
                 if joint.stale:
                     joint.encode()
                 if usual or joint.writable:

@@ -333,7 +333,7 @@ class Diagnosis:
                 watch.cycle += 1
                 if watch.symptoms:
                     self._clear(watch)
-                if joint.goal_ticks:
+                if joint.on:
                     watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
                 if servo.counters.timeouts + servo.counters.corrupt != watch.failed:
                     self._find(watch, Symptom.LINE, _line)
@@ -362,7 +362,7 @@ class Diagnosis:
         for symptom, text in conditions(servo, warn, slack=slack).items():
             if symptom is Symptom.WARM or watch.lasting("low supply", 0.06):
                 self._report(watch, symptom, text)
-        if not joint.on or joint.busy or not joint.goal_ticks:
+        if not joint.on or joint.busy:
             watch.forget_motion()
             return
         watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
@@ -450,7 +450,7 @@ class Diagnosis:
                 self._judge_errors(watch, now)
             if servo.link is LinkState.INTERRUPTED and not joint.busy:
                 self._check_torque(watch)
-        self._judge_heat(joint, state.temperature)
+        self._judge_heat(joint)
         if self._settings.command_timeout and joint.on:
             self._judge_command(joint, state, now)
 
@@ -512,8 +512,9 @@ class Diagnosis:
         self._procedures.cut(watch.joint)
         self._report(watch, Symptom.TORQUE_LOST, _TORQUE_LOST)
 
-    def _judge_heat(self, joint: Joint, temperature: float) -> None:
+    def _judge_heat(self, joint: Joint) -> None:
         limits = self._settings.temperature
+        temperature = max(servo.temperature for servo in joint.servos if servo.answers)
         if temperature >= limits.rest:
             if joint.on:
                 joint.resting = True

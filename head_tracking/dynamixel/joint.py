@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import IntFlag
-from functools import reduce
 
 from head_tracking.dynamixel.configuration import JointConfiguration
 from head_tracking.dynamixel.exceptions import ConfigurationError, GoalError
@@ -39,7 +37,6 @@ class Joint:
             Servo(port, each.id, each.model, each, watchdog, self._version)
             for each in configuration.calibrations
         )
-        self.on = False  # torque is on, and the goal is written
         self.relaxed = False  # on request, until torque is switched on
         self.stopped = False  # out of the cycle on request
         self.resting = False  # relaxed to cool down
@@ -48,13 +45,18 @@ class Joint:
         self.writing = False  # the memory of its servos is being written
 
         self.default_speed = configuration.joint_speed  # for goals without a speed, rad/s
-        self.goal_ticks: tuple[int, ...] = ()  # of each servo; () without a goal
+        self.goal_ticks: tuple[int, ...] = ()  # of each servo; () while its torque is off
         self.goal_position = 0.0  # of the joint, rad
         self.goal_speed: float | None = None  # rad/s; None: the default, 0: the slowest
         self.commanded_at: int | None = None  # monotonic, ns; None: no goal, or a held position
         self.goal_bytes: tuple[bytes, ...] = ()  # position and speed for each servo, as registers
         self.stale = False  # `goal_bytes` must be made anew
         self._limit_speed()
+
+    @property
+    def on(self) -> bool:
+        """Whether its torque is on; it has a goal then."""
+        return bool(self.goal_ticks)
 
     @property
     def faulted(self) -> bool:
@@ -129,7 +131,7 @@ class Joint:
             )
         if speed is not None and not 0.0 < speed < 1e9:
             check_speed(self.name, speed)
-        if not self.on:
+        if not self.goal_ticks:
             if self.writing:
                 raise GoalError(
                     f"{self.name}: command refused, the memory of its servo is being written; "
@@ -150,31 +152,12 @@ class Joint:
         return inside
 
     def state(self) -> ServoState:
-        """Return the joint's state from those of its servos that answered in this cycle."""
-        servos = self.servos
-        first = servos[0]
-        load, voltage, temperature = first.load, first.voltage, first.temperature
-        errors = first.errors
-        if len(servos) > 1:
-            answered = [servo for servo in servos if servo.answers]
-            first = answered[0]
-            load = sum(servo.load for servo in answered) / len(answered)
-            voltage = min(servo.voltage for servo in answered)
-            temperature = max(servo.temperature for servo in answered)
-            errors = reduce(_both, [servo.errors for servo in answered])
-        return ServoState(
-            self.name,
-            first.id,
-            first.stamp,
-            first.position,
-            first.velocity,
-            load,
-            voltage,
-            temperature,
-            errors,
-            self.on,
-            self.goal_position if self.goal_ticks else None,
-        )
+        """Return the joint's state, by its first servo that answered in this cycle."""
+        first = self.servos[0]
+        if len(self.servos) > 1:
+            first = next(servo for servo in self.servos if servo.answers)
+        goal = self.goal_position if self.goal_ticks else None
+        return ServoState(first.stamp, first.position, first.velocity, goal)
 
     # Thread that owns the bus
 
@@ -216,11 +199,6 @@ class Joint:
         self.default_speed = speed
         self.stale = True
 
-    def drop_goal(self) -> None:
-        """Drop the goal; without one, torque counts as off."""
-        self.on = False
-        self.goal_ticks = ()
-
     def hold(self) -> None:
         """Make the measured position the goal, at the speed of the previous goal."""
         there = [servo for servo in self.servos if servo.answers] or self.servos
@@ -233,7 +211,7 @@ class Joint:
         position between.
         """
         self._aim_between(self.servos, ticks, 0.0)
-        self.on, self.resumes = True, False
+        self.resumes = False
 
     def _aim_between(
         self, servos: Sequence[Servo], ticks: Sequence[int], speed: float | None
@@ -244,12 +222,12 @@ class Joint:
     def lose(self) -> None:
         """Drop the goal, because no servo answers."""
         self.resumes = self.resumes or self.on
-        self.drop_goal()
+        self.goal_ticks = ()
 
     def relax(self) -> None:
         """Drop the goal; sends nothing."""
         self.resumes = False
-        self.drop_goal()
+        self.goal_ticks = ()
 
     def reconfigure(
         self,
@@ -305,7 +283,3 @@ class Joint:
                 f"rad, one at most {upper:.3f} rad; correct min and max, or the servos' own angle "
                 "limits"
             )
-
-
-def _both(one: IntFlag, other: IntFlag) -> IntFlag:
-    return one | other if type(one) is type(other) else one or other

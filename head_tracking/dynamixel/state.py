@@ -69,23 +69,11 @@ class Health(Enum):
 
 
 class ServoState(NamedTuple):
-    """Measured state of one joint.
+    """Measured state of one joint; of two servos, that of the first one that answered."""
 
-    If two servos drive the joint: position, velocity and stamp of the first one that answered, mean
-    load, lowest voltage, highest temperature, errors of both.
-
-    """
-
-    joint_name: str
-    id: int
     stamp: int  # time of the measurement, ns, on the clock of the bus
     position: float  # joint position, rad
     velocity: float  # joint velocity, rad/s
-    load: float  # -1 to 1 of full torque, positive towards higher positions
-    voltage: float  # supply, V
-    temperature: float  # degrees Celsius
-    error: IntFlag  # `ErrorBits` in protocol 1.0, otherwise the model's hardware errors
-    torque: bool  # whether torque is on
     goal: float | None  # goal position, rad; None while relaxed
 
     @property

@@ -83,7 +83,8 @@ class RunMonitor:
         bus, head = self._bus_status(), self._head
         target = None if head is None else head.frames.target
         error = None if self._judge is None else self._judge.error
-        temperatures = " ".join(f"{state.temperature:.0f}" for state in bus.states.values())
+        servos = [s for s in bus.statistics.servos if s.joint_name in bus.states]
+        temperatures = " ".join(f"{servo.temperature:.0f}" for servo in servos)
         parts = [
             "error   - " if error is None else f"error {math.degrees(error):4.1f}°",
             "waiting for the head"

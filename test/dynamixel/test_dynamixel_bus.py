@@ -190,15 +190,14 @@ def test_reading_has_si_units() -> None:
     servo["Present Temperature"] = 41
     servo.error = ErrorBits.INPUT_VOLTAGE
     bus = connected(port)
-    state = bus.step().states["head_pan_joint"]
-    assert (state.joint_name, state.id) == ("head_pan_joint", 1)
+    state, servo = bus.step().states["head_pan_joint"], bus.servos[0]
     assert state.position == pytest.approx(0.5113, abs=1e-4)
     assert state.velocity == pytest.approx(-0.5812, abs=1e-4)
-    assert state.load == pytest.approx(300 / 1023)
-    assert state.voltage == pytest.approx(11.1)
-    assert state.temperature == 41.0
-    assert state.error == ErrorBits.INPUT_VOLTAGE
-    assert (state.torque, state.goal) == (False, None)
+    assert state.goal is None
+    assert servo.load == pytest.approx(300 / 1023)
+    assert servo.voltage == pytest.approx(11.1)
+    assert servo.temperature == 41.0
+    assert servo.errors == ErrorBits.INPUT_VOLTAGE
 
 
 def test_stamp_is_when_the_servo_had_heard_the_request() -> None:

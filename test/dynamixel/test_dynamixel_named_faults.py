@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from random import Random
+from typing import NamedTuple
 
 import pytest
 from simulated_device import Bench
@@ -25,11 +26,11 @@ from head_tracking.dynamixel import (
     PortLostError,
     ServoCalibration,
     ServoModel,
-    ServoState,
     Symptom,
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import PortMissingError
+from head_tracking.dynamixel.joint import Joint
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
 
@@ -42,6 +43,20 @@ HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.02"))
 TOLD = 0.3  # s
 SEEN = 0.1  # rad: six degrees
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
+
+
+class Seen(NamedTuple):
+    """What the bus reads of a joint in a cycle."""
+
+    position: float
+    voltage: float
+    errors: tuple[int, ...]
+
+    @classmethod
+    def of(cls, joint: Joint) -> Seen:
+        servos = [servo for servo in joint.servos if servo.answers]
+        errors = tuple(int(servo.errors) for servo in servos)
+        return cls(joint.state().position, min(servo.voltage for servo in servos), errors)
 
 
 class Rig:
@@ -88,7 +103,7 @@ class Rig:
         self.volts = model.nominal_voltage
         self.time = 0.0
         self.still = False
-        self.states: dict[str, ServoState] = {}
+        self.states: dict[str, Seen] = {}
         self.events: list[tuple[float, BusEvent]] = []
         self.each_cycle: list[Callable[[], object]] = []
 
@@ -115,7 +130,7 @@ class Rig:
             what()
         begin = self.bench.now()
         reading = self.bus.step()
-        self.states = dict(reading.states)
+        self.states = {name: Seen.of(self.bus.joint(name)) for name in reading.states}
         self.events += [(self.time, event) for event in reading.events]
         rest = CYCLE - (self.bench.now() - begin) * 1e-9
         self.bench.pass_time(max(0.0, rest) if abs(rest) < CYCLE else 0.0)
@@ -132,9 +147,9 @@ class Twin:
     def __init__(self, model_name: str, still: bool) -> None:
         self._rig = Rig(servo_model(model_name)).connect()
         self._rig.still = still
-        self._states: list[dict[str, ServoState]] = []
+        self._states: list[dict[str, Seen]] = []
 
-    def states(self, cycle: int) -> dict[str, ServoState]:
+    def states(self, cycle: int) -> dict[str, Seen]:
         while len(self._states) <= cycle:
             self._rig.step()
             self._states.append(self._rig.states)
@@ -144,14 +159,14 @@ class Twin:
 twin_of = cache(Twin)
 
 
-def differs(one: ServoState | None, other: ServoState | None) -> bool:
+def differs(one: Seen | None, other: Seen | None) -> bool:
     """Whether somebody who knows the twin sees that something is wrong."""
     if one is None or other is None:
         return one is not other
     return (
         abs(one.position - other.position) > SEEN
         or abs(one.voltage - other.voltage) > 1.0
-        or one.error != other.error
+        or one.errors != other.errors
     )
 
 

@@ -298,7 +298,8 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
     hanging, release = threading.Event(), threading.Event()
 
     def on_reading(bus: ServoBus, reading: BusReading) -> None:
-        if "head_pan_joint" in reading.states and reading.states["head_pan_joint"].torque:
+        pan = reading.states.get("head_pan_joint")
+        if pan is not None and pan.goal is not None:
             hanging.set()
             release.wait(20.0)
 

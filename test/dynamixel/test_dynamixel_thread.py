@@ -113,7 +113,7 @@ def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
     reported: list[tuple[BaseException, int]] = []
 
     def explode(reading: BusReading) -> None:
-        if reading.states["head_pan_joint"].torque:
+        if reading.states["head_pan_joint"].goal is not None:
             raise failure
 
     def report(error: BaseException) -> None:

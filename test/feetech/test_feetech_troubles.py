@@ -195,7 +195,7 @@ def test_a_servo_for_7_volts_on_12_is_reported_and_works_all_the_same() -> None:
     rig = Rig(SimulatedServo(1, "STS3215-C001", supply_voltage=12.0), joint)
     rig.bus.connect()
     assert rig.go(0.4).states["pan"].position == pytest.approx(0.4, abs=0.02)
-    assert rig.states["pan"].error == FeetechErrors.INPUT_VOLTAGE
+    assert rig.bus.servos[0].errors == FeetechErrors.INPUT_VOLTAGE
     assert EventKind.ALARM in rig.kinds and EventKind.FAULTED not in rig.kinds
 
 
@@ -208,7 +208,7 @@ def test_torque_off_is_obeyed_and_not_a_failure_while_an_overload_is_reported() 
     rig.servo.overload()
     rig.servo.alarms.forced = int(FeetechErrors.OVERLOAD)
     rig.steps(0.2)
-    assert rig.states["pan"].error == FeetechErrors.OVERLOAD
+    assert rig.bus.servos[0].errors == FeetechErrors.OVERLOAD
     run(rig.bus.switching_torque(None, False))
     assert rig.servo.register("Torque Enable") == 0
     assert rig.bus.joint("pan").torque is Torque.OFF_ON_REQUEST

@@ -36,7 +36,7 @@ SERVO = ServoStatistics(
     torque="torque on",
 )
 WARM = {Symptom.WARM: "it is at 64 °C"}
-STATE = ServoState("pan", 1, 0, 0.5, 0.0, 0.1, 11.9, 35.0, ErrorBits(0), True, 0.5)
+STATE = ServoState(1_000_000_000, 0.5, 0.0, 0.5)
 TIMING = BusTiming(50.0, 49.9, 0.004, 0)
 STATUS = BusStatus(
     "/dev/ttyUSB0", BusStatistics(100, 0, 0, (SERVO,)), TIMING, {"pan": STATE}, 1_010_000_000

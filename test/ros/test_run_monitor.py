@@ -57,7 +57,7 @@ def run(control):
     steady = [0.0]
     bus = SimpleNamespace(
         states={},
-        statistics=SimpleNamespace(cycles=1, connected=True),
+        statistics=SimpleNamespace(cycles=1, connected=True, servos=()),
         faults=0,
         in_short="",
     )

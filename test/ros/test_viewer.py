@@ -126,7 +126,7 @@ def is_relaxed(robot: Robot) -> bool:
     bus = robot.composition.nodes["servo_bus"]
     # a servo that has answered late is missing for a cycle
     states = wait_for(lambda: states if len(states := bus.status().states) == 2 else None)
-    return not any(state.torque for state in states.values())
+    return not any(state.goal is not None for state in states.values())
 
 
 def bearing(y: float, x: float) -> float:
@@ -632,7 +632,7 @@ def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
 
     def torque() -> list[bool]:
         states = bus.status().states  # not of a servo that is silent just now
-        return [bool(states[joint].torque) for joint in HEAD if joint in states]
+        return [states[joint].goal is not None for joint in HEAD if joint in states]
 
     assert robot.call("relax").success
     open_tab(page, "joints")

@@ -132,7 +132,7 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
         FAULT: fault or "none",
     }
     state = status.states.get(servo.joint_name)
-    if state is not None and state.id == servo.id:
+    if state is not None and state.stamp == servo.last_stamp:
         values["position (rad)"] = f"{state.position:.4f}"
         values["velocity (rad/s)"] = f"{state.velocity:.3f}"
     for name, number, form in (
