@@ -17,11 +17,13 @@ class Source:
         name: name of the source.
         priority: the source with the highest priority that has a target is chosen.
         timeout: how long a target is valid after its arrival [s].
+        repeat: whether it publishes a target once, which lasts until the timeout.
     """
 
     name: str
     priority: int
     timeout: float
+    repeat: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,13 +97,17 @@ class TargetMux:
         steady = [
             name
             for name in fresh
-            if name == self._selected
-            or self._last[name] - self._first[name] >= self.parameters.take_over_time
+            if name == self._selected or self._age(name, now) >= self.parameters.take_over_time
         ]
         best = max(steady, key=self._priority)
         if self._priority(best) > self._priority(self._selected):
             self._selected = best
         return self._selected
+
+    def _age(self, name: str, now: float) -> float:
+        """Return for how long a source has had a target, by its last one [s]."""
+        last = now if self.sources[name].repeat else self._last[name]
+        return last - self._first[name]
 
     def _fresh(self, name: str, now: float) -> bool:
         # below 0: the clock has jumped back

@@ -38,6 +38,18 @@ def test_a_flickering_source_never_takes_over(mux):
         assert mux.select(now) == "low"
 
 
+def test_a_source_that_publishes_once_takes_over_until_its_timeout():
+    mux = TargetMux((LOW, Source("click", 5, 2.0, repeat=True)), MuxParameters(take_over_time=0.3))
+    mux.offer("low", 0.0)
+    assert not mux.offer("click", 0.0)
+    mux.offer("low", 0.25)
+    assert mux.select(0.25) == "low"
+    assert not mux.offer("low", 0.35)
+    assert mux.select(0.35) == "click"
+    assert not mux.offer("low", 1.9)
+    assert mux.select(2.1) == "low"
+
+
 def test_a_source_that_falls_silent_gives_way_at_once(mux):
     feed(mux, "high", 0.0, 1.0)
     mux.offer("low", 1.5)

@@ -108,7 +108,7 @@ class TargetMuxNode(Node):
         self._buffer = (buffer or listening_buffer(self)).core
         self._sources = {name: self._source(name, rank) for rank, name in enumerate(wiring.sources)}
         self._mux = TargetMux(
-            (Source(name, p.priority, p.timeout) for name, p in self._sources.items()),
+            (Source(name, p.priority, p.timeout, p.repeat) for name, p in self._sources.items()),
             NodeParameters(self, MuxParameters, on_change=self._on_parameters).value,
         )
         self._transition = Transition()
