@@ -233,7 +233,7 @@ def _find_rate(
     """Return the first baud rate at which two servos, or the given ones, answer, and their ids."""
     found: list[FoundServo] = []
     for rate in USUAL_BAUD_RATES if baud_rate is None else (baud_rate,):
-        found += find_servos(session, (rate,), given or range(253))
+        found += find_servos(session, (rate,), given or range(254))
         for own_rate in dict.fromkeys(servo.baud_rate for servo in found):
             models = {servo.id: servo.model for servo in found if servo.baud_rate == own_rate}
             if len(models) >= 2:

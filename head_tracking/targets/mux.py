@@ -81,10 +81,6 @@ class TargetMux:
         self._last[name] = now
         return self.select(now) == name
 
-    def withdraw(self, name: str) -> None:
-        """Record that a source has no target any more."""
-        self._last[name] = -math.inf
-
     def select(self, now: float) -> str | None:
         """Return the chosen source; None: no source has a target."""
         if self.pinned is not None:

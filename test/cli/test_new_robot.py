@@ -152,11 +152,12 @@ def test_the_direction_in_the_memory_of_a_servo_is_recorded(user: User) -> None:
 
 
 def test_feetech_servos_are_described_with_the_offset_in_their_memory(user: User) -> None:
-    user.bench = Bench([SimulatedServo(5, "STS3215"), SimulatedServo(9, "STS3215")])
+    user.bench = Bench([SimulatedServo(5, "STS3215"), SimulatedServo(253, "STS3215")])
     user.bench.bus[5].set_offset(-85)
-    assert user.run(*GIVEN, "--yes") == DONE
+    user.poses = [{}, {253: 600}, {253: 2600}, {253: 1500, 5: 2900}, {5: 1700}]
+    assert user.run("--yes") == DONE
     pan, tilt = user.motors()
-    assert (pan["model"], pan["offset"], tilt["offset"]) == ("STS3215", 0, -85)
+    assert (pan["id"], pan["model"], pan["offset"], tilt["offset"]) == (253, "STS3215", 0, -85)
     with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         assert head.look_at((2.0, 0.8, 0.3)).arrived
 

@@ -58,12 +58,6 @@ def test_a_source_that_falls_silent_gives_way_at_once(mux):
     assert mux.select(2.1) is None
 
 
-def test_a_source_can_be_withdrawn(mux):
-    mux.offer("high", 0.0)
-    mux.withdraw("high")
-    assert mux.select(0.0) is None
-
-
 def test_a_person_can_pin_a_source(mux):
     feed(mux, "high", 0.0, 1.0)
     feed(mux, "low", 0.0, 1.0)
