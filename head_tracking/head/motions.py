@@ -93,7 +93,6 @@ class Motion(ABC):
         title: what it does.
         result: how it ended; None while it is in progress.
         miss: angle between the pointing axis and the target [rad]; None: there is no target.
-        joints: the measurement of the latest update; None: there was none yet.
         is_streamed: whether nobody waits for its result.
     """
 
@@ -102,7 +101,6 @@ class Motion(ABC):
     def __init__(self, notify: Callable[[Any], object] | None = None) -> None:
         self.result: MotionResult | None = None
         self.miss: float | None = None
-        self.joints: JointReading | None = None
         self.is_streamed = notify is None
         self._notify = notify or (lambda _: None)
         self._notified = -math.inf
