@@ -14,8 +14,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from waiting import eventually, join, wait_for
 
+from head_tracking.control import JointOwners
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
+from head_tracking.ros.kit.head_claim import HeadClaim, KeptStop, is_heard_elsewhere
 from head_tracking.ros.kit.head_lock import HeadLock, domain_and_namespace, namespace, node_name
 from head_tracking.ros.kit.topics import LATCHED
 
@@ -140,6 +141,24 @@ def test_the_domain_is_read_as_ros_does(monkeypatch, text):
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     assert domain_and_namespace(()) == str(context.get_domain_id())
     context.shutdown()
+
+
+def started():
+    owners = JointOwners()
+    KeptStop((), "servo_bus").guard(owners)
+    return owners
+
+
+def test_a_kept_stop_outlives_other_programs_of_its_name_until_resume(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    killed, other = started(), started()
+    assert not killed.stopped
+    killed.stop(dict)
+    other.claim("somebody", ["pan"])
+    again = started()
+    assert again.stopped
+    again.resume()
+    assert not started().stopped
 
 
 # between machines

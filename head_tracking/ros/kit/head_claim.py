@@ -89,6 +89,7 @@ class KeptStop:
         name = node_name(arguments, node) if node else ""
         place = f"domain_{domain_and_namespace(arguments)}"
         self._file = state_folder("stopped") / f"{place}-{name}".rstrip("-")
+        self._is_kept = False
 
     def guard(self, owners: JointOwners) -> None:
         """Stop the head if it was stopped before and not resumed; keep each STOP from now on."""
@@ -97,6 +98,7 @@ class KeptStop:
                 "the head was stopped before and not resumed: it is still stopped; call resume"
             )
             owners.stop(dict)
+            self._is_kept = True
         owners.observe(lambda: self._keep(owners.stopped))
 
     def forget(self) -> None:
@@ -104,6 +106,9 @@ class KeptStop:
         self._keep(False)
 
     def _keep(self, stopped: bool) -> None:
+        if stopped is self._is_kept:
+            return  # a file that is there is the STOP of another program
+        self._is_kept = stopped
         try:
             if stopped:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
