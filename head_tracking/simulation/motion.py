@@ -125,7 +125,6 @@ class Mechanics:
         stiction: Static friction, N m.
         sliding: Sliding friction, N m.
         scale_end: Half the range of the encoder, rad; inf for an encoder that counts turns.
-        gear_play: Play between rotor and encoder, rad from side to side.
         link_play: Play between encoder and link, rad from side to side.
     """
 
@@ -135,7 +134,6 @@ class Mechanics:
     stiction: float
     sliding: float
     scale_end: float
-    gear_play: float = 0.0
     link_play: float = 0.0
 
     @classmethod
@@ -249,7 +247,7 @@ class Drive:
         start_delay: int = 0,
         mechanics: Mechanics | None = None,
     ) -> None:
-        self.angle = self.reference = self.link = self._rotor = angle
+        self.angle = self.reference = self.link = angle
         self.speed = self.reference_speed = 0.0
         self.output = self.current = 0.0
         self.strain = 0
@@ -295,9 +293,7 @@ class Drive:
     def subtract_turns(self, turns: int) -> None:
         """Subtract whole turns from the angles."""
         angle = turns * 2.0 * math.pi
-        self._rotor, self.angle, self.link = (
-            self._rotor - angle, self.angle - angle, self.link - angle,
-        )  # fmt: skip
+        self.angle, self.link = self.angle - angle, self.link - angle
         self.reference, self.reference_speed = self.angle, 0.0
 
     def push(self, torque: float) -> None:
@@ -371,18 +367,18 @@ class Drive:
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip
         scale_end = mechanics.scale_end
-        half_gear, half_link = 0.5 * mechanics.gear_play, 0.5 * mechanics.link_play
+        half_link = 0.5 * mechanics.link_play
         powered = torque_on and limit > 0.0
         resistance = stall / free_speed * (1.0 if powered else _VISCOSITY)
         rate = _DT / mechanics.inertia
         slowing = 1.0 + resistance * rate
         brake = mechanics.sliding * rate / slowing
         strained = _STRAIN * limit
-        rotor, angle, link, speed = self._rotor, self.angle, self.link, self.speed
+        angle, link, speed = self.angle, self.link, self.speed
         reference, pace = self.reference, self.reference_speed
         output, current, strain, done = 0.0, 0.0, self.strain, 0
         while done < steps:
-            rotor_before, speed_before, reference_before = rotor, speed, reference
+            angle_before, speed_before, reference_before = angle, speed, reference
             measured = angle if -scale_end <= angle <= scale_end else self._measure(angle)
             torque = pushed
             if hand is not None:
@@ -441,29 +437,26 @@ class Drive:
                     speed = 0.0  # friction stops the shaft before it reverses
                 else:
                     speed = moved - brake if moved > 0.0 else moved + brake
-                rotor += speed * _DT
-                angle = _drag(angle, rotor, half_gear) if half_gear else rotor
-                link = _drag(link, angle, half_link) if half_link else angle
+                angle += speed * _DT
+                if half_link:
+                    link = max(angle - half_link, min(angle + half_link, link))
+                else:
+                    link = angle
             if powered:
                 current = output * voltage - speed / free_speed
                 strain = strain + STEP if abs(current) >= strained else 0
             done += 1
             if (
                 speed == speed_before
-                and rotor == rotor_before
+                and angle == angle_before
                 and reference == reference_before
                 and hand is None
                 and not self._coming
             ):
                 self.at_rest = True
                 break
-        self._rotor, self.angle, self.link = rotor, angle, link
+        self.angle, self.link = angle, link
         self.speed, self.output, self.current = speed, output, current
         self.reference, self.reference_speed = reference, pace
         self.strain = strain if powered else 0
         return done
-
-
-def _drag(angle: float, driver: float, half: float) -> float:
-    """Return the angle of a part that a driver moves with half a play to either side."""
-    return max(driver - half, min(driver + half, angle))

@@ -110,10 +110,7 @@ class SimulatedServo:
         position_noise: Standard deviation of the encoder, ticks.
         eeprom_time: Time without answers for each byte written to EEPROM, s; 6 ms were measured.
         boot_time: Time without answers after power-on and reboot, s.
-        gear_play: Play between motor and encoder, rad from side to side.
         link_play: Play between encoder and link, rad from side to side.
-        stiction: Static friction, as a share of the stall torque; None: that of the model. Above
-            the sliding friction (0.023) it causes stick-slip in slow motion.
         random: Source of the noise.
 
     Attributes:
@@ -137,9 +134,7 @@ class SimulatedServo:
         position_noise: float = 0.0,
         eeprom_time: float = 0.0,
         boot_time: float = 0.3,
-        gear_play: float = 0.0,
         link_play: float = 0.0,
-        stiction: float | None = None,
         random: Random | None = None,
     ) -> None:
         self.model = own = simulated_model(model)
@@ -149,14 +144,9 @@ class SimulatedServo:
                 f"initial position of servo {servo_id} is {position} ticks; allowed are 0 to "
                 f"{own.ticks - 1}"
             )
-        for name, value in (
-            ("gear_play", gear_play), ("link_play", link_play), ("stiction", stiction or 0.0),
-        ):  # fmt: skip
-            if not 0.0 <= value < math.inf:
-                raise SimulationError(f"{name} of servo {servo_id} is {value}; the minimum is 0")
-        mechanics = replace(Mechanics.of(own), gear_play=gear_play, link_play=link_play)
-        if stiction is not None:
-            mechanics.stiction = stiction * own.stall_torque
+        if not 0.0 <= link_play < math.inf:
+            raise SimulationError(f"link_play of servo {servo_id} is {link_play}; the minimum is 0")
+        mechanics = replace(Mechanics.of(own), link_play=link_play)
         self.supply_voltage = own.nominal_voltage if supply_voltage is None else supply_voltage
         self.temperature = 30.0
         self.alarms = Alarms(own)
