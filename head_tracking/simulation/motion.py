@@ -438,10 +438,7 @@ class Drive:
                 else:
                     speed = moved - brake if moved > 0.0 else moved + brake
                 angle += speed * _DT
-                if half_link:
-                    link = max(angle - half_link, min(angle + half_link, link))
-                else:
-                    link = angle
+                link = max(angle - half_link, min(angle + half_link, link)) if half_link else angle
             if powered:
                 current = output * voltage - speed / free_speed
                 strain = strain + STEP if abs(current) >= strained else 0
