@@ -11,7 +11,8 @@ from head_tracking.tracking.multiple_model import transition
 
 Array = npt.NDArray[np.float64]
 
-_NOISE = 0.002  # rad; of a bearing
+_NOISE: Array = np.tile([0.002, 0.005], 3)[:, None]
+"""Standard deviation of a bearing in each filter [rad]."""
 _MANOEUVRE: Array = np.array([0.05, 0.05, 2.0, 2.0, 0.0, 0.0])[:, None]
 """Spectral density of the target's acceleration in each filter [rad^2/s^3]."""
 _JERK: Array = np.array([0.0, 0.0, 0.0, 0.0, 30.0, 30.0])[:, None]
