@@ -244,7 +244,7 @@ class TemperatureParameters:
     """Temperature limits; the limit of the factory is 65 to 80 degrees.
 
     Raises:
-        ConfigurationError: They are not in ascending order.
+        ConfigurationError: They are not in ascending order, from 0 to 100.
     """
 
     warn: float = _temperature(60.0, "Reported as a warning.")
@@ -252,22 +252,33 @@ class TemperatureParameters:
     rest: float = _temperature(68.0, "The joint is relaxed until it is cooler than the warning.")
 
     def __post_init__(self) -> None:
-        if not self.warn <= self.error <= self.rest:
+        if not 0.0 <= self.warn <= self.error <= self.rest <= 100.0:
             raise ConfigurationError(
                 f"temperature.warn, .error and .rest are {self.warn:g}, {self.error:g} and "
-                f"{self.rest:g} degrees; each must be at least the one before"
+                f"{self.rest:g} degrees; each must be at least the one before, from 0 to 100"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class BusSettings:
-    """Settings of a bus; the defaults suit most robots."""
+    """Settings of a bus; the defaults suit most robots.
+
+    Raises:
+        ConfigurationError: A time is out of range.
+    """
 
     # Time without a command after which a moving joint holds, s; 0: never.
     command_timeout: float = 0.0
     # Time without any packet after which X servos stop by themselves, s; 0: never.
     watchdog: float = 1.0
     temperature: TemperatureParameters = TemperatureParameters()
+
+    def __post_init__(self) -> None:
+        for name, most in (("command_timeout", 1e9), ("watchdog", 2.5)):
+            if not 0.0 <= getattr(self, name) <= most:
+                raise ConfigurationError(
+                    f"{name} is {getattr(self, name)}; allowed are 0 to {most:g} seconds"
+                )
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 
 import pytest
@@ -19,6 +20,7 @@ from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     BusEvent,
+    BusSettings,
     ConfigurationError,
     CorruptReplyError,
     EventKind,
@@ -160,7 +162,19 @@ def test_angle_limits_without_overlap_are_refused() -> None:
         bus.connect()
 
 
-@pytest.mark.parametrize("option", [{"warn": 66.0}, {"error": 69.0}, {"rest": float("nan")}])
+@pytest.mark.parametrize(
+    "option",
+    [{"command_timeout": -1.0}, {"command_timeout": math.inf}, {"watchdog": 3.0}],
+)
+def test_senseless_times_are_refused(option: dict[str, float]) -> None:
+    with pytest.raises(ConfigurationError):
+        BusSettings(**option)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "option",
+    [{"warn": 66.0}, {"warn": -math.inf}, {"error": 69.0}, {"rest": math.nan}, {"rest": math.inf}],
+)
 def test_temperatures_must_ascend(option: dict[str, float]) -> None:
     with pytest.raises(ConfigurationError):
         TemperatureParameters(**option)
