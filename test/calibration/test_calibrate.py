@@ -65,8 +65,12 @@ def unsolved(monkeypatch):
     return views
 
 
-@pytest.mark.parametrize(("target", "degrees"), [("marker", 0.7), ("face", 0.4), ("room", 1.4)])
-def test_a_wrong_mounting_is_corrected(quick, tmp_path, target, degrees):
+@pytest.mark.parametrize(
+    ("target", "views", "degrees"),
+    [("marker", 13, 0.7), ("face", 13, 0.4), ("room", 25, 1.4)],  # room: 13 views gave 0.4 to 1.4
+)
+def test_a_wrong_mounting_is_corrected(quick, monkeypatch, tmp_path, target, views, degrees):
+    monkeypatch.setattr(gathering, "MOST_VIEWS", views)
     output, picture = tmp_path / "camera.yaml", tmp_path / "camera.png"
     arguments = ["camera", "--sim", "--yes", "--target", target, "--output", str(output)]
     assert calibrate.main([*arguments, "--picture", str(picture)]) == DONE
