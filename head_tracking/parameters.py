@@ -51,11 +51,20 @@ class ParameterInfo:
     ros_name: bool = False
 
 
-def parameter(default: Any, description: str, **allowed: Any) -> Any:
-    """Make a field of a dataclass that is also a parameter; `allowed`: see `ParameterInfo`."""
-    return dataclasses.field(
-        default=default, metadata={_KEY: ParameterInfo(description, **allowed)}
-    )
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = "",
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    choices: tuple[str, ...] = (),
+    fixed: bool = False,
+    ros_name: bool = False,
+) -> Any:
+    """Make a field of a dataclass that is also a parameter; see `ParameterInfo`."""
+    info = ParameterInfo(description, unit, minimum, maximum, choices, fixed, ros_name)
+    return dataclasses.field(default=default, metadata={_KEY: info})
 
 
 def parameter_info(field: dataclasses.Field[Any]) -> ParameterInfo:
