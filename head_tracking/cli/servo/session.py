@@ -22,7 +22,7 @@ USUAL_BAUD_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
 """Baud rates of the factories and other common ones; the most common first."""
 
 _ATTEMPTS = 3
-_FEETECH_BYTE_ORDER = ("Firmware Version", "ID", "Baud Rate", "Return Delay Time")  # of an AX-12
+_BYTES_2_TO_5 = ("Firmware Version", "ID", "Baud Rate", "Return Delay Time")  # names of an AX-12
 _TIMEOUT = 0.03  # s; long: the id of a servo that is not found could be given to another one
 
 
@@ -123,8 +123,8 @@ def model_number(port: DynamixelPort, servo_id: int, protocol: int) -> int:
     """
     any_model = servo_model("AX-12" if protocol == 1 else "XM430-W350")
     if protocol == 1:
-        bytes_2_to_5 = any_model.control_table.block(*_FEETECH_BYTE_ORDER)
-        byte_order, *_, own_id = Servo(port, servo_id, any_model).read(bytes_2_to_5, MOST_TRIES)
+        block = any_model.control_table.block(*_BYTES_2_TO_5)
+        byte_order, *_, own_id = Servo(port, servo_id, any_model).read(block, MOST_TRIES)
         if own_id == servo_id and byte_order in (0, 1):
             any_model = servo_model("SCS0009" if byte_order else "STS3215")
     return Servo(port, servo_id, any_model).get("Model Number", MOST_TRIES)

@@ -86,9 +86,9 @@ class KeptStop:
     """
 
     def __init__(self, arguments: Sequence[str], node: str = "") -> None:
-        name = node_name(arguments, node) if node else ""
+        name = f"-{node_name(arguments, node)}" if node else ""
         place = f"domain_{domain_and_namespace(arguments)}"
-        self._file = state_folder("stopped") / f"{place}-{name}".rstrip("-")
+        self._file = state_folder("stopped") / f"{place}{name}"
         self._is_kept = False
 
     def guard(self, owners: JointOwners) -> None:
