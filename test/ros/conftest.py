@@ -38,11 +38,6 @@ make_module_robot = pytest.fixture(_robots, scope="module", name="make_module_ro
 
 
 @pytest.fixture
-def pointing_robot(make_robot: MakeRobot) -> Robot:
-    return make_robot("--mode", "point")
-
-
-@pytest.fixture
 def make(kinectbot: RobotModel) -> Iterator[Callable[..., Head]]:
     """Nodes that turn a head, each with a robot around it."""
     with ExitStack() as heads:
@@ -82,10 +77,3 @@ def start(domain: str) -> Iterator[Callable[..., Program]]:
     yield start
     for program in programs:
         program.kill()
-
-
-@pytest.fixture
-def port(start, tmp_path) -> str:
-    """A simulated bus of another process."""
-    bus = start("simulated_bus", "--link", str(tmp_path / "servos"))
-    return bus.read_until("servos").strip()

@@ -47,11 +47,10 @@ def test_a_run_publishes_the_calibrated_model(file):
     )
 
 
-@pytest.mark.parametrize(("age", "level"), [(3 * 86_400, Level.OK), (400 * 86_400, Level.WARN)])
-def test_diagnostics_tell_its_values_deviations_age_and_source(file, tmp_path, age, level):
+def test_diagnostics_tell_its_values_deviations_age_and_source(file, tmp_path):
     made = replace(
         Calibration.load(file),
-        made=time.time() - age,
+        made=time.time() - 400 * 86_400,
         estimates={"camera pitch": Estimate(0.02, 0.001, True)},
     )
     made.save(tmp_path / "aged.yaml")
@@ -70,7 +69,7 @@ def test_diagnostics_tell_its_values_deviations_age_and_source(file, tmp_path, a
         wait_for(lambda: said)
     health = health_from_message(said[0].status[0])
     assert health.name == "robot_state_publisher: calibration"
-    assert health.level is level
-    assert str(age // 86_400) in health.message
+    assert health.level is Level.WARN
+    assert "400" in health.message
     assert health.values["source"] == str(tmp_path / "aged.yaml")
     assert re.match(r"\+1\.15 degrees \+- 0\.06", health.values["camera pitch"])

@@ -23,16 +23,12 @@ with StopSignal() as stop:
 # what the program does before its end, and whether that is an error of its own
 WAYS = [
     ("own", 0),
-    ("node", 0),
-    ("own exit", 0),
     ("node error", 1),
-    ("own shutdown", 0),
     ("node shutdown destroy", 0),
     ("own drop", 0),
     ("node unregister shutdown", 0),
     ("own wait", 0),
     ("node busy", 0),
-    ("own interrupt", -2),
     ("node interrupt sleeping", -2),
     ("node spin", 0),
 ]

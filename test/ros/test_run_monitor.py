@@ -1,4 +1,4 @@
-"""The summary of a run, also after a jump of the clock or a change of the model."""
+"""The summary of a run, also after a jump of the clock."""
 
 import math
 import re
@@ -18,19 +18,11 @@ class FakeControl:
     target = None
 
     def __init__(self, model):
-        self.head = self._head(model)
+        self.head = PanTiltHead(model, *self.joints, "camera_link")
         self.now = 1000.0
         self.bearing = 0.0
         self.code = TargetState.TRACKING
         self.has_points = True
-
-    @staticmethod
-    def _head(model):
-        return PanTiltHead(model, *FakeControl.joints, "camera_link")
-
-    def describe(self, model):
-        """Receive a robot_description."""
-        self.head = self._head(model)
 
     @property
     def frames(self):
@@ -54,19 +46,20 @@ def control(kinectbot):
 @pytest.fixture
 def run(control):
     """Let seconds pass; return the largest error [degrees] and the judged time [s]."""
-    steady = [0.0]
+    steady = 0.0
     bus = SimpleNamespace(
         states={},
         statistics=SimpleNamespace(cycles=1, connected=True, servos=()),
         faults=0,
         in_short="",
     )
-    monitor = RunMonitor(control, lambda: bus, lambda joint: 0.0, clock=lambda: steady[0])
+    monitor = RunMonitor(control, lambda: bus, lambda joint: 0.0, clock=lambda: steady)
 
     def run(seconds):
+        nonlocal steady
         for _ in range(round(10 * seconds)):
             control.now += 0.1
-            steady[0] += 0.1
+            steady += 0.1
             monitor.update()
         match = re.search(r"([\d.]+)° max .* over (-?[\d.]+) s", monitor.summary())
         return match and tuple(map(float, match.groups()))
@@ -74,28 +67,11 @@ def run(control):
     return run
 
 
-def test_another_model_keeps_the_statistics(control, run, kinectbot):
-    control.bearing = math.radians(76.0)
-    largest, seconds = run(SETTLING_TIME + 5.0)
-    assert largest == pytest.approx(76.0, abs=1.0)
-    assert seconds == pytest.approx(5.0, abs=0.3)
-    control.bearing = 0.0
-    control.describe(kinectbot)
-    largest, seconds = run(SETTLING_TIME + 5.0)
-    assert largest == pytest.approx(76.0, abs=1.0)
-    assert seconds == pytest.approx(10.0, abs=0.6)
-
-
-@pytest.mark.parametrize("jump", [-997.0, 3600.0])
-def test_a_jump_of_the_clock_does_not_change_the_judged_time(control, run, jump):
+def test_a_jump_of_the_clock_does_not_change_the_judged_time(control, run):
     run(SETTLING_TIME + 5.0)
-    control.now += jump
+    control.now -= 997.0
     _, seconds = run(SETTLING_TIME + 5.0)
     assert 5.0 <= seconds <= 12.5
-
-
-def test_a_target_just_before_the_end_is_not_judged(run):
-    assert run(0.3) is None
 
 
 def test_a_target_that_was_given_up_is_not_judged(control, run):
@@ -111,10 +87,3 @@ def test_a_target_that_was_given_up_is_not_judged(control, run):
     largest, seconds = run(5.0)
     assert largest == pytest.approx(76.0, abs=1.0)
     assert seconds == pytest.approx(15.0, abs=1.6)
-
-
-def test_points_that_are_not_followed_are_judged(control, run):
-    control.code, control.bearing = TargetState.IDLE, math.radians(76.0)
-    largest, seconds = run(SETTLING_TIME + 5.0)
-    assert largest == pytest.approx(76.0, abs=1.0)
-    assert seconds == pytest.approx(5.0, abs=0.3)

@@ -1,18 +1,82 @@
-"""The servo bus as ROS tools see it: recovery, stopping and starting, limits, several buses."""
+"""The servo bus under several clients at once, its limits, and several buses in one node."""
 
 import math
+import time
 
 import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
-from head_tracking.dynamixel import JointConfiguration, ServoState
+from head_tracking.dynamixel import JointConfiguration, ServoState, servo_model
+from head_tracking.ros.bus import bus_services
 from head_tracking.ros.bus.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
+
+
+def test_relaxing_waits_for_no_other_service_and_for_no_other_client(threads, monkeypatch):
+    """Somebody waits for a servo that restarts, and loses its power while it does."""
+    monkeypatch.setattr(bus_services, "_RESTART", 60.0)
+    xm = servo_model("XM430-W350")
+    servos = [SimulatedServo(i, xm, boot_time=1.0) for i in (1, 2)]
+    with SimulatedPort(servos) as simulated:
+        motor = {"model": "XM430-W350", "init": 2048, "min": 1024, "max": 3072}
+        overrides = [
+            Parameter(f"{name}_controller.motor.{key}", value=value)
+            for name in ("head_pan", "head_tilt")
+            for key, value in motor.items()
+        ]
+
+        def connect(joints: list[JointConfiguration]) -> str:
+            return simulated.port_name
+
+        node = ServoBusNode(connect=connect, namespace="x", parameter_overrides=overrides)
+        person = Node("person")
+        for each in (node, person):
+            threads.start(each)
+
+        def torque(servo_id):
+            return simulated.use(lambda bus: bus[servo_id].register("Torque Enable"))
+
+        recover = person.create_client(Trigger, "x/recover")
+        relaxers = [person.create_client(Trigger, "x/relax") for _ in range(3)]
+        enable = person.create_client(SetBool, "x/torque_enable")
+        wait_for(lambda: all(c.service_is_ready() for c in (recover, enable, *relaxers)))
+        on = enable.call_async(SetBool.Request(data=True))
+        wait_for(on.done)
+        assert on.result().success and torque(2) == 1
+        simulated.use(lambda bus: bus[1].overload())
+        wait_for(lambda: node.backend.joint(PAN).faulted)
+        recovering = recover.call_async(Trigger.Request())
+        wait_for(lambda: node.backend.joint(PAN).lost)  # it restarts
+        simulated.use(lambda bus: bus[1].power_off())
+        relaxing = [client.call_async(Trigger.Request()) for client in relaxers]
+        wait_for(lambda: torque(2) == 0)
+        assert not recovering.done()
+        wait_for(lambda: all(future.done() for future in relaxing))
+        assert not recovering.done()
+        simulated.use(lambda bus: bus[1].power_on())
+        wait_for(recovering.done)
+        assert recovering.result().success, recovering.result().message
+        node.destroy_node()
+
+
+def test_joint_names_do_not_depend_on_the_order_of_replies():
+    """After a cycle in which one was late, they may come the other way round."""
+    pan = ServoState(10, 0.5, 0.0, 0.5)
+    tilt = pan._replace(position=-0.3)
+    message = StatesMessage({"pan": pan, "tilt": tilt})
+    for states in ({"pan": pan, "tilt": tilt}, {"tilt": tilt, "pan": pan}):
+        filled = message.filled(states)
+        assert dict(zip(filled.name, filled.position, strict=True)) == {"pan": 0.5, "tilt": -0.3}
 
 
 def test_two_buses_in_one_node(threads):
@@ -40,26 +104,92 @@ def test_two_buses_in_one_node(threads):
             port.close()
 
 
-def test_joint_names_do_not_depend_on_the_order_of_replies():
-    """After a cycle in which one was late, they may come the other way round."""
-    pan = ServoState(10, 0.5, 0.0, 0.5)
-    tilt = pan._replace(position=-0.3)
-    message = StatesMessage({"pan": pan, "tilt": tilt})
-    for states in ({"pan": pan, "tilt": tilt}, {"tilt": tilt, "pan": pan}):
-        filled = message.filled(states)
-        assert dict(zip(filled.name, filled.position, strict=True)) == {"pan": 0.5, "tilt": -0.3}
+@pytest.fixture(scope="module")
+def running(make_module_robot):
+    return make_module_robot("--mode", "point")
 
 
-@pytest.mark.parametrize("name", ["joint_speed", "max_speed"])
-def test_speeds_within_the_described_range_are_accepted(threads, name):
-    name = f"head_pan_controller.{name}"
-    with SimulatedPort([SimulatedServo(1), SimulatedServo(2)]) as simulated:
-        node = ServoBusNode(connect=lambda joints: simulated.port_name, namespace="second")
-        try:
-            (allowed,) = node.describe_parameter(name).floating_point_range
-            for speed in (allowed.to_value, 0.999 * allowed.to_value, max(0.1, allowed.from_value)):
-                assert node.set_parameters([Parameter(name, value=speed)])[0].successful
-            beyond = Parameter(name, value=1.01 * allowed.to_value)
-            assert not node.set_parameters([beyond])[0].successful
-        finally:
-            node.destroy_node()
+@pytest.fixture
+def robot(running):
+    """Relaxed, and not stopped."""
+    assert running.call("resume").success
+    assert running.call("relax").success
+    return running
+
+
+def register(robot, servo_id, name):
+    return robot.simulated.use(lambda bus: bus[servo_id].register(name))
+
+
+def bus_thread(robot):
+    return robot.composition.nodes["servo_bus"].backend.threads[0]
+
+
+def test_a_request_that_timed_out_is_not_executed_later(robot, monkeypatch):
+    monkeypatch.setattr(bus_services, "_TIMEOUT", 0.2)
+    blocked = bus_thread(robot).call(lambda bus: time.sleep(1.0))
+    answer = robot.call("torque_enable", True)
+    assert not answer.success
+    wait_for(blocked.done)
+    done = bus_thread(robot).call(lambda bus: bus.summary)
+    wait_for(done.done)
+    for _ in range(10):
+        assert register(robot, 1, "Torque Enable") == 0
+        wait_for(bus_thread(robot).call(lambda bus: None).done)
+
+
+def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot, monkeypatch):
+    """After a USB reset two adapters may have exchanged their other names."""
+    node = robot.composition.nodes["servo_bus"]
+    ((before, _, models),) = node.servos_by_port()
+    monkeypatch.setattr(bus_thread(robot).bus._port, "stable_name", "/dev/serial/by-id/x")
+    ((name, _, same),) = node.servos_by_port()
+    assert (before, name) == (robot.simulated.port_name, "/dev/serial/by-id/x")
+    assert models == same and set(models) == {1, 2}
+
+
+def test_a_stop_does_not_interrupt_the_writing_of_a_servos_memory(robot):
+    """It would leave the lock of a Feetech servo's memory off."""
+    robot.simulated.use(lambda bus: bus[1].set_register("CCW Angle Limit", 1000))
+    client = robot.node.create_client(Trigger, "servo_bus/write_eeprom")
+    wait_for(client.service_is_ready)
+    writing = client.call_async(Trigger.Request())
+    wait_for(lambda: register(robot, 1, "Return Delay Time") == 0)
+    assert not any(robot.composition.loop.stop().values())
+    wait_for(writing.done)
+    assert register(robot, 1, "CCW Angle Limit") == 1023
+
+
+def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
+    def narrow(bus):
+        bus[1].set_register("CW Angle Limit", 500)
+        bus[1].set_register("CCW Angle Limit", 600)
+
+    robot.simulated.use(narrow)
+    assert robot.call("head_pan_controller/restart").success
+    client = robot.node.create_client(SetParameters, "servo_bus/set_parameters")
+    wait_for(client.service_is_ready)
+
+    def set_maximum(ticks):
+        value = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=ticks)
+        name = "head_pan_controller.motor.max"
+        request = SetParameters.Request(parameters=[ParameterMessage(name=name, value=value)])
+        future = client.call_async(request)
+        wait_for(future.done)
+        return future.result().results[0]
+
+    refused = set_maximum(450 + 70)
+    assert refused.successful, refused.reason  # init, 512, is inside
+    joint = robot.composition.nodes["servo_bus"].backend.joint(PAN)
+    wait_for(lambda: joint.limits[1] == pytest.approx(8 * 0.00511327, abs=1e-3))
+
+    def narrower(bus):
+        bus[1].set_register("CW Angle Limit", 530)
+
+    robot.simulated.use(narrower)
+    assert set_maximum(1000).successful
+    wait_for(lambda: joint.limits[1] > 0.4)
+    assert robot.call("head_pan_controller/restart").success
+    refused = set_maximum(520)
+    assert not refused.successful and "nothing in common" in refused.reason
+    assert joint.limits[1] > 0.4

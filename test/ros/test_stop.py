@@ -7,7 +7,6 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -37,17 +36,6 @@ def torque(robot):
 def tracking(robot):
     tracker = robot.composition.nodes["head_tracker"]
     wait_for(lambda: tracker.control.frames.target and torque(robot) == [1, 1])
-
-
-def test_a_resumed_head_keeps_max_joint_speed(robot):
-    tracker = robot.composition.nodes["head_tracker"]
-    assert tracker.set_parameters([Parameter("max_joint_speed", value=0.1)])[0].successful
-    tracking(robot)
-    assert robot.call("stop").success
-    goals = robot.goals()
-    assert robot.call("resume").success
-    wait_for(lambda: len(goals) > 50)
-    assert max(goal.speed for told in goals for goal in told.values()) <= 0.1001
 
 
 class ElsewhereBus:
@@ -100,17 +88,6 @@ def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
     wait_for(lambda: bus.claims)
 
 
-def test_enabling_claims_joints_that_another_owner_has_at_the_bus(threads):
-    tracker = HeadTrackerNode()
-    bus = ElsewhereBus()
-    threads.start(tracker)
-    threads.start(bus.node)
-    bus.say(False, 0, "/other")
-    wait_for(lambda: tracker.control.obstacle.reason is Reason.OWNED)
-    tracker.control.enable()
-    wait_for(lambda: bus.claims)
-
-
 def test_a_restarted_bus_without_short_names_is_stopped_again(threads):
     tracker = HeadTrackerNode()
     bus = ElsewhereBus()
@@ -127,9 +104,9 @@ def test_a_restarted_bus_without_short_names_is_stopped_again(threads):
     bus.say(True, 1)
 
 
-@pytest.mark.parametrize("epoch", ["", "-", "9" * 5000, "one"])
-def test_a_sender_that_names_no_epoch_is_a_name(epoch):
-    assert sender_from(f"somebody#{epoch}") == (f"somebody#{epoch}", None)
+def test_a_sender_that_names_no_epoch_is_a_name():
+    for epoch in ("", "9" * 5000, "one"):
+        assert sender_from(f"somebody#{epoch}") == (f"somebody#{epoch}", None)
     assert sender_from("somebody#7") == ("somebody", 7)
 
 
@@ -207,23 +184,19 @@ def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
         wait_for(lambda: False)
 
 
-@pytest.mark.parametrize("mode", ["track", "point"])
-def test_the_state_is_published_as_fields(make_robot, mode):
-    robot = make_robot("--mode", mode, "--target", "fictitious")
-    name = {"track": "head_tracker", "point": "point_head"}[mode]
-    messages = robot.hear(f"{name}/status", DiagnosticStatus, LATCHED)
+def test_the_state_is_published_as_fields(robot):
+    messages = robot.hear("head_tracker/status", DiagnosticStatus, LATCHED)
     wait_for(lambda: messages)
 
     def fields():
         found = {each.key: each.value for each in messages[-1].values}
         return found["state"], found["enabled"], found["stopped"], found["slow"]
 
-    moving = {"track": "tracking", "point": "turning"}[mode]
-    wait_for(lambda: fields() == (moving, "true", "false", "false"))
+    wait_for(lambda: fields() == ("tracking", "true", "false", "false"))
     assert messages[-1].level == DiagnosticStatus.OK
     assert robot.call("stop").success
     wait_for(lambda: fields() == ("disabled", "false", "true", "true"))
     assert messages[-1].level == DiagnosticStatus.WARN
-    assert messages[-1].message == robot.latched(f"{name}/state")
+    assert messages[-1].message == robot.latched("head_tracker/state")
     assert robot.call("resume").success
     wait_for(lambda: fields()[1:3] == ("true", "false"))

@@ -1,13 +1,15 @@
-"""The buffer with messages in and out."""
+"""What a program for tf2_ros and tf2_geometry_msgs may import and call: messages in and out."""
 
 import math
 import threading
 
 import numpy as np
 import pytest
+import rclpy
 from geometry_msgs.msg import (
     Point,
     PointStamped,
+    Pose,
     PoseStamped,
     PoseWithCovarianceStamped,
     QuaternionStamped,
@@ -17,11 +19,14 @@ from geometry_msgs.msg import (
 )
 from rclpy.clock import ClockType, ROSClock
 from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from std_msgs.msg import Header
-from waiting import join
+from transform_messages import shifted
+from waiting import join, wait_for
 
+from head_tracking import tf
 from head_tracking.tf import (
     Buffer,
     ConnectivityException,
@@ -31,9 +36,23 @@ from head_tracking.tf import (
     TransformException,
     TypeException,
 )
-from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
+from head_tracking.tf.conversions import ns_to_stamp
 
 TURN = 0.5
+NAMES = """
+    Buffer BufferCore BufferInterface TransformListener StaticTransformListener
+    TransformBroadcaster StaticTransformBroadcaster TransformRegistration
+    TypeException TransformException
+    LookupException ConnectivityException ExtrapolationException InvalidArgumentException
+    TimeoutException DEFAULT_TF_TOPIC DEFAULT_STATIC_TF_TOPIC
+    do_transform_point do_transform_vector3 do_transform_pose do_transform_pose_stamped
+    do_transform_pose_with_covariance_stamped
+"""
+CORE = """
+    set_transform set_transform_static clear can_transform_core can_transform_full_core
+    lookup_transform_core lookup_transform_full_core get_latest_common_time
+    all_frames_as_yaml all_frames_as_string
+"""
 
 
 def message(x: float, seconds: int = 1, parent: str = "map", child: str = "ball"):
@@ -63,13 +82,13 @@ def buffer():
     return buffer
 
 
+def test_the_names_and_methods_of_tf2_are_there():
+    """That an exported name exists is checked in test_architecture.py."""
+    assert set(NAMES.split()) <= set(tf.__all__)
+    assert set(CORE.split()) <= set(dir(tf.BufferCore))
+
+
 # What goes in comes out
-
-
-@pytest.mark.parametrize("nanoseconds", [0, 1, 999_999_999, 1_795_222_262_440_843_580])
-def test_stamps_round_trip(nanoseconds):
-    assert stamp_to_ns(ns_to_stamp(nanoseconds)) == nanoseconds
-    assert stamp_to_ns(Time(nanoseconds=nanoseconds)) == nanoseconds
 
 
 def test_the_messages_are_those_that_the_constructors_make(buffer):
@@ -161,13 +180,19 @@ def test_a_full_lookup_goes_through_two_times(buffer):
     assert "9.0" in reason
 
 
-def test_the_latest_common_time(buffer):
+def test_the_core_answers_without_waiting(buffer):
+    assert buffer.lookup_transform_core("map", "ball", Time()).transform.translation.x == 3.0
+    assert buffer.can_transform_core("map", "ball", Time()) == (True, "")
+    possible, reason = buffer.can_transform_core("map", "ball", Time(seconds=9))
+    assert not possible
+    assert "future" in reason
+    times = (Time(seconds=1), "ball", Time(seconds=3))
+    full = buffer.lookup_transform_full_core("ball", *times, "map")
+    assert full.transform.translation.x == pytest.approx(2 * math.cos(TURN))
+    assert buffer.can_transform_full_core("ball", *times, "map")[0]
     assert buffer.get_latest_common_time("map", "ball") == Time(seconds=3)
     with pytest.raises(LookupException):
         buffer.get_latest_common_time("map", "nose")
-
-
-def test_the_frames_are_told(buffer):
     assert "Frame ball exists with parent map." in buffer.all_frames_as_string()
     assert "ball:" in buffer.all_frames_as_yaml()
 
@@ -225,18 +250,38 @@ def test_a_pose_with_covariance(buffer):
     assert moved.pose.covariance[35] == pytest.approx(1.0)
 
 
-def test_a_message_at_another_time(buffer):
-    point = stamped(PointStamped, seconds=3)
-    moved = buffer.transform_full(point, "ball", Time(seconds=1), "map")
-    assert (moved.header.frame_id, moved.header.stamp.sec) == ("ball", 1)
-    assert (moved.point.x, moved.point.y) == pytest.approx(
-        (2 * math.cos(TURN), -2 * math.sin(TURN))
-    )
+def test_what_transforms_a_type_is_registered_and_can_be_replaced(buffer):
+    class Landmark:
+        def __init__(self, x):
+            self.x = x
+            self.header = PointStamped().header
+            self.header.frame_id = "ball"
 
-
-def test_what_cannot_be_transformed(buffer):
     with pytest.raises(TypeException):
-        buffer.transform(stamped(WrenchStamped), "map")
+        buffer.transform(Landmark(1.0), "map")
+    buffer.registration.add(
+        Landmark, lambda mark, found: Landmark(mark.x + found.transform.translation.x)
+    )
+    assert buffer.transform(Landmark(1.0), "map").x == 4.0
+    ours = buffer.registration.get(PointStamped)
+    buffer.registration.add(PointStamped, lambda message, found: "theirs")
+    point = PointStamped()
+    point.header.frame_id = "ball"
+    try:
+        assert buffer.transform(point, "map") == "theirs"
+    finally:
+        buffer.registration.add(PointStamped, ours)
+
+
+def test_directions_and_bare_poses():
+    transform = shifted(3.0, 5)
+    vector = Vector3Stamped()
+    vector.vector.x = 1.0
+    assert tf.do_transform_vector3(vector, transform).vector.x == 1.0
+    assert transform.transform.translation.x == 3.0  # tf2's sets it to 0
+    assert tf.do_transform_pose(Pose(), transform).position.x == 3.0
+    with pytest.raises(TypeException):
+        tf.TransformRegistration().get(WrenchStamped)
 
 
 # Waiting
@@ -255,6 +300,55 @@ def test_messages_and_full_lookups_wait_as_well(buffer):
     )
     assert found.transform.translation.x == pytest.approx(9.0)
     join(bring)
+
+
+def test_a_future_waits_and_is_done_when_it_can_be(buffer):
+    future = buffer.wait_for_transform_async("map", "ball", Time(seconds=6))
+    buffer.set_transform(message(5.0, 5))
+    assert not future.done()
+    buffer.set_transform(message(7.0, 7))
+    assert future.done()
+    assert future.result().transform.translation.x == pytest.approx(6.0)
+
+
+def test_an_executor_awaits_while_it_works(buffer):
+    """Two tasks wait in one thread, and a timer of the same executor brings what they want."""
+    rclpy.init()
+    node = rclpy.create_node("awaits")
+    listener = tf.TransformListener(buffer, node)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        tasks = [
+            executor.create_task(buffer.lookup_transform_async, "map", "ball", Time(seconds=second))
+            for second in (4, 5)
+        ]
+        tasks.append(
+            executor.create_task(
+                buffer.lookup_transform_full_async,
+                *("map", Time(seconds=1), "ball", Time(seconds=5), "map"),
+            )
+        )
+        timer = node.create_timer(0.02, lambda: buffer.set_transform(message(7.0, 7)))
+        wait_for(
+            lambda: executor.spin_once(timeout_sec=0.1) or all(task.done() for task in tasks), 30.0
+        )
+        assert [t.result().transform.translation.x for t in tasks] == pytest.approx([4, 5, 5])
+        timer.cancel()
+        listener.unregister()
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def test_a_question_that_makes_no_sense_disturbs_nobody(buffer):
+    for question in (("map", "ball", None), (3, "ball", Time())):
+        with pytest.raises(TypeError):
+            buffer.wait_for_transform_async(*question)
+    future = buffer.wait_for_transform_async("map", "later", Time())
+    buffer.set_transform(message(1.0, 1, child="later"))
+    assert future.done()
 
 
 # The clock

@@ -3,10 +3,8 @@
 import threading
 
 import pytest
-from rclpy.node import Node
 from waiting import wait_for
 
-from head_tracking.ros.kit import threads as kit_threads
 from head_tracking.ros.kit.threads import Worker
 
 
@@ -48,12 +46,3 @@ def test_an_error_ends_the_node_by_its_next_offer(make):
         return False
 
     wait_for(offered)
-
-
-def test_a_thread_of_its_own_ends_at_once_however_long_nothing_comes(threads, monkeypatch):
-    monkeypatch.setattr(kit_threads, "_POLL", 1000.0)
-    own = kit_threads.NodeThread.beside(Node("person"), "waiting")
-    own.start()
-    for _ in range(2):
-        own.close()
-    assert "waiting" not in {thread.name for thread in threading.enumerate()}

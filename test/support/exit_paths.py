@@ -30,8 +30,6 @@ def main(way: str) -> None:
     time.sleep(0.2)
     if "error" in way:
         raise RuntimeError("the program's own")
-    if "exit" in way:
-        sys.exit(0)
     if "shutdown" in way:
         rclpy.shutdown()
     if "destroy" in way:
