@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
+from itertools import cycle
 from random import Random
 from typing import NamedTuple
 
@@ -37,7 +38,7 @@ from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
 AX, XM = servo_model("AX-12"), servo_model("XM430-W350")
 STS, SCS = servo_model("STS3215"), servo_model("SCS0009")
 CYCLE = 0.02  # s
-HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.02"))
+HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.012"))
 """Simulated time without a fault: HEAD_TRACKING_HOURS=8 takes a core for half an hour."""
 
 TOLD = 0.3  # s
@@ -304,12 +305,14 @@ STANDING = ("wheel mode", "another master", "pushed away")
 """What befalls a head that stands: on one that swings, their sign depends on where it just is."""
 
 
+CASES = [(name, model) for name, (_, _, *models) in NAMED.items() for model in models]
+
+
 @pytest.mark.parametrize(
-    ("name", "model"),
-    [(name, model) for name, (_, _, *models) in NAMED.items() for model in models],
-    ids=lambda each: each if isinstance(each, str) else each.name,
+    ("name", "model", "phase"),
+    [(*case, phase) for case, phase in zip(CASES, cycle((0.6, 0.9, 1.5)), strict=False)],
+    ids=lambda each: getattr(each, "name", str(each)),
 )
-@pytest.mark.parametrize("phase", [0.6, 0.9, 1.5])
 def test_a_fault_is_named_soon_after_its_first_visible_sign(
     name: str, model: ServoModel, phase: float
 ) -> None:
@@ -345,7 +348,7 @@ def strained(rig: Rig) -> None:
 
     def warm() -> None:
         rig[1].push(0.8)
-        rig[1].temperature = 30.0 + 0.05 * rig.time
+        rig[1].temperature = 55.0 + 0.05 * rig.time
 
     rig.still = True
     rig.each_cycle.append(warm)
@@ -353,8 +356,7 @@ def strained(rig: Rig) -> None:
 
 SLOW = {
     "battery runs down": (AX, drained, ("supply low",), 200.0),
-    "battery runs down, X": (XM, drained, ("supply low",), 200.0),
-    "heats up": (AX, strained, ("heats up",), 1500.0),
+    "heats up": (AX, strained, ("heats up",), 600.0),
 }
 
 
@@ -379,8 +381,7 @@ def test_a_slow_fault_is_named_before_the_servo_shuts_down(name: str) -> None:
     assert rig.time - named > 1.0
 
 
-@pytest.mark.parametrize("model", [AX, STS], ids=["AX", "STS"])
-@pytest.mark.parametrize("distance", [2.4, 0.28])
+@pytest.mark.parametrize(("model", "distance"), [(AX, 0.28), (STS, 2.4)], ids=["AX", "STS"])
 def test_a_servo_that_is_slower_than_commanded_is_named(model, distance: float) -> None:
     rig = Rig(model).connect()
     rig.goal = lambda joint: -distance / 2  # type: ignore[method-assign]
@@ -451,16 +452,15 @@ def test_a_symptom_lasts_until_its_cause_is_gone(model) -> None:
     assert EventKind.CLEARED in [event.kind for _, event in rig.events]
 
 
-@pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("model", "seed"), [(AX, 1), (XM, 2), (STS, 3)], ids=["AX", "X", "STS"])
 def test_no_fault_is_named_where_there_is_none(model, seed: int) -> None:
     """Swings and stands in turns, with noise and lost replies."""
     rig = Rig(model, seed, loss=0.001).connect()
-    while rig.time < HOURS * 3600.0 / 4.0:
+    while rig.time < HOURS * 3600.0 / 3.0:
         rig.still = False
-        rig.run(15.0)
+        rig.run(12.0)
         rig.still = True
-        rig.run(5.0)
+        rig.run(3.0)
     texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
     assert not texts
 
@@ -469,14 +469,13 @@ def test_a_joint_that_slows_down_and_turns_round_meets_no_obstacle() -> None:
     """As a tracker does it: the goal leads, slower and slower, then it is on the other side."""
     rig = Rig(AX, 5).connect()
     rig.each_cycle.append(lambda: rig.bus.command({PAN: turning(rig)}))
-    rig.run(30.0)
+    rig.run(12.0)
     texts = [event.text for _, event in rig.events if event.kind is not EventKind.TORQUE_ON]
     assert not texts
 
 
 @pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
-@pytest.mark.parametrize("speed", [0.05, 0.1, 0.4])
-@pytest.mark.parametrize("delay", [0.03, 0.08], ids="delay {} s".format)
+@pytest.mark.parametrize(("speed", "delay"), [(0.05, 0.08), (0.4, 0.03)])
 def test_a_joint_that_begins_slowly_meets_no_obstacle(model, speed: float, delay: float) -> None:
     """It rests at its goal, then the goal leads, to one side and to the other in turns."""
     rig = Rig(model, 3, delay=delay).connect()

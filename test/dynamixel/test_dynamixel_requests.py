@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from concurrent.futures import Future
 from random import Random
 
@@ -12,8 +11,6 @@ from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit
 from simulated_device import Bench
 from waiting import join
 
-from head_tracking.control import ControlLoop
-from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     BusThread,
     DynamixelError,
@@ -206,48 +203,6 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
         if number % 500 == 0:
             run.resume()
     assert run.stops > INTERLEAVINGS // 8
-
-
-def test_one_stop_is_carried_out_on_all_buses_also_where_the_port_is_not_free() -> None:
-    loop, ports = ControlLoop(None), [FakePort(1), FakePort(2)]
-    epoch = loop.owners.epoch
-    pairs = zip(ports, (PAN, TILT), strict=True)
-    single = [ServoBus(port, [joint], epoch=epoch) for port, joint in pairs]  # type: ignore[arg-type]
-    for bus in single:
-        bus.connect()
-        run(bus.switching_torque(None, True))
-    buses = DynamixelBackend(single, loop, 50.0)
-    held = buses.threads[1]._owner
-    with held:
-        problems = buses.relax_now(0.02)
-    assert not problems[PAN.joint_name] and problems[TILT.joint_name]
-    assert epoch.value == 1 and ports[0].servos[1]["Torque Enable"] == 0
-    for bus in single:
-        bus.step()
-    assert ports[1].servos[2]["Torque Enable"] == 0
-    assert {bus.joint(bus.joints[0].joint_name).torque for bus in single} == {
-        Torque.OFF_UNTIL_COMMANDED
-    }
-
-
-def test_a_stop_waits_for_another_stop_that_has_the_port() -> None:
-    loop, port = ControlLoop(None), FakePort(1)
-    bus = ServoBus(port, [PAN], epoch=loop.owners.epoch)  # type: ignore[arg-type]
-    bus.connect()
-    run(bus.switching_torque(None, True))
-    backend = DynamixelBackend([bus], loop, 50.0)
-    begun = threading.Event()
-
-    def other_stop(_: ServoBus) -> None:
-        begun.set()
-        time.sleep(0.5)
-
-    other = threading.Thread(target=backend.threads[0].at_once, args=(other_stop, 1.0))
-    other.start()
-    assert begun.wait(5.0)
-    assert backend.relax_now(0.5) == {JOINT: ""}
-    join(other)
-    assert port.servos[1]["Torque Enable"] == 0
 
 
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:

@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-import threading
 from contextlib import suppress
 from dataclasses import replace
 from random import Random
 
 import pytest
 from answer_hook import OnAnswers
-from dynamixel_fakes import PAN, TILT, FakePort, submit
-from ordeal import Ordeal, ordeal_joint
-from simulated_device import Bench
-from waiting import eventually
+from dynamixel_fakes import submit
+from simulated_device import PERIOD, Bench, Rig, joint_of
 
-from head_tracking.control import ControlLoop
-from head_tracking.control.dynamixel_backend import DynamixelBackend, Observer
 from head_tracking.dynamixel import (
-    BusReading,
-    BusThread,
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
-    DynamixelError,
     EepromSettings,
     EventKind,
     Goal,
     GoalError,
     ReplyTimeoutError,
-    ServoBus,
     ServoError,
     Torque,
     TorqueError,
@@ -38,66 +29,18 @@ from head_tracking.dynamixel.exceptions import ServoNotFoundError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Answer,
-    Fault,
-    Overlap,
     SimulatedBus,
     SimulatedServo,
 )
 
-PERIOD = 0.02
-
-
-class Rig:
-    """Servos, their bus, and simulated time."""
-
-    def __init__(
-        self,
-        *servos: SimulatedServo,
-        baud_rate: int = 1_000_000,
-        latency: float = 0.0,
-        connect: bool = True,
-    ) -> None:
-        self.servos = servos
-        self.bench = Bench(servos, baud_rate, latency)
-        models = {servo.id: servo_model(servo.model.name) for servo in servos}
-        self.bus = self.bench.servo_bus([ordeal_joint(*each) for each in models.items()])
-        self.events: list[str] = []
-        self.kinds: list[EventKind] = []
-        if connect:
-            self.bus.connect()
-            self.step()
-
-    def step(self, count: int = 1) -> BusReading:
-        for _ in range(count):
-            due = self.bench.now() + round(PERIOD * 1e9)
-            while self.bus.cycle.fill(due):
-                pass
-            self.bench.clock.now = max(due, self.bench.now())
-            self.reading = reading = self.bus.step()
-            logged = [event for event in reading.events if not event.repeated]
-            self.events += [event.text for event in logged]
-            self.kinds += [event.kind for event in logged]
-        return self.reading
-
-    def go(self, position: float, count: int = 60, speed: float = 3.0) -> BusReading:
-        for _ in range(count):
-            self.bus.command({"j1": Goal(position, speed)})
-            reading = self.step()
-        return reading
-
-    @property
-    def torque(self) -> list[int]:
-        return [servo.register("Torque Enable") for servo in self.servos]
-
-
-MODELS = ["AX-12", "MX-28", "XM430-W350", "XL-320", "STS3215", "SCS0009"]
+MODELS = ["AX-12", "XM430-W350", "STS3215"]
 
 
 # A fault is a fact, whatever else is asked of the joint
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("between", ["relax", "stop", "relax, stop", "torque on"])
+@pytest.mark.parametrize("between", ["stop", "relax, stop", "torque on"])
 def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     name: str, between: str
 ) -> None:
@@ -150,7 +93,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
     servo.set_register("Torque Limit", 0)
     rig = Rig(servo)
     rig.step()
-    assert any("recover" in text for text in rig.events)
+    assert EventKind.FAULTED in rig.kinds
     with pytest.raises(GoalError, match="recover"):
         rig.bus.command({"j1": Goal(0.1)})
     run(rig.bus.recovering())
@@ -176,7 +119,6 @@ def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_
     ("name", "register", "value"),
     [
         ("AX-12", "CCW Angle Limit", 0),
-        ("MX-28", "CCW Angle Limit", 0),
         ("XM430-W350", "Operating Mode", 1),
         ("STS3215", "Operating Mode", 1),
     ],
@@ -242,7 +184,7 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
 
 
 def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
-    for steps in range(12):
+    for steps in range(0, 12, 2):
         rig = Rig(SimulatedServo(1), SimulatedServo(2))
         rig.step(3)
         submit(rig.bus, rig.bus.switching_torque(None, True))
@@ -253,17 +195,7 @@ def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
         assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
-def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
-    rig = Rig(SimulatedServo(1), SimulatedServo(2))
-    rig.step(3)
-    future = submit(rig.bus, rig.bus.switching_torque(None, True))
-    assert future.cancel()
-    rig.step(30)
-    assert rig.torque == [0, 0]
-    assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
-
-
-@pytest.mark.parametrize("cycles", range(8))
+@pytest.mark.parametrize("cycles", [0, 2, 5])
 def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles: int) -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     for _ in range(3):  # keep the steps of the goal waiting
@@ -281,49 +213,7 @@ def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cy
 # Stopping
 
 
-def two_buses(on_reading: Observer) -> tuple[DynamixelBackend, list[FakePort]]:
-    ports, loop = [FakePort(1), FakePort(2)], ControlLoop(None)
-    buses = [
-        ServoBus(port, [each], epoch=loop.owners.epoch)  # type: ignore[arg-type]
-        for port, each in zip(ports, (PAN, TILT), strict=True)
-    ]
-    backend = DynamixelBackend(buses, loop, 100.0, on_reading=on_reading)
-    backend.connect()
-    return backend, ports
-
-
-def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    hanging, release = threading.Event(), threading.Event()
-
-    def on_reading(bus: ServoBus, reading: BusReading) -> None:
-        pan = reading.states.get("head_pan_joint")
-        if pan is not None and pan.goal is not None:
-            hanging.set()
-            release.wait(20.0)
-
-    buses, ports = two_buses(on_reading)
-    stop = BusThread.stop
-    monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
-    try:
-        buses.start()
-
-        def hangs() -> bool:
-            buses.command({"head_pan_joint": Goal(0.2), "head_tilt_joint": Goal(0.2)})
-            return hanging.is_set() and bool(ports[1].servos[2]["Torque Enable"])
-
-        assert eventually(hangs)
-        with pytest.raises(DynamixelError, match="callback does not return"):
-            buses.close()
-        assert ports[0].servos[1]["Torque Enable"] == 0
-        assert ports[1].servos[2]["Torque Enable"] == 0
-        assert not ports[0].opened and not ports[1].opened
-    finally:
-        release.set()
-
-
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
+@pytest.mark.parametrize("name", MODELS)
 def test_closing_brakes_before_it_relaxes(name: str) -> None:
     model = servo_model(name)
     servo = SimulatedServo(1, model, position=model.ticks // 4)
@@ -346,7 +236,7 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
 def test_a_servo_whose_firmware_has_no_watchdog_works_without_and_that_is_told() -> None:
     rig = Rig(SimulatedServo(1, servo_model("XM430-W350"), firmware=37))
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.02)
-    assert any("firmware 37" in text and "Watchdog" in text for text in rig.events)
+    assert EventKind.ALARM in rig.kinds
     assert rig.bus.close() == ()
 
 
@@ -362,42 +252,18 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
     assert reading.states["j1"].position == pytest.approx(0.3, abs=0.03)
 
 
-# Half-duplex
-
-
-OWN = tuple(set(Fault) - {Fault.STALL, Fault.DELAY, Fault.ECHO})
-"""Without those in which a servo is late of itself."""
-HALF = (Fault.MISHEARING, Fault.CORRUPT, Fault.TRUNCATE)
-"""The first one's reply is damaged, and the second one's is still to come."""
-
-
-@pytest.mark.parametrize(
-    ("names", "kinds", "seed", "rate"),
-    [
-        (["AX-12"] * 2, OWN, 3, 0.1),
-        (["XM430-W350"] * 2, OWN, 3, 0.1),
-        (["AX-12", "XL-320", "MX-28"], OWN, 3, 0.1),
-        (["MX-28"] * 2, HALF, 5, 0.3),
-        (["AX-12"] * 2, HALF, 1, 0.3),
-        (["AX-12"] * 2, HALF, 3, 0.3),
-        (["XM430-W350"] * 3, HALF, 5, 0.3),
-    ],
-)
-def test_the_driver_never_speaks_while_a_servo_does(
-    names: list[str], kinds: tuple[Fault, ...], seed: int, rate: float
-) -> None:
-    ordeal = Ordeal(names, kinds, seed)
-    ordeal.run(300, rate)
-    overlaps = ordeal.bench.line.overlaps
-    assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, overlaps
-
-
 # What one cycle may take
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.016])
-@pytest.mark.parametrize("baud_rate", [1_000_000, 57_600])
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
+@pytest.mark.parametrize(
+    ("name", "baud_rate", "latency"),
+    [
+        ("AX-12", 1_000_000, 0.0),
+        ("AX-12", 57_600, 0.016),
+        ("XM430-W350", 1_000_000, 0.016),
+        ("STS3215", 57_600, 0.0),
+    ],
+)
 def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     name: str, baud_rate: int, latency: float
 ) -> None:
@@ -429,11 +295,11 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
 
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
+@pytest.mark.parametrize("name", MODELS)
 def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
     servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
     rig = Rig(*servos)
-    for phase in range(6):
+    for phase in range(3):
         servos[0].power_off()
         rig.step(20 + phase)
         assert rig.reading.lost == ("j1",)
@@ -442,8 +308,7 @@ def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
         assert set(rig.reading.states) == {"j1", "j2"}, phase
 
 
-@pytest.mark.parametrize("pause", [0.9, 3.0])
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(("name", "pause"), [("AX-12", 0.9), ("XM430-W350", 3.0), ("STS3215", 0.9)])
 def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
     name: str, pause: float
 ) -> None:
@@ -485,7 +350,7 @@ def test_two_servos_with_one_id_are_suspected_at_the_start() -> None:
         rig.bus.connect()
 
 
-@pytest.mark.parametrize("turned", [600.0, 640.0, 700.0, 740.0])
+@pytest.mark.parametrize("turned", [600.0, 740.0])
 def test_two_servos_with_one_id_are_reported_once(turned: float) -> None:
     twins = SimulatedServo(1, position=512), SimulatedServo(1, position=512)
     rig = Rig(*twins, SimulatedServo(2))
@@ -495,7 +360,7 @@ def test_two_servos_with_one_id_are_reported_once(turned: float) -> None:
         with suppress(GoalError):
             rig.bus.command({"j1": Goal(0.1), "j2": Goal(0.1)})
         rig.step()
-    told = [event for event in rig.events if "two servos answer as id 1" in event]
+    told = [event for event in rig.events if "two servos answer as id 1" in event.text]
     assert 1 <= len(told) <= 2, told  # the second says that it comes and goes
     assert rig.kinds.count(EventKind.TORQUE_ON) <= 3
     assert "j2" in rig.step().states
@@ -526,7 +391,7 @@ def test_the_echo_of_a_request_is_nobody() -> None:
 @pytest.mark.parametrize("late", [0, 200_000, 1_000_000])
 def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
     repeated = 0
-    for seed in range(20):
+    for seed in range(6):
         random = Random(seed)
         servo = SimulatedServo(1)
 
@@ -538,7 +403,7 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
             return [answer, replace(answer, delay=answer.delay + late)]
 
         bench = Bench(SimulatedBus([servo], faults=OnAnswers(twice)))
-        bus = bench.servo_bus([ordeal_joint(1, servo_model(servo.model.name))])
+        bus = bench.servo_bus([joint_of(1, servo_model("AX-12"), 256, 768)])
         for _ in range(10):
             with suppress(CommunicationError, ServoNotFoundError):  # but no wheel mode
                 bus.connect()
@@ -552,20 +417,7 @@ def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
                 true = bus.joints[0].position(servo.true_ticks)
                 age = (bench.now() - state.stamp) * 1e-9
                 assert abs(state.position - true) < 0.02 + 3.0 * age
-    assert repeated > 100
-
-
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("cycles", range(8))
-def test_a_stop_while_torque_is_being_switched_on_is_the_last_word(name: str, cycles: int) -> None:
-    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
-    run(rig.bus.switching_torque(None, False))
-    submit(rig.bus, rig.bus.switching_torque(None, True))
-    rig.step(cycles)
-    assert set(rig.bus.relax_at_once(0.4).values()) == {""}
-    rig.step(20)
-    assert rig.torque == [0, 0]
-    assert {rig.bus.joint(f"j{i}").torque for i in (1, 2)} == {Torque.OFF_UNTIL_COMMANDED}
+    assert repeated > 30
 
 
 # A stop that comes in the midst of something
@@ -591,8 +443,7 @@ def test_a_stop_in_the_midst_of_a_cycle_is_done_in_it_though_another_servo_is_lo
         assert rig.torque[0] == 0
 
 
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("between", range(3))
+@pytest.mark.parametrize(("name", "between"), zip(MODELS, range(3), strict=True))
 def test_torque_that_is_asked_for_while_relaxing_is_confirmed_stays_on(
     name: str, between: int
 ) -> None:

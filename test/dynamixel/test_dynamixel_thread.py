@@ -153,23 +153,6 @@ def test_stop_from_the_callback_does_not_wait_for_itself() -> None:
     assert thread.error is None
 
 
-def test_callback_that_hangs_is_named() -> None:
-    release = threading.Event()
-    entered = threading.Event()
-
-    def hang(reading: BusReading) -> None:
-        entered.set()
-        release.wait(PATIENCE)
-
-    thread = BusThread(connected(FakePort()), 100.0, hang)
-    thread.start()
-    assert entered.wait(PATIENCE)
-    with pytest.raises(BusStoppedError):
-        thread.stop(timeout=0.05)
-    release.set()
-    thread.stop()
-
-
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 5000.0])
 def test_senseless_rate_is_refused(rate: float) -> None:
     with pytest.raises(ConfigurationError, match="1 to 1000"):

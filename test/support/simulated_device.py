@@ -8,13 +8,20 @@ from typing import Any
 
 from head_tracking.dynamixel import (
     Adapter,
+    BusEvent,
+    BusReading,
     DynamixelPort,
     Epoch,
+    EventKind,
+    Goal,
     JointConfiguration,
     ServoBus,
     ServoModel,
+    servo_model,
 )
 from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
+
+PERIOD = 0.02  # s, of a cycle
 
 
 def as_device(line: SimulatedLine) -> Any:
@@ -47,6 +54,7 @@ class Bench:
         servos: the servos, or a bus.
         baud_rate: of line and port [bit/s].
         latency: of the adapter [s].
+        reply_timeout: of the port [s]; None: it learns how long replies take.
     """
 
     def __init__(
@@ -54,6 +62,7 @@ class Bench:
         servos: SimulatedBus | Iterable[SimulatedServo],
         baud_rate: int = 1_000_000,
         latency: float = 0.0,
+        reply_timeout: float | None = None,
     ) -> None:
         self.bus = servos if isinstance(servos, SimulatedBus) else SimulatedBus(servos)
         self.clock = SimulatedClock(1_000_000_000)
@@ -61,6 +70,7 @@ class Bench:
         self.port = DynamixelPort(
             "simulated",
             baud_rate,
+            reply_timeout=reply_timeout,
             open_device=lambda *_: as_device(self.line),
             clock=self.clock,
         )
@@ -89,3 +99,64 @@ class Bench:
         self.bus[servo_id].lead(tick, 0.5, 2.0)
         self.pass_time(2.0)
         self.bus.advance(self.clock.now)
+
+
+class Rig:
+    """Servos, their bus, and simulated time.
+
+    Args:
+        servos: the servos, or one simulated bus.
+        joints: of the bus; by default one for each id, with half the range of its servo.
+        connect: whether the bus is connected.
+        options: of the `Bench`.
+
+    Attributes:
+        reading: the last one.
+        events: of all readings, without those that are repeated.
+    """
+
+    def __init__(
+        self,
+        *servos: SimulatedServo | SimulatedBus,
+        joints: Iterable[JointConfiguration] = (),
+        connect: bool = True,
+        **options: Any,
+    ) -> None:
+        self.bench = Bench(servos[0] if isinstance(servos[0], SimulatedBus) else servos, **options)
+        self.servos = tuple(self.bench.bus)
+        models = {servo.id: servo_model(servo.model.name) for servo in self.servos}
+        self.joints = tuple(joints) or tuple(
+            joint_of(i, model, model.ticks // 4, 3 * model.ticks // 4)
+            for i, model in models.items()
+        )
+        self.bus = self.bench.servo_bus(self.joints)
+        self.events: list[BusEvent] = []
+        if connect:
+            self.bus.connect()
+            self.step()
+
+    def step(self, count: int = 1) -> BusReading:
+        """Run cycles of 20 ms; return the last reading."""
+        for _ in range(count):
+            due = self.bench.now() + round(PERIOD * 1e9)
+            while self.bus.cycle.fill(due):
+                pass
+            self.bench.clock.now = max(due, self.bench.now())
+            self.reading = self.bus.step()
+            self.events += [event for event in self.reading.events if not event.repeated]
+        return self.reading
+
+    def go(self, position: float, count: int = 60, speed: float = 3.0) -> BusReading:
+        """Command the first joint in each of some cycles; return the last reading."""
+        for _ in range(count):
+            self.bus.command({self.joints[0].joint_name: Goal(position, speed)})
+            self.step()
+        return self.reading
+
+    @property
+    def kinds(self) -> list[EventKind]:
+        return [event.kind for event in self.events]
+
+    @property
+    def torque(self) -> list[int]:
+        return [servo.register("Torque Enable") for servo in self.servos]
