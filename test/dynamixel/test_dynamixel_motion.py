@@ -12,7 +12,6 @@ from dynamixel_fakes import (
     TILT,
     TORQUE,
     FakePort,
-    Packet,
     connected,
     goal_bytes,
     speed_ticks,
@@ -23,7 +22,6 @@ from head_tracking.dynamixel import (
     EventKind,
     Goal,
     GoalError,
-    ReplyTimeoutError,
     ServoBus,
     Torque,
     TorqueError,
@@ -31,53 +29,26 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.servo import run
 
-ON, OFF = b"\x01", b"\x00"
 TICK = PAN.resolution
-
-
-def pin(servo_id: int, ticks: int) -> list[Packet]:
-    """The only way to switch torque on."""
-    return [
-        ("read", servo_id, 6, 4),  # is it in position mode?
-        ("read", servo_id, 36, 2),
-        ("write", servo_id, GOAL, goal_bytes(ticks, 1)),
-        ("read", servo_id, GOAL, 4),
-        ("write", servo_id, TORQUE, ON),
-        ("read", servo_id, TORQUE, 1),
-        ("read", servo_id, 36, 2),  # does it move?
-    ]
 
 
 # Torque
 
 
-def test_first_command_pins_the_servo_before_it_moves() -> None:
+def test_the_first_command_holds_the_servo_where_it_stands_before_it_moves() -> None:
     port = FakePort()
     port.servos[1]["Present Position"] = 450
     bus = connected(port)
     bus.command({"head_pan_joint": Goal(0.5, 1.0)})
     assert port.log == []
-    bus.step()
-    assert port.log == [
-        ("read", 1, 36, 8),
-        ("read", 2, 36, 8),
-        *pin(1, 450),
+    assert [event.kind for event in bus.step().events] == [EventKind.TORQUE_ON]
+    assert writes(port.log) == [
+        ("write", 1, GOAL, goal_bytes(450, 1)),
+        ("write", 1, TORQUE, b"\x01"),
         ("sync", GOAL, {1: goal_bytes(PAN.ticks(0.5), speed_ticks(PAN, 1.0))}),
     ]
     assert bus.joint("head_pan_joint").torque is Torque.ON
     assert bus.joint("head_tilt_joint").torque is Torque.OFF_UNTIL_COMMANDED
-
-
-def test_torque_on_holds_the_present_position() -> None:
-    port = FakePort()
-    port.servos[1]["Present Position"] = 450
-    bus = connected(port)
-    run(bus.switching_torque(["head_pan_joint"], True))
-    assert port.take_log() == pin(1, 450)
-    reading = bus.step()
-    assert writes(port.log) == [("sync", GOAL, {1: goal_bytes(450, 1)})]
-    assert reading.states["head_pan_joint"].goal == PAN.position(450)
-    assert [event.kind for event in reading.events] == [EventKind.TORQUE_ON]
 
 
 def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
@@ -88,18 +59,6 @@ def test_goal_of_the_moment_before_torque_off_is_dropped(port, bus) -> None:
     assert port.servos[1]["Goal Position"] == 512
     run(bus.switching_torque(["head_pan_joint"], False))
     assert bus.step().states["head_pan_joint"].goal is None
-
-
-def test_nothing_is_written_to_a_relaxed_servo(port, bus) -> None:
-    bus.command({"head_pan_joint": Goal(0.5), "head_tilt_joint": Goal(0.1)})
-    bus.step()
-    run(bus.switching_torque(["head_pan_joint"], False))
-    port.take_log()
-    bus.joint("head_pan_joint").set_default_speed(1.0)
-    for _ in range(3):
-        bus.step()
-    assert all(set(packet[2]) == {2} for packet in writes(port.log))  # type: ignore[call-overload]
-    assert port.servos[1]["Torque Enable"] == 0
 
 
 @pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])
@@ -113,33 +72,22 @@ def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(
     assert writes(port.log)[0] == ("write", 2, GOAL, goal_bytes(goal, 1))
 
 
-def test_servo_that_refuses_torque_is_left_relaxed(port, bus) -> None:
-    port.servos[1].error = ErrorBits.ANGLE_LIMIT
-    with pytest.raises(TorqueError, match=r"head_pan_joint: .*refused Goal Position.*angle limit"):
+@pytest.mark.parametrize("ignored", [False, True], ids=["refuses", "keeps its old goal"])
+def test_servo_that_does_not_take_the_goal_is_left_relaxed(port, bus, ignored: bool) -> None:
+    if ignored:
+        port.servos[1].ignored.add(GOAL)
+    else:
+        port.servos[1].error = ErrorBits.ANGLE_LIMIT
+    with pytest.raises(TorqueError, match="head_pan_joint"):
         run(bus.switching_torque(None, True))
-    assert port.servos[1]["Torque Enable"] == 0
     assert bus.joint("head_pan_joint").torque is Torque.OFF_UNTIL_COMMANDED
     assert bus.joint("head_tilt_joint").torque is Torque.ON
-
-
-def test_servo_that_keeps_its_old_goal_is_not_switched_on(port, bus) -> None:
-    port.servos[1].ignored.add(GOAL)
-    with pytest.raises(TorqueError, match="Goal Position"):
-        run(bus.switching_torque(["head_pan_joint"], True))
-    assert ("write", 1, TORQUE, ON) not in port.log
-
-
-def test_command_to_a_servo_that_refuses_torque_is_dropped_and_reported(
-    port: FakePort, bus: ServoBus
-) -> None:
-    port.servos[1].error = ErrorBits.RANGE
+    bus.step()
     bus.command({"head_pan_joint": Goal(0.5)})
-    events = bus.step().events
-    assert [(event.kind, event.joint_name) for event in events] == [
-        (EventKind.TORQUE_FAILED, "head_pan_joint")
-    ]
-    assert bus.step().events == ()
+    events = [(event.kind, event.joint_name) for event in bus.step().events]
+    assert events == [(EventKind.TORQUE_FAILED, "head_pan_joint")]
     assert port.servos[1]["Torque Enable"] == 0
+    assert ("write", 1, TORQUE, b"\x01") not in port.log
 
 
 def test_torque_of_a_lost_servo(port, bus) -> None:
@@ -151,7 +99,7 @@ def test_torque_of_a_lost_servo(port, bus) -> None:
     port.take_log()
     with pytest.raises(TorqueError, match="does not answer"):
         run(bus.switching_torque(["head_pan_joint"], False))
-    assert port.log == [("sync", TORQUE, {1: OFF})]  # tried all the same
+    assert port.log == [("sync", TORQUE, {1: b"\0"})]  # tried all the same
 
 
 def test_torque_of_an_unknown_joint_switches_nothing(port, bus) -> None:
@@ -193,46 +141,33 @@ def test_goal_without_speed_uses_the_joints_speed(port, bus) -> None:
     assert port.servos[1]["Moving Speed"] == speed_ticks(PAN, 0.5)
 
 
-@pytest.mark.parametrize("speed", [1e-12, 1e-3, 5e-3])
-def test_slow_is_never_zero_on_the_wire(port, bus, speed: float) -> None:
-    bus.command({"head_pan_joint": Goal(0.5, speed)})
-    bus.step()
-    assert port.servos[1]["Moving Speed"] == 1
-
-
-@pytest.mark.parametrize("speed", [50.0, 1e308])
-def test_fast_is_capped_at_the_speed_limit(speed: float) -> None:
+@pytest.mark.parametrize(("speed", "ticks"), [(1e-12, 1), (5e-3, 1), (50.0, 86), (1e308, 86)])
+def test_speeds_are_neither_zero_on_the_wire_nor_above_the_limit(speed: float, ticks: int) -> None:
     port = FakePort(1)
-    joint = replace(PAN, joint_speed=0.5, max_speed=1.0)
-    bus = connected(port, joint)
+    bus = connected(port, replace(PAN, joint_speed=0.5, max_speed=1.0))
     bus.command({"head_pan_joint": Goal(0.5, speed)})
     bus.step()
-    assert port.servos[1]["Moving Speed"] == 86
+    assert port.servos[1]["Moving Speed"] == ticks
 
 
 @pytest.mark.parametrize(
-    ("goals", "message"),
+    ("goals", "clamp"),
     [
-        ({"head_pan_joint": Goal(math.nan)}, "head_pan_joint: goal position nan"),
-        ({"head_pan_joint": Goal(math.inf)}, "goal position inf"),
-        ({"head_pan_joint": Goal(0.1, 0.0)}, r"speed 0.0 rad/s refused.*above 0"),
-        ({"head_pan_joint": Goal(0.1, -1.0)}, "speed -1.0"),
-        ({"head_pan_joint": Goal(0.1, math.nan)}, "speed nan"),
-        ({"head_pan_joint": Goal(0.1, math.inf)}, "speed inf"),
-        ({"elbow": Goal(0.1)}, "no joint 'elbow'"),
-        ({"head_tilt_joint": Goal(2.0)}, r"2.0000 rad refused; allowed are -1.0840 to 1.4726"),
-        ({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(-2.0)}, "head_tilt_joint"),
+        ({"head_pan_joint": Goal(math.nan)}, False),
+        ({"head_pan_joint": Goal(math.inf)}, True),
+        ({"head_pan_joint": Goal(0.1, 0.0)}, False),
+        ({"head_pan_joint": Goal(0.1, -1.0)}, True),
+        ({"head_pan_joint": Goal(0.1, math.nan)}, True),
+        ({"head_pan_joint": Goal(0.1, math.inf)}, False),
+        ({"elbow": Goal(0.1)}, True),
+        ({"head_tilt_joint": Goal(2.0)}, False),
+        ({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(-2.0)}, False),
     ],
 )
-@pytest.mark.parametrize("clamp", [False, True])
-def test_bad_command_is_refused_and_nothing_moves(
-    goals: dict[str, Goal], message: str, clamp: bool
-) -> None:
-    if clamp and "head_tilt_joint" in goals:
-        clamp = False  # a position outside the limits is allowed with clamp
+def test_bad_command_is_refused_and_nothing_moves(goals: dict[str, Goal], clamp: bool) -> None:
     port = FakePort()
     bus = connected(port)
-    with pytest.raises(GoalError, match=message):
+    with pytest.raises(GoalError):
         bus.command(goals, clamp=clamp)
     bus.step()
     assert writes(port.log) == []
@@ -296,23 +231,12 @@ def test_lost_joint_does_not_stop_the_others(port, bus) -> None:
         bus.command({"head_pan_joint": Goal(0.1)}, clamp=True)
 
 
-@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("speed", [0.0, math.nan, math.inf])
 def test_impossible_joint_speed_is_refused(speed: float) -> None:
     bus = connected(FakePort())
     with pytest.raises(GoalError, match="above 0"):
         bus.joint("head_pan_joint").set_default_speed(speed)
     assert bus.joint("head_pan_joint").default_speed == 2.0
-
-
-# Stopping
-
-
-def test_close_repeats_a_lost_torque_off(port, bus) -> None:
-    bus.command({"head_pan_joint": Goal(0.5)})
-    bus.step()
-    port.failures[1].extend([None, ReplyTimeoutError("late"), ReplyTimeoutError("late")])
-    assert bus.close() == ()
-    assert port.servos[1]["Torque Enable"] == 0
 
 
 # Commands that something overtakes after they were accepted

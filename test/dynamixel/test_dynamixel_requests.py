@@ -219,34 +219,6 @@ def test_an_epoch_counts_every_stop_of_many_threads() -> None:
     assert sorted(numbers) == list(range(1, 2001)) and epoch.value == 2000
 
 
-def test_a_goal_that_waits_for_its_torque_does_not_replace_a_newer_one() -> None:
-    queue = RequestQueue(Epoch(), lambda: 0)
-    queue.put_goals({JOINT: Goal(0.1)}, 0)
-    waiting = queue.take_goals()[JOINT]
-    queue.put_goals({JOINT: Goal(0.2)}, 0)
-    queue.keep_goal(JOINT, waiting)
-    assert queue.take_goals() == {JOINT: Goal(0.2)}
-    queue.epoch.advance()
-    queue.put_goals({"another": Goal(0.3)}, 1)
-    queue.keep_goal(JOINT, waiting)
-    assert queue.take_goals() == {"another": Goal(0.3)}
-    queue.put_goals({JOINT: Goal(0.4)}, 1)
-    queue.epoch.advance()
-    assert not queue.take_goals()
-
-
-def test_a_function_that_was_sent_before_a_stop_is_not_called_after_it() -> None:
-    queue = RequestQueue(Epoch(), lambda: 0)
-    early = queue.add(lambda: "early")
-    relaxing = queue.add(lambda: "relaxing", despite_stop=True)
-    queue.epoch.advance()
-    for _ in range(2):
-        queue.begin_next()
-    with pytest.raises(StoppedError):
-        early.result(0.0)
-    assert relaxing.result(0.0) == "relaxing"
-
-
 def test_a_function_that_was_cancelled_is_not_called() -> None:
     queue = RequestQueue(Epoch(), lambda: 0)
     called: list[int] = []

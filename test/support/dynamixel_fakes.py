@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict, deque
-from collections.abc import Mapping
+import math
+from collections import defaultdict, deque
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TypeVar
 
 from head_tracking.dynamixel import (
     Adapter,
+    BusEvent,
+    BusReading,
+    BusSettings,
     CommunicationError,
+    EventKind,
+    Goal,
     JointConfiguration,
     PortLostError,
     ReplyTimeoutError,
     ServoBus,
-    ServoModel,
+    Torque,
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import NotConnectedError, PortMissingError
@@ -35,53 +41,41 @@ Packet = tuple[object, ...]
 
 
 class FakeServo:
-    """Registers, and whether anybody answers. A goal switches torque on, as on a real AX.
+    """Registers of an AX-12, and whether it answers. A goal switches its torque on, too.
 
     Args:
         servo_id: Its id.
-        model: Its model.
     """
 
-    def __init__(self, servo_id: int, model: ServoModel = AX_12) -> None:
-        self.model = model
-        self.bytes = bytearray(model.control_table.size)
-        for register in model.control_table:
+    def __init__(self, servo_id: int) -> None:
+        self.bytes = bytearray(TABLE.size)
+        for register in TABLE:
             self[register.name] = register.initial or 0
         self["ID"] = servo_id
-        self["Firmware Version"] = 24 if model.protocol == 1 else 44
-        self["Goal Position"] = model.center + 388  # an old goal that nobody wants any more
-        self["Present Position"] = model.center
-        for name in ("Present Voltage", "Present Input Voltage"):
-            if name in model.control_table:
-                self[name] = 120
+        self["Firmware Version"] = 24
+        self["Goal Position"] = 900  # an old goal that nobody wants any more
+        self["Present Position"] = AX_12.center
+        self["Present Voltage"] = 120
         self["Present Temperature"] = 30
-        if "Torque Limit" in model.control_table:
-            self["Torque Limit"] = 1023
+        self["Torque Limit"] = 1023
         self.answers = True
         self.error = 0
         self.ignored: set[int] = set()  # addresses whose writes have no effect
-        self.reboots = 0
 
     def __getitem__(self, name: str) -> int:
-        block = self.model.control_table.block(name)
+        block = TABLE.block(name)
         return block.layout.unpack_from(self.bytes, block.address)[0]
 
     def __setitem__(self, name: str, value: int) -> None:
-        block = self.model.control_table.block(name)
+        block = TABLE.block(name)
         block.layout.pack_into(self.bytes, block.address, value)
 
     def write(self, address: int, data: bytes) -> None:
         if address in self.ignored:
             return
         self.bytes[address : address + len(data)] = data
-        if self.model is AX_12 and address in (GOAL, SPEED):
+        if address in (GOAL, SPEED):
             self["Torque Enable"] = 1
-
-    def reboot(self) -> None:
-        self.reboots += 1
-        self.error = 0
-        self["Torque Enable"] = 0
-        self["Hardware Error Status"] = 0
 
 
 class FakePort:
@@ -92,23 +86,18 @@ class FakePort:
             ("sync", address, {id: bytes}), in order.
         failures: Exceptions to raise for the next transactions with an id, None for none.
         gone: Whether the adapter has been unplugged.
-        methods: How groups were read.
+        may_return: Whether it may be found again.
     """
 
     name = "/dev/fake"
     baud_rate = 1_000_000
     adapter = Adapter()
 
-    def __init__(self, *ids: int, model: ServoModel = AX_12) -> None:
-        self.surplus: Counter[int] = Counter()
-        self.servos = {servo_id: FakeServo(servo_id, model) for servo_id in ids or (1, 2)}
+    def __init__(self, *ids: int) -> None:
+        self.servos = {servo_id: FakeServo(servo_id) for servo_id in ids or (1, 2)}
         self.log: list[Packet] = []
         self.failures: dict[int, deque[Exception | None]] = defaultdict(deque)
-        self.gone = False
-        self.opened = False
-        self.times_closed = 0
-        self.times_tried = 0
-        self.methods: list[tuple[object, ...]] = []
+        self.gone = self.opened = False
         self.may_return = True
 
     def back_off(self) -> None:
@@ -122,34 +111,30 @@ class FakePort:
         return self.opened
 
     def open(self) -> None:
-        self.times_tried += 1
         if self.gone:
             raise PortMissingError(self.name, [])
         self.opened = True
 
     def close(self) -> None:
         self.opened = False
-        self.times_closed += 1
 
     def ping(self, servo_id: int, protocol: int = 1) -> int:
-        return self._servo(("ping", servo_id), servo_id, protocol).error
+        return self._servo(("ping", servo_id), servo_id).error
 
     def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Status:
-        servo = self._servo(("read", servo_id, address, length), servo_id, protocol)
+        servo = self._servo(("read", servo_id, address, length), servo_id)
         if servo["Status Return Level"] < 1:
             raise ReplyTimeoutError("silent")
         return Status(servo_id, servo.error, bytes(servo.bytes[address : address + length]))
 
     def read_group(self, group: ReadGroup) -> list[Status | CommunicationError]:
-        self.methods.append((group.method, group.ids))
-        return [self._ask(group, each) for each in group.ids]
-
-    def _ask(self, group: ReadGroup, servo_id: int) -> Status | CommunicationError:
-        try:
-            reply = self.read(servo_id, group.address, group.length, group.protocol)
-        except CommunicationError as failure:
-            return failure
-        return reply
+        replies: list[Status | CommunicationError] = []
+        for servo_id in group.ids:
+            try:
+                replies.append(self.read(servo_id, group.address, group.length))
+            except CommunicationError as failure:
+                replies.append(failure)
+        return replies
 
     def write(
         self,
@@ -163,11 +148,9 @@ class FakePort:
         packet = ("write", servo_id, address, data)
         if not acknowledged:
             self._note(packet)
-            unheard = self.servos.get(servo_id)
-            if unheard is not None:
-                unheard.write(address, data)
+            self.servos[servo_id].write(address, data)
             return 0
-        servo = self._servo(packet, servo_id, protocol)
+        servo = self._servo(packet, servo_id)
         servo.write(address, data)
         if servo["Status Return Level"] < 2:
             raise ReplyTimeoutError("silent")
@@ -178,11 +161,8 @@ class FakePort:
     ) -> None:
         self._note(("sync", address, dict(data)))
         for servo_id, share in data.items():
-            if servo_id in self.servos and self.servos[servo_id].model.protocol == protocol:
+            if servo_id in self.servos:
                 self.servos[servo_id].write(address, share)
-
-    def reboot(self, servo_id: int, protocol: int = 2) -> None:
-        self._servo(("reboot", servo_id), servo_id, protocol).reboot()
 
     def take_log(self) -> list[Packet]:
         log, self.log = self.log, []
@@ -196,14 +176,14 @@ class FakePort:
             raise PortLostError(self.name, "unplugged")
         self.log.append(packet)
 
-    def _servo(self, packet: Packet, servo_id: int, protocol: int) -> FakeServo:
+    def _servo(self, packet: Packet, servo_id: int) -> FakeServo:
         self._note(packet)
         if self.failures[servo_id]:
             failure = self.failures[servo_id].popleft()
             if failure is not None:
                 raise failure
         servo = self.servos.get(servo_id)
-        if servo is None or not servo.answers or servo.model.protocol != protocol:
+        if servo is None or not servo.answers:
             raise ReplyTimeoutError(f"servo {servo_id} did not answer")
         return servo
 
@@ -221,6 +201,76 @@ class FakeClock:
 
     def pass_time(self, seconds: float) -> None:
         self.now += round(seconds * 1e9)
+
+
+class FakeRig:
+    """A connected bus of joints on a fake port, in a time that passes when it is asked for.
+
+    Args:
+        joints: by default pan and tilt.
+        settings: of the bus.
+        tick: that passes with each look at the clock [ns].
+
+    Attributes:
+        at: when something happens while the bus waits [ns], and what.
+    """
+
+    def __init__(
+        self, *joints: JointConfiguration, settings: BusSettings | None = None, tick: int = 0
+    ) -> None:
+        self.port, self.clock = FakePort(), FakeClock(tick)
+        self.at: tuple[float, Callable[[], object]] = (math.inf, lambda: None)
+        self.bus = ServoBus(
+            self.port,  # type: ignore[arg-type]
+            joints or (PAN, TILT),
+            self.clock,
+            monotonic=self.clock,
+            settings=settings,
+            pause=self._pause,
+        )
+        self.bus.connect()
+        self.port.take_log()
+
+    def _pause(self, seconds: float) -> None:
+        self.clock.pass_time(seconds)
+        if self.clock.now > self.at[0]:
+            self.at[1]()
+
+    def step(self, count: int = 1) -> BusReading:
+        """Run cycles of 20 ms; return the last reading."""
+        self.passed: list[BusEvent] = []
+        for _ in range(count):
+            self.clock.pass_time(0.02)
+            reading = self.bus.step()
+            self.passed += reading.events
+        return reading
+
+    def events(self, count: int = 1) -> list[EventKind]:
+        """Return what cycles report; a fake servo never moves, which is no matter here."""
+        self.step(count)
+        return [event.kind for event in self.passed if event.kind is not EventKind.SYMPTOM]
+
+    def switched_on(self, position: float = 0.2) -> FakeRig:
+        self.bus.command({"head_pan_joint": Goal(position)})
+        self.step()
+        self.port.take_log()
+        return self
+
+    @property
+    def pan(self) -> FakeServo:
+        return self.port.servos[1]
+
+    @property
+    def tilt(self) -> FakeServo:
+        return self.port.servos[2]
+
+    @property
+    def torque(self) -> list[int]:
+        return [servo["Torque Enable"] for servo in (self.pan, self.tilt)]
+
+    @property
+    def pan_torque(self) -> Torque:
+        return self.bus.joint("head_pan_joint").torque
 
 
 def connected(port: FakePort, *joints: JointConfiguration) -> ServoBus:
