@@ -8,24 +8,20 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from simulated_device import Bench, joint_of
+from simulated_device import Bench, Rig
 
 from head_tracking.dynamixel import Goal, servo_model
 from head_tracking.dynamixel.protocol import Status
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
-from head_tracking.simulation import SimulatedLine, SimulatedServo
+from head_tracking.simulation import SimulatedServo
 
 
 def calls(name: str) -> Counter[str]:
     """By function: the calls of one cycle of two servos, from the command to the states."""
-    model = servo_model(name)
-    bench = Bench([SimulatedServo(i, model) for i in (1, 2)])
-    bus = bench.servo_bus([joint_of(i, model) for i in (1, 2)])
-    bus.connect()
+    rig = Rig(*(SimulatedServo(i, name) for i in (1, 2)))
     for _ in range(60):
-        bus.command({"j1": Goal(0.1, 1.0), "j2": Goal(-0.1, 1.0)})
-        bench.pass_time(0.02)
-        bus.step()
+        rig.bus.command({"j1": Goal(0.1, 1.0), "j2": Goal(-0.1, 1.0)})
+        rig.step()
     counted: Counter[str] = Counter()
 
     def count(frame: FrameType, event: str, argument: Any) -> None:
@@ -36,8 +32,8 @@ def calls(name: str) -> Counter[str]:
     goals = {"j1": Goal(0.2, 1.0), "j2": Goal(-0.2, 1.0)}
     sys.setprofile(count)
     try:
-        bus.command(goals)
-        reading = bus.step()
+        rig.bus.command(goals)
+        reading = rig.bus.step()
     finally:
         sys.setprofile(None)
     assert set(reading.states) == {"j1", "j2"}
@@ -50,8 +46,8 @@ def test_a_cycle_without_trouble_takes_few_calls(name: str) -> None:
     assert counted.total() <= 60, counted
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.001, 0.004])
-@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320", "STS3215", "SCS0009"])
+@pytest.mark.parametrize("latency", [0.0, 0.004])
+@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "STS3215"])
 def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
     name: str, latency: float
 ) -> None:
@@ -59,8 +55,7 @@ def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
     servos = [SimulatedServo(i, model) for i in (1, 2, 3)]
     for servo in servos:
         servo.set_register("Return Delay Time", 250)  # 500 us
-    bench = Bench(servos)
-    bench.line = SimulatedLine(bench.bus, bench.clock, latency=latency)
+    bench = Bench(servos, latency=latency)
     bench.port.open()
     method = {1: ReadMethod.BULK if model.bulk_read else ReadMethod.EACH, 2: ReadMethod.SYNC}
     block = model.feedback
@@ -69,9 +64,9 @@ def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
         ReadGroup(how, model.protocol, block.address, block.length, each)
         for each in ([(1,), (2,), (3,)] if how is ReadMethod.EACH else [ids])
     ]
-    for k in range(200):
+    for k in range(60):
         replies = [reply for group in groups for reply in bench.port.read_group(group)]
         assert len(replies) == len(ids)
         assert all(isinstance(reply, Status) for reply in replies)
-        bench.pass_time(0.003 + 0.0000137 * k)
+        bench.pass_time(0.003 + 0.0000457 * k)
     assert bench.port.searches == 0

@@ -91,12 +91,6 @@ def test_damaged_packet_before_a_good_one_is_reported(
     assert find_packet(protocol, both) == (bytes.fromhex(good), len(both), True)
 
 
-def test_echo_of_an_instruction_is_no_status_in_protocol_2() -> None:
-    ping = encode_packet(2, 1, Instruction.PING)
-    assert find_packet(2, ping).packet == ping
-    assert decode_status(2, ping) is None
-
-
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_packet_that_is_too_long_is_refused(protocol: int) -> None:
     with pytest.raises(CommunicationError):

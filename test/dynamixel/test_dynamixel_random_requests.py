@@ -50,7 +50,6 @@ LINES = [
     ("AX-12", "XM430-W350"),
     ("XL-320", "MX-28"),
     ("STS3215", "STS3032"),
-    ("SCS0009", "SCS0009"),
 ]
 """Models that share a line."""
 
@@ -251,7 +250,7 @@ class Requests:
                 assert joint.on, name
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("names", LINES, ids="+".join)
 def test_requests_in_any_order_do_what_a_person_expects(names: tuple[str, str], seed: int) -> None:
     requests = Requests(names, seed)

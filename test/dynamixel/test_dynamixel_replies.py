@@ -8,19 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_device import Bench
-from simulated_packets import StatusPacket2
 
 from head_tracking.dynamixel import (
     Adapter,
     CommunicationError,
-    CorruptReplyError,
     DynamixelPort,
     servo_model,
 )
 from head_tracking.dynamixel.protocol import (
     ErrorBits,
     Status,
-    split_joint_status,
 )
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
 from head_tracking.simulation import SimulatedServo
@@ -231,13 +228,6 @@ def test_any_bytes_are_replies_of_the_right_length_or_errors(
         assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
 
 
-@given(st.binary(max_size=40), st.integers(1, 12), st.integers(1, 4))
-def test_splitting_any_joint_answer_raises_nothing(data: bytes, length: int, count: int) -> None:
-    shares = split_joint_status(Status(254, 0, data), length, count)
-    assert len(shares) in (0, count)
-    assert all(len(share.data) == length for share in shares)
-
-
 @pytest.mark.parametrize("method", [ReadMethod.SYNC, ReadMethod.FAST_SYNC])
 def test_servos_are_read_together_and_a_missing_one_does_not_crash(method: ReadMethod) -> None:
     model = servo_model("XM430-W350")
@@ -256,9 +246,3 @@ def test_all_servos_answer_a_broadcast_ping() -> None:
     bench = Bench([SimulatedServo(1, servo_model("XM430-W350")), SimulatedServo(7)])
     bench.port.open()
     assert {key: value[0] for key, value in bench.port.find_all().items()} == {1: 1020}
-
-
-def test_crc_error_told_by_a_servo_is_a_damaged_question() -> None:
-    port, _ = scripted(StatusPacket2(1, 3, b"").encode().hex())
-    with pytest.raises(CorruptReplyError):
-        port.read(1, 132, 4, 2)

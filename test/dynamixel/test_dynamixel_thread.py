@@ -43,16 +43,6 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
     assert thread.error is None
 
 
-def test_steps_are_taken_in_the_time_between_two_cycles() -> None:
-    readings: list[BusReading] = []
-    thread = BusThread(connected(FakePort()), 1.0, readings.append)
-    thread.start()
-    assert eventually(lambda: readings)
-    thread.call(lambda bus: bus.switching_torque(None, True)).result(PATIENCE)
-    assert len(readings) <= 2
-    thread.stop()
-
-
 def test_stop_holds_relaxes_and_closes() -> None:
     port = FakePort()
     bus = connected(port)
@@ -65,27 +55,6 @@ def test_stop_holds_relaxes_and_closes() -> None:
     assert port.servos[1]["Goal Position"] == port.servos[1]["Present Position"]
     assert not port.opened
     assert thread.unconfirmed == ()
-    thread.stop()
-
-
-def test_joints_that_did_not_relax_are_named() -> None:
-    port = FakePort()
-    thread = BusThread(connected(port), 100.0, ignore)
-    thread.start()
-    port.servos[2].answers = False
-    thread.stop()
-    assert thread.unconfirmed == ("head_tilt_joint",)
-
-
-def test_requests_run_in_the_owners_thread_and_return_results() -> None:
-    bus = connected(FakePort())
-    thread = BusThread(bus, 100.0, ignore)
-    thread.start()
-    name, same = thread.call(lambda owned: (threading.current_thread().name, owned is bus)).result(
-        PATIENCE
-    )
-    assert (name, same) == ("servo bus", True)
-    thread.call(lambda owned: owned.switching_torque(None, True)).result(PATIENCE)
     thread.stop()
 
 
