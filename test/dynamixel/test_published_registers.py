@@ -1,9 +1,8 @@
 """The tables of driver and simulator against a list that was copied from the vendor's pages.
 
-`test/published/models.csv` has the models of ROBOTIS; `registers.csv` has what the pages of eight of
-them and of Feetech's two families print: address, size, access, initial value, range and sign. An
-empty cell is a value that the page does not print, or that the driver narrows. Feetech's registers
-have the driver's names.
+`test/published/models.csv` has the models of ROBOTIS; `registers.csv` has what the pages of eight
+of them and of both families of Feetech print: address, size, access, initial value, range and sign.
+An empty cell is a value that the page does not print, or that the driver narrows.
 """
 
 from __future__ import annotations
