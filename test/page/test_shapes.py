@@ -104,9 +104,7 @@ def test_meshes_are_sent_in_a_format_that_keeps_their_colours(package):
     "address",
     [
         "package://nobody/box.stl",
-        "package://my_robot/missing.stl",
         "file:///nowhere/box.stl",
-        "meshes/box.stl",
         "http://example.com/box.stl",
         "package://my_robot/broken.stl",
         "package://my_robot/none.obj",
@@ -124,9 +122,7 @@ def test_a_mesh_that_cannot_be_shown_is_replaced_and_named(package, address):
     ("geometry", "material"),
     [
         ('<box size="1 2"/>', ""),
-        ('<sphere radius="0.25"/>', '<material name="m"><color rgba="1 2"/></material>'),
         ('<sphere radius="0.25"/>', '<material name="m"><color rgba="nan 1 1 1"/></material>'),
-        ('<cylinder radius="nan" length="1"/>', ""),
         ('<box size="1 inf 1"/>', ""),
         ('<mesh filename="package://my_robot/box.stl" scale="1 nan 1"/>', ""),
     ],

@@ -37,7 +37,6 @@ def word(live=LIVE, health=(), servos=ON, *, stopped=False, silent=()) -> Word:
     [
         (LIVE, Word.ON_TARGET),
         (replace(LIVE, state="acquiring"), Word.MOVING),
-        (replace(LIVE, state="holding", error=None), Word.HOLDING),
         (replace(LIVE, state="idle"), Word.HOLDING),
         (replace(LIVE, state="stalled"), Word.FAULT),
         (replace(LIVE, state="at the limit"), Word.REFUSED),
@@ -47,12 +46,9 @@ def word(live=LIVE, health=(), servos=ON, *, stopped=False, silent=()) -> Word:
         (replace(LIVE, error=0.09), Word.MOVING),
         (replace(LIVE, error=None), Word.MOVING),
         (replace(LIVE, target_stamp=LIVE.stamp - SECOND), Word.MOVING),
-        (replace(LIVE, target_stamp=None), Word.MOVING),
-        (replace(POINTED, state="turning", error=0.3), Word.MOVING),
         (replace(POINTED, error=0.3), Word.MOVING),
         (POINTED, Word.ON_TARGET),
         (replace(POINTED, error=None), Word.HOLDING),
-        (replace(POINTED, state="turning", error=None), Word.MOVING),
         (replace(POINTED, refusal="out of reach"), Word.REFUSED),
         # one of many points is refused
         (replace(LIVE, refusal="too old"), Word.ON_TARGET),
@@ -76,20 +72,11 @@ def test_the_worst_condition_is_shown(silent, stopped, health, expected):
     assert word(LIVE, health, OFF, stopped=stopped, silent=silent) is expected
 
 
-def test_a_refusal_has_its_reason():
-    found = head_status(replace(POINTED, refusal="it is behind the head"), (), ON, stopped=False)
-    assert found.reason == "it is behind the head"
-
-
 @pytest.mark.parametrize(
     ("level", "fault", "command"),
     [
         (Level.ERROR, "no port", ""),
-        (Level.ERROR, "no answer", ""),
-        (Level.ERROR, "overload", "recover"),
         (Level.ERROR, "torque lost, overheating", "recover"),
-        (Level.ERROR, "input voltage", "recover"),
-        (Level.ERROR, "hot", ""),
         (Level.STALE, "silent", ""),
     ],
 )

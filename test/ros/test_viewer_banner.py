@@ -79,17 +79,3 @@ def test_without_hardware_the_page_says_where_the_joints_are(seen):
 def test_the_log_has_the_token_of_a_page_for_the_network(threads, capfd):
     node = view(threads, host="0.0.0.0")
     assert f"/?token={node.page.token}" in capfd.readouterr().err
-
-
-def test_servos_are_relaxed_until_the_first_command_and_say_when_they_refuse(make_robot):
-    relaxed = make_robot("--mode", "point", "--viewer")
-    seen = view(relaxed.threads, relaxed.composition.buffer).robot
-
-    def torques() -> list[tuple[bool | None, bool]]:
-        return [(servo.torque, servo.refuses) for servo in seen.joints.servos()]
-
-    wait_for(lambda: torques() == [(False, False)] * 2, 30.0)
-    assert seen.joints.set_torque("", False).done
-    wait_for(lambda: torques() == [(False, True)] * 2)
-    assert seen.joints.set_torque("", True).done
-    wait_for(lambda: torques() == [(True, False)] * 2)

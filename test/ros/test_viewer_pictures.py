@@ -20,8 +20,6 @@ ALPHA = np.full((1, 2), 7, np.uint8)
     ("encoding", "pixels"),
     [
         ("rgb8", RED_AND_GREY),
-        ("bgr8", RED_AND_GREY[..., ::-1]),
-        ("rgba8", np.dstack([RED_AND_GREY, ALPHA])),
         ("bgra8", np.dstack([RED_AND_GREY[..., ::-1], ALPHA])),
         ("rgb16", RED_AND_GREY.astype(np.uint16) << 8),
     ],
@@ -55,12 +53,9 @@ def test_what_is_near_is_bright_in_a_depth_image(encoding, unit):
     "message",
     [
         Image(),
-        Image(encoding="rgb8"),
         Image(encoding="rgb8", width=2, height=2, step=6, data=[0] * 11),
         Image(encoding="rgb8", width=2, height=1, step=5, data=[0] * 6),
-        Image(encoding="32FC1", width=1, height=1, step=4, data=[0] * 3),
         Image(encoding="32FC2", width=1, height=1, step=8, data=[0] * 8),
-        Image(encoding="rgb8", width=40000, height=40000, step=120000, data=[0] * 6),
         Image(encoding="mono8", width=2**32 - 1, height=2**32 - 1, step=2**32 - 1),
     ],
 )

@@ -3,20 +3,24 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from robot_under_test import Robot
-from viewing import view
+from viewing import PATIENCE, view
 from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
+from head_tracking.page.other_topics import image_of
 from head_tracking.page.path import Path
 from head_tracking.page.status import Word
 from head_tracking.page.viewer import ViewerNode
 from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
+from head_tracking.vision.opencv import OpenCVMissingError
 
 DEGREE = math.radians(1)
+NAME = "simulated_camera"
 
 
 @pytest.fixture(scope="module")
@@ -152,24 +156,7 @@ def word(seen: Any) -> str:
     return str(seen.status(seen.observe()).word)
 
 
-def test_a_stop_relaxes_the_servos_until_resume_and_nothing_goes_on_by_itself(robot, seen):
-    assert seen.modes.look_at("base_link", (1.0, 0.3, 0.4)).done
-    wait_for(lambda: word(seen) == "on target")
-    assert seen.stop_everything().wait().done
-    wait_for(lambda: word(seen) == "stopped" and seen.modes.mode() is Mode.OFF)
-    assert not seen.joints.set_torque("", True).done
-    robot.lead_pan(-0.5)  # by a hand, away from the target
-    wait_for(lambda: head_is_at(robot, -0.5, 3 * DEGREE))
-    assert seen.stop.resume().done
-    wait_for(lambda: word(seen) == "holding")
-    robot.at_rest(1.0)
-    assert head_is_at(robot, -0.5, 3 * DEGREE)
-
-
-@pytest.mark.parametrize("mode", [Mode.POINT, Mode.TRACK])
-def test_a_refusal_by_the_node_that_turns_the_head_is_no_success(robot, seen, mode):
-    assert seen.modes.set_mode(mode).done
-    wait_for(lambda: seen.modes.mode() is mode)
+def test_a_refusal_by_the_node_that_turns_the_head_is_no_success(robot, seen):
     seen.modes.look_at("base_link", (-1.0, 0.0, 0.5))
     wait_for(lambda: word(seen) == "refused")
     assert "out of reach" in seen.status(seen.observe()).reason
@@ -202,10 +189,60 @@ def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen)
     assert "robot_description" not in names, "a wrong one ends the robot's program"
 
 
+def magenta(picture: Any) -> int:
+    r, g, b = (picture[..., channel].astype(int) for channel in range(3))
+    return int(np.count_nonzero((r > g + 60) & (b > g + 60)))
+
+
+def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
+    def missing() -> None:
+        raise OpenCVMissingError
+
+    monkeypatch.setattr("head_tracking.ros.targets.simulated_camera.require_opencv", missing)
+    wait_for(lambda: seen.modes.can_start(NAME), PATIENCE)
+    outcome = seen.modes.start(NAME)
+    assert not outcome.done
+    assert "pip install" in outcome.text
+    assert NAME not in robot.composition.nodes
+    assert NAME not in robot.node.get_node_names()
+
+
+def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatch):
+    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+    assert NAME not in robot.composition.nodes
+    wait_for(lambda: seen.modes.can_start(NAME), PATIENCE)
+    assert seen.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
+    assert seen.modes.start(NAME).done
+    wait_for(lambda: "/image" in seen.topics.images() and not seen.modes.can_start(NAME), PATIENCE)
+    assert seen.modes.start(NAME).done, "it runs already"
+    renderer = robot.composition.nodes[NAME].renderer
+    drawn = []
+    render = renderer.render
+    monkeypatch.setattr(renderer, "render", lambda *a, **k: (drawn.append(a), render(*a, **k))[1])
+    robot.at_rest(1.0)
+    assert not drawn, "nobody looks at it"
+
+    def ball() -> bool:
+        picture = seen.topics.picture("/image")
+        # a ball of 6 cm at 1 m, in a picture with 293 pixels per rad: a head that looks at it
+        return (
+            picture is not None
+            and magenta(np.asarray(image_of(picture.message))[70:170, 110:210]) > 300
+        )
+
+    wait_for(ball, PATIENCE)
+    assert drawn
+    # who does not ask any more is not sent any more
+    wait_for(lambda: robot.node.count_subscribers("/image/compressed") == 0, PATIENCE)
+    before = len(drawn)
+    robot.at_rest(1.0)
+    assert len(drawn) <= before + 1
+
+
 def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     assert Mode.FACE in seen.modes.possible()
-    assert seen.modes.start("simulated_camera").done
+    assert seen.modes.start(NAME).done
     for mode, follows in ((Mode.BALL, "colour"), (Mode.MARKER, "marker")):
         assert seen.modes.set_mode(mode).done
         wait_for(lambda mode=mode: seen.modes.mode() is mode)
