@@ -72,11 +72,6 @@ def test_models_and_protocols_can_be_mixed(start, tmp_path: Path) -> None:
     assert "AX-12 1, XL430-W250 3, MX-28 4" in messages
 
 
-def test_echo_option(start) -> None:
-    program = start("--echo")
-    assert ask(program.port, PING, 12) == PING + PONG
-
-
 def test_faults_are_counted_at_the_end(start) -> None:
     program = start("--faults", "100", "--kinds", "drop", "--seed", "5")
     assert ask(program.port, PING, 0) == b""
@@ -101,10 +96,12 @@ def test_the_link_of_a_running_simulator_is_not_replaced(start, tmp_path: Path) 
     assert ask(link, PING, 6) == ask(other.port, PING, 6) == PONG
 
 
-def test_collisions_are_counted_at_the_end(start) -> None:
-    program = start("--servo", "AX-12:1", "--servo", "AX-18A:1")
+def test_echoes_are_sent_and_collisions_counted_at_the_end(start) -> None:
+    program = start("--echo", "--servo", "AX-12:1", "--servo", "AX-18A:1")
+    assert ask(program.port, PING, 12) == PING + PONG
     read = InstructionPacket.read(1, 0, 2).encode()
-    assert StatusPacket.decode(ask(program.port, read, 8)) is None
+    answer = ask(program.port, read, 16)
+    assert answer[:8] == read and StatusPacket.decode(answer[8:]) is None
     assert "two senders at once: servos with the same id 1" in program.stop()[1]
 
 

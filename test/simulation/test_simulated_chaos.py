@@ -44,7 +44,7 @@ def servos() -> list[SimulatedServo]:
     return [SimulatedServo(1), SimulatedServo(2, XM430), SimulatedServo(3, XM430)]
 
 
-@settings(deadline=None)
+@settings(max_examples=60)
 @given(
     STEPS,
     st.sampled_from((9_600, 57_600, 1_000_000, 4_500_000)),
@@ -84,7 +84,7 @@ def test_the_line_recovers_from_any_sequence_of_faults(
         assert status is not None and status.id in (1, 2)
 
 
-@settings(deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.sampled_from(PACKETS), max_size=25), st.sampled_from((57_600, 1_000_000)))
 def test_a_master_that_waits_for_silence_causes_no_collision(
     packets: list[bytes], baud_rate: int

@@ -76,7 +76,7 @@ def test_power_loss_ends() -> None:
     assert len(bus.receive(READ, 700 * MS)) == 1
 
 
-@pytest.mark.parametrize("model", ["AX-12", "XM430-W350", "XL-320"])
+@pytest.mark.parametrize("model", ["AX-12", "XM430-W350"])
 @pytest.mark.parametrize("kind", [Fault.LOW_VOLTAGE, Fault.OVERLOAD, Fault.OVERHEATING])
 def test_faults_of_servos(kind: Fault, model: str) -> None:
     faults = one(kind, pause=(0.5, 0.5))
@@ -98,7 +98,7 @@ def test_same_seed_same_faults_and_all_kinds_occur() -> None:
         faults = Faults(Random(seed), 0.3)
         bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=faults)
         seen = []
-        for number in range(3000):
+        for number in range(1000):
             seen += [answer.data for answer in bus.receive(READ, number * 10 * MS)]
         return faults, seen
 

@@ -6,7 +6,7 @@ import pytest
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.protocol import ALERT, crc16
+from head_tracking.dynamixel.protocol import crc16
 from head_tracking.simulation import Answer, SimulatedBus, SimulatedServo
 from head_tracking.simulation.serial_line import SerialLine
 
@@ -27,12 +27,6 @@ def statuses(answers: list[Answer]) -> list[StatusPacket2 | None]:
 
 def position(servo_id: int, error: int = 0) -> StatusPacket2:
     return StatusPacket2(servo_id, error, (1000 + servo_id).to_bytes(4, "little"))
-
-
-def test_sync_read_is_answered_in_the_order_of_the_list() -> None:
-    answers = bus().receive(Packet.sync_read(132, 4, (2, 1)).encode(), 0)
-    assert statuses(answers) == [position(2), position(1)]
-    assert [answer.turn for answer in answers] == [0, 1]
 
 
 @pytest.mark.parametrize("paced", [False, True])
@@ -58,13 +52,6 @@ def test_answers_without_a_return_delay_do_not_collide(
 def test_servos_behind_a_missing_one_are_silent() -> None:
     answers = bus(1, 3).receive(Packet.sync_read(132, 4, (1, 2, 3)).encode(), 0)
     assert statuses(answers) == [position(1)]
-
-
-def test_alert_is_part_of_a_sync_read() -> None:
-    b = bus()
-    b[1].supply_voltage = 9.0
-    answers = b.receive(Packet.sync_read(132, 4, (1, 2)).encode(), 0)
-    assert statuses(answers) == [position(1, ALERT), position(2)]
 
 
 def test_bulk_read_reads_what_each_is_asked() -> None:
@@ -95,15 +82,6 @@ def test_old_firmware_does_not_support_fast_sync_read() -> None:
     assert len(bus(firmware=45).receive(packet, 0)) == 1
 
 
-def test_broadcast_ping_is_answered_in_the_order_of_ids() -> None:
-    b = bus(7, 3)
-    found = statuses(b.receive(Packet.ping().encode(), 0))
-    assert [(status.id, status.data[:2]) for status in found if status] == [
-        (3, (1020).to_bytes(2, "little")),
-        (7, (1020).to_bytes(2, "little")),
-    ]
-
-
 def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
     published = bytes.fromhex("FF FF FE 09 92 00 02 01 1E 02 02 24 1D")
     answers = bus(model="MX-28").receive(published, 0)
@@ -111,9 +89,3 @@ def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
         StatusPacket(1, data=(1001).to_bytes(2, "little")),
         StatusPacket(2, data=(1002).to_bytes(2, "little")),
     ]
-
-
-def test_damaged_packet_of_protocol_2_is_answered() -> None:
-    data = bytearray(Packet.ping(1).encode())
-    data[-1] ^= 1
-    assert statuses(bus().receive(bytes(data), 0)) == [StatusPacket2(1, 3)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, write
 
@@ -48,32 +48,6 @@ def test_goal_outside_the_angle_limits_is_refused() -> None:
         assert write(servo, "Goal Position", goal) == 0
 
 
-def test_new_id_holds_from_the_next_packet_on() -> None:
-    servo = SimulatedServo(1)
-    assert write(servo, "ID", 5) == 0
-    assert servo.execute(Packet.ping(1), 0) is None
-    assert servo.execute(Packet.ping(5), 0) == StatusPacket(5)
-
-
-@pytest.mark.parametrize("model", ["AX-12", "XM430-W350"])
-@pytest.mark.parametrize(
-    ("level", "ping", "reading", "writing"),
-    [(0, True, False, False), (1, True, True, False), (2, True, True, True)],
-)
-def test_status_return_level(
-    model: str, level: int, ping: bool, reading: bool, writing: bool
-) -> None:
-    servo = SimulatedServo(1, model)
-    packet = Packet if servo.model.protocol == 1 else InstructionPacket2
-    led = servo_model(model).control_table["LED"].address
-    servo.set_register("Status Return Level", level)
-    assert (servo.execute(packet.ping(1), 0) is not None) == ping
-    assert (servo.execute(packet.read(1, 0, 2), 0) is not None) == reading
-    assert (servo.execute(packet.write(1, led, b"\x01"), 0) is not None) == writing
-    assert servo.register("LED") == 1
-
-
-@settings(deadline=None)
 @given(
     st.sampled_from(["AX-12", "XM430-W350", "XL-320", "XC330-T288", "STS3215", "SCS0009"]),
     st.integers(0, 255),
@@ -86,20 +60,6 @@ def test_no_instruction_makes_a_servo_raise(model: str, code: int, parameters: b
         servo.execute(packet(servo_id, code, parameters), 0)
     servo.advance(5_000_000)
     servo.register("Present Position")
-
-
-@pytest.mark.parametrize("name", ["Goal Position", "Moving Speed"])
-def test_goal_or_speed_switches_torque_on(name: str) -> None:
-    servo = SimulatedServo(1)
-    write(servo, name, 100)
-    assert read(servo, "Torque Enable") == 1
-
-
-@pytest.mark.parametrize("volts", [5.9, 14.1])
-def test_wrong_supply_shows_in_every_answer_and_data_stay_valid(volts: float) -> None:
-    servo = SimulatedServo(1, supply_voltage=volts)
-    status = servo.execute(Packet.read(1, 42, 1), 0)
-    assert status == StatusPacket(1, ErrorBits.INPUT_VOLTAGE, bytes((round(volts * 10),)))
 
 
 # errors

@@ -39,16 +39,6 @@ def test_error_codes_of_refused_packets() -> None:
     assert s.register("Return Delay Time") == 250
 
 
-def test_reboot_resets_ram_and_takes_time() -> None:
-    s = servo(boot_time=0.3)
-    write(s, "Torque Enable", 1)
-    write(s, "Profile Velocity", 50)
-    assert s.execute(Packet.reboot(1), 0) == StatusPacket2(1)
-    assert s.execute(Packet.ping(1), 299 * MS) is None
-    assert s.execute(Packet.ping(1), 300 * MS) is not None
-    assert s.register("Torque Enable") == s.register("Profile Velocity") == 0
-
-
 @pytest.mark.parametrize(
     ("firmware", "data", "last"), [(None, 208, 20), (52, 208, 20), (53, 224, 28)]
 )
@@ -84,17 +74,6 @@ def test_overload_switches_off_until_the_reboot(model, errors) -> None:
     s.execute(Packet.reboot(1), MS)
     assert s.register("Hardware Error Status") == 0
     assert write(s, "Torque Enable", 1, SECOND) == 0
-
-
-def test_error_outside_the_shutdown_mask_warns_while_it_lasts() -> None:
-    s = servo()
-    write(s, "Torque Enable", 1)
-    s.supply_voltage = 9.0
-    assert write(s, "LED", 1) == ALERT
-    assert s.register("Hardware Error Status") == HardwareErrors.INPUT_VOLTAGE
-    assert s.register("Torque Enable") == 1
-    s.supply_voltage = 12.0
-    assert write(s, "LED", 0) == 0
 
 
 # Bus watchdog
@@ -209,26 +188,3 @@ def test_start_delay_does_not_delay_disabling_torque() -> None:
     write(s, "Torque Enable", 0, 200 * MS)
     s.advance(210 * MS)
     assert abs(s.register("Present PWM")) == 0
-
-
-def test_no_answer_while_the_eeprom_is_written() -> None:
-    s = servo(eeprom_time=0.006)
-    assert write(s, "Return Delay Time", 0) == 0  # answered at once
-    assert s.execute(Packet.ping(1), 5 * MS) is None
-    assert s.execute(Packet.ping(1), 6 * MS) is not None
-    assert write(s, "LED", 1, 7 * MS) == 0
-    assert s.execute(Packet.ping(1), 7 * MS) is not None
-
-
-def test_power_cycle() -> None:
-    s = servo(position=1000, boot_time=0.1)
-    write(s, "Torque Enable", 1)
-    s.power_off()
-    assert s.execute(Packet.ping(1), MS) is None
-    s.lead(1500, 0.5)
-    s.advance(2 * SECOND)
-    s.power_on()
-    assert s.execute(Packet.ping(1), 2 * SECOND + 50 * MS) is None
-    assert s.execute(Packet.ping(1), 2 * SECOND + 100 * MS) is not None
-    assert s.register("Torque Enable") == 0
-    assert s.register("Goal Position") == s.register("Present Position") != 1000
