@@ -144,9 +144,6 @@ def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None
     assert writes(rig.port.log)[-1][0] == "sync"
 
 
-# Watchdog
-
-
 # Commands that stop coming
 
 
@@ -240,9 +237,6 @@ def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> No
     rig.bus.command({"head_pan_joint": Goal(0.1, 3.0)})
     rig.step()
     assert rig.pan["Moving Speed"] == speed_ticks(PAN, 3.0)
-
-
-# Two servos on a joint
 
 
 # Memory

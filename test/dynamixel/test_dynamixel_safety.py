@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
-from random import Random
 
 import pytest
-from answer_hook import OnAnswers
 from dynamixel_fakes import submit
-from simulated_device import PERIOD, Bench, Rig, joint_of
+from simulated_device import PERIOD, Bench, Rig
 
 from head_tracking.dynamixel import (
-    CommunicationError,
     ConfigurationError,
     CorruptReplyError,
     EepromSettings,
@@ -25,10 +21,8 @@ from head_tracking.dynamixel import (
     TorqueError,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import ServoNotFoundError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
-    Answer,
     SimulatedBus,
     SimulatedServo,
 )
@@ -386,61 +380,6 @@ def test_the_echo_of_a_request_is_nobody() -> None:
         with pytest.raises(ReplyTimeoutError):
             bench.port.ping(5, protocol)
     assert bench.port.ping(1, 1) == 0
-
-
-@pytest.mark.parametrize("late", [0, 200_000, 1_000_000])
-def test_status_packets_too_many_do_not_shift_the_answers(late: int) -> None:
-    repeated = 0
-    for seed in range(6):
-        random = Random(seed)
-        servo = SimulatedServo(1)
-
-        def twice(answer: Answer, random: Random = random) -> list[Answer]:
-            nonlocal repeated
-            if random.random() > 0.3:
-                return [answer]
-            repeated += 1
-            return [answer, replace(answer, delay=answer.delay + late)]
-
-        bench = Bench(SimulatedBus([servo], faults=OnAnswers(twice)))
-        bus = bench.servo_bus([joint_of(1, servo_model("AX-12"), 256, 768)])
-        for _ in range(10):
-            with suppress(CommunicationError, ServoNotFoundError):  # but no wheel mode
-                bus.connect()
-                break
-        for k in range(60):
-            with suppress(GoalError):
-                bus.command({"j1": Goal(0.5 if k < 30 else -0.5)})
-            bench.pass_time(PERIOD)
-            state = bus.step().states.get("j1")
-            if state is not None:
-                true = bus.joints[0].position(servo.true_ticks)
-                age = (bench.now() - state.stamp) * 1e-9
-                assert abs(state.position - true) < 0.02 + 3.0 * age
-    assert repeated > 30
-
-
-# A stop that comes in the midst of something
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_stop_in_the_midst_of_a_cycle_is_done_in_it_though_another_servo_is_lost(
-    name: str,
-) -> None:
-    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2)))
-    rig.go(0.3)
-    rig.servos[1].power_off()
-    rig.step(20)
-    assert rig.reading.lost == ("j2",)
-    for pause in (0.02, 0.05, 0.08):  # in some cycles the lost servo is asked
-        submit(rig.bus, rig.bus.switching_torque(["j1"], True))
-        rig.step(10)
-        assert rig.torque[0] == 1
-        rig.bench.pass_time(pause)
-        reading = rig.bus.cycle.read()
-        rig.bus.epoch.advance()
-        rig.bus.cycle.write(reading)
-        assert rig.torque[0] == 0
 
 
 @pytest.mark.parametrize(("name", "between"), zip(MODELS, range(3), strict=True))

@@ -58,23 +58,16 @@ def test_rustypot_reads_and_moves_servos(name: str, kind: str) -> None:
             assert controller.read_model_number(2) == [model.model_number]
         position = (model.center + 1 - center) * tick
         assert controller.read_present_position(1) == pytest.approx([position], abs=2.1 * tick)
+        if kind in ("Xl330", "Sts3215"):
+            assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
+        if kind == "Xl330":
+            controller.set_fast_sync_read(True)
+            assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
         controller.sync_write_torque_enable([1, 2], [True, True])
         controller.sync_write_goal_position(
             [1, 2], [(goal - center) * tick for goal in goals.values()]
         )
         assert arrive(port, goals)
-        controller.close()
-
-
-@pytest.mark.parametrize(("name", "kind"), [("XL330-M288", "Xl330"), ("STS3215", "Sts3215")])
-def test_rustypot_reads_servos_together(name: str, kind: str) -> None:
-    library = pytest.importorskip("rustypot", reason="rustypot is not installed")
-    with simulated(name) as port:
-        controller = getattr(library, f"{kind}PyController")(port.port_name, 1_000_000, TIMEOUT)
-        assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
-        if kind == "Xl330":
-            controller.set_fast_sync_read(True)
-            assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
         controller.close()
 
 
@@ -130,18 +123,6 @@ class TestDynamixelSdk:
             assert {i: data[0] for i, data in found.items()} == {1: 1200, 2: 1200}
             assert handler.reboot(port, 1) == (0, 0)
 
-    def test_mx_bulk_read(self) -> None:
-        handler = self.sdk.PacketHandler(1.0)
-        with opened(self.sdk, "MX-28") as (_, port):
-            port.ser.timeout = 0
-            data = bytes((0, 2, 1, 36, 2, 2, 36))
-            packet = [0xFF, 0xFF, 0xFE, len(data) + 2, 0x92, *data, 0]
-            assert handler.txPacket(port, packet) == 0
-            port.setPacketTimeout(8)
-            answers = [handler.rxPacket(port)[0] for _ in (1, 2)]
-            found = [(answer[2], answer[5] | answer[6] << 8) for answer in answers]
-            assert found == [(1, 2049), (2, 2050)]
-
 
 class TestFeetechSdk:
     @pytest.fixture(autouse=True)
@@ -168,14 +149,6 @@ class TestFeetechSdk:
             for servo_id in (1, 2):
                 assert group.isAvailable(servo_id, 56, 2)[0]
                 assert group.getData(servo_id, 56, 2) == pytest.approx(2300, abs=20)
-
-    def test_the_lock_of_the_memory(self) -> None:
-        with opened(self.sdk, "STS3215") as (_, port):
-            handler = self.sdk.sms_sts(port)
-            assert handler.unLockEprom(1) == (0, 0)
-            assert handler.write2ByteTxRx(1, 31, 2048 + 85) == (0, 0)
-            assert handler.LockEprom(1) == (0, 0)
-            assert handler.ReadPos(1)[0] == 2049 + 85
 
     def test_scs_servos(self) -> None:
         with opened(self.sdk, "SCS0009") as (scs, port):

@@ -12,7 +12,6 @@ from head_tracking.simulation.packets import (
     Instruction,
     Packet,
     Status,
-    decode,
     decode_status,
     encode,
     encode_status,
@@ -29,11 +28,6 @@ class InstructionPacket(Packet):
 
     def encode(self) -> bytes:
         return encode(self.PROTOCOL, self)
-
-    @classmethod
-    def decode(cls, packet: bytes) -> Self | None:
-        found = decode(cls.PROTOCOL, packet)
-        return None if found is None else cls(*found)
 
     @classmethod
     def words(cls, *values: int) -> bytes:
