@@ -428,7 +428,7 @@ class TargetEstimator:
         bearings = (
             Bearings.seen_once(bearing, self._leads)
             if before is None
-            else before.bearings.restarted(bearing)
+            else before.bearings.restarted(bearing, self._leads)
         )
         self._began, self._off, self._estimate = stamp, 0.0, None
         self._append(stamp, ray, bearings)

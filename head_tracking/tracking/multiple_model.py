@@ -318,10 +318,10 @@ class Bearings(NamedTuple):
             Prediction(scores, variance + (_SPEED * lead) ** 2, (), still) for lead in leads
         )
         unknown = Bearing((), variance, near, far, (0.0, 0.0), ())
-        return Bearings((), Oscillation(), (unknown, unknown)).restarted(points)
+        return Bearings((), Oscillation(), (unknown, unknown)).restarted(points, leads)
 
-    def restarted(self, points: tuple[float, float]) -> Bearings:
-        """Return the state after a jump to `points` [rad].
+    def restarted(self, points: tuple[float, float], leads: tuple[float, float]) -> Bearings:
+        """Return the state after a jump to `points` [rad]; its velocity is not known.
 
         The noise of the points, the rate of the oscillation and the scores of the models are kept.
         """
@@ -344,8 +344,15 @@ class Bearings(NamedTuple):
         for bearing, point in zip(self.joints, points, strict=True):
             states = ((point, 0.0, 0.0),) * len(MODELS)
             near, far = (
-                Prediction.mixed(each.scores, each.error, states, bearing.variance, rate, _NONE)
-                for each in (bearing.near, bearing.far)
+                Prediction.mixed(
+                    each.scores,
+                    max(each.error, bearing.variance + (_SPEED * lead) ** 2),
+                    states,
+                    bearing.variance,
+                    rate,
+                    _NONE,
+                )
+                for each, lead in zip((bearing.near, bearing.far), leads, strict=True)
             )
             joints.append(_described(states, covariances, bearing.variance, near, far, _NONE))
         return Bearings(covariances, self.oscillation, (joints[0], joints[1]))

@@ -422,3 +422,17 @@ def test_a_slow_detector_sees_few_outliers_in_a_person_who_starts_and_stops():
             ray = Ray(pan + rnd.gauss(0.0, 0.005), rnd.gauss(0.0, 0.005), 2.0)
             used.append(estimator.add(t, ray, t + 0.4).used)
     assert sum(used) > 0.955 * len(used)
+
+
+def test_who_walks_on_after_a_gap_is_believed_at_the_second_point():
+    """Long rest, then 0.7 s unseen: the speed that was good at rest says nothing any more."""
+    estimator = TargetEstimator(EstimatorParameters())
+    rnd = random.Random(3)
+    for k in range(60):
+        estimator.add(k / 15, Ray(rnd.gauss(0.0, 0.003), 0.0, 2.0), k / 15 + 0.1)
+    start = 59 / 15 + 0.7
+    found = [
+        estimator.add(start + dt, Ray(0.03 + 0.9 * dt, 0.0, 2.0), start + dt + 0.1)
+        for dt in (0.0, 1 / 15)
+    ]
+    assert found == [Verdict.NEW_TARGET, Verdict.TAKEN]
