@@ -70,16 +70,6 @@ def test_a_paused_clock_is_reported_and_tracking_resumes(make):
     assert head.farthest() < 1.2
 
 
-def test_a_missing_clock_is_reported(make):
-    head = make(simulated=True)
-    head.clock_rate = 0.0
-    head.until("idle", Reason.CLOCK)
-    head.until_logged("/clock")
-    head.target = TARGET
-    head.clock_rate = 10.0
-    on_target(head)
-
-
 def test_joint_states_from_the_future_are_not_fresh(make):
     head = make()
     head.stamped_ahead = 5.0
@@ -129,8 +119,7 @@ class NodeOnSettableClock(HeadTrackerNode):
 
 @pytest.mark.parametrize(
     ("rate", "jump"),
-    [(10.0, -100.0), (50.0, -3.0), (50.0, 100.0)]
-    + [(0.0, jump) for jump in (-3600.0, -0.5, 0.5, 3600.0)],
+    [(10.0, -100.0), (50.0, 100.0), (0.0, -0.5), (0.0, 3600.0)],
 )
 def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, rate, jump):
     """Of /clock with a rate [Hz], or of the system's, as by NTP: no time source tells of it."""

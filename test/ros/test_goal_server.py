@@ -1,4 +1,4 @@
-"""Action servers whose goals a loop carries out, in each kind of executor."""
+"""Action servers whose goals a loop carries out; the executor of events: test_head_actions.py."""
 
 import threading
 
@@ -17,11 +17,10 @@ from head_tracking.ros.kit import spinning
 actions = pytest.importorskip("control_msgs.action")
 
 
-@pytest.fixture(params=["events", "single-threaded"])
-def served(request, monkeypatch, threads):
-    """A client, the goals that its server has begun, and what spins them."""
-    if request.param != "events":
-        monkeypatch.setattr(spinning, "events_executor_works", lambda context: False)
+@pytest.fixture
+def served(monkeypatch, threads):
+    """A client and the goals that its server has begun, without the executor of events."""
+    monkeypatch.setattr(spinning, "events_executor_works", lambda context: False)
     server, asks = Node("serves"), rclpy.create_node("asks")
     begun = []
     serve_goals(
@@ -33,7 +32,7 @@ def served(request, monkeypatch, threads):
     )
     threads.start(server)
     threads.start(asks)
-    assert (type(server.executor).__name__ == "EventsExecutor") is (request.param == "events")
+    assert type(server.executor).__name__ != "EventsExecutor"
     return Client(asks, actions.PointHead, "/serves/goals"), begun
 
 

@@ -1,7 +1,6 @@
 """PointHead and FollowJointTrajectory, as stock clients use them."""
 
 import math
-import threading
 import time
 
 import pytest
@@ -163,34 +162,6 @@ def test_invalid_trajectories_are_aborted_with_their_code(follower):
     assert follower.call("stop").success
     assert code((1.0, (0.0, 0.0))) == -1
     follower.logged("a trajectory is rejected: the head is stopped")
-
-
-@pytest.mark.parametrize("what", ["the check", "the highest speed"])
-def test_the_cycle_goes_on_while_a_trajectory_is_examined(follower, monkeypatch, what):
-    control = follower.composition.nodes["point_head"].control
-    control.is_cautious = True
-    free = []
-
-    def examining(*_):
-        """Another thread, like that of the bus, uses the head meanwhile."""
-
-        def use():
-            free.append(control.lock.acquire(timeout=5.0))
-            if free[-1]:
-                control.lock.release()
-
-        cycle = threading.Thread(target=use)
-        cycle.start()
-        cycle.join()
-        return 0.1
-
-    if what == "the check":
-        monkeypatch.setattr(head_actions, "checked_waypoints", examining)
-    else:
-        monkeypatch.setattr(head_actions.JointTrajectory, "peak_speed", property(examining))
-    follower.follower.send(following((0.2, (0.1, 0.1)))).ended()
-    assert free
-    assert all(free)
 
 
 def test_a_stop_and_resume_while_a_trajectory_is_examined_end_it(follower, monkeypatch):

@@ -42,16 +42,6 @@ def test_a_disabled_tracker_stays_disabled_with_another_model(make, kinectbot):
     head.until("tracking")
 
 
-def test_another_model_is_used_while_tracking(make, kinectbot):
-    head = make()
-    head.target = LEFT
-    head.until("tracking")
-    head.describe(another(kinectbot.urdf))
-    wait_for(lambda: sum("ready to point" in text for text in head.log) >= 2)
-    head.target = RIGHT
-    wait_for(lambda: head.positions[0] < -0.4)
-
-
 def test_an_invalid_first_model_is_reported_until_another_is_received(make, kinectbot):
     head = make(urdf=WITHOUT_HEAD)
     head.until("idle", Reason.INVALID_MODEL, "head_pan_joint")
@@ -121,36 +111,3 @@ def test_a_turning_base_is_compensated_in_the_fixed_frame(make):
     head.errors.clear()
     wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.03)
     assert head.positions[0] == pytest.approx(-0.8, abs=0.1)
-
-
-def test_frames_that_move_with_the_head_are_found_also_after_they_were_attached_elsewhere(make):
-    head = make(fixed_frame="odom")
-    head.until("idle", "")
-
-    def attach(parent: str, child: str, is_static: bool) -> None:
-        pose, stamp = Transform.identity(), round(head.now * 1e9)
-        head.buffer.set_transform(stamp, parent, child, pose, static=is_static)
-
-    def carried() -> set[str]:
-        names = ("odom", "base_link", "camera_link", "nowhere", "tool", "ball")
-        return {name for name in names if head.node.control.frames.moves_with_head(name)}
-
-    attach("odom", "base_link", is_static=False)
-    attach("base_link", "tool", is_static=True)
-    attach("tool", "ball", is_static=False)
-    assert carried() == {"camera_link"}
-    attach("camera_link", "tool", is_static=True)
-    assert carried() == {"camera_link", "tool", "ball"}
-
-
-def test_delayed_joint_states_cause_no_extra_commands(make):
-    """A tracker that took a step for each of them would think that as much time had passed."""
-    head = make()
-    head.target = LEFT
-    head.until("tracking")
-    head.held_up = True
-    time.sleep(0.3)
-    before = head.commands
-    head.held_up = False
-    time.sleep(0.06)
-    assert head.commands - before <= 5

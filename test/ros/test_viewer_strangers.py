@@ -1,7 +1,6 @@
 """What strangers publish on the topics that the page listens to: nothing of the page ends."""
 
 import json
-import math
 import random
 from collections.abc import Callable
 from typing import Any
@@ -10,6 +9,7 @@ import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from random_messages import message_with
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -22,55 +22,13 @@ from head_tracking.page.viewer import ViewerNode
 from head_tracking.ros.kit.diagnostics import Level
 from head_tracking.transforms import Rotation, Transform
 
-NUMBERS = (0.0, -1.0, 1e-320, 1e308, math.nan, math.inf, -math.inf)
-TEXTS = (
-    "",
-    "n/a",
-    "/",
-    "<robot",
-    "servo_bus: head_pan_joint",
-    "on target: ",
-    "ä\n\t\x01",
-    "x" * 999,
-)
 OTHERS = {"/tf", "/tf_static", "/clock"}
-"""Topics of frames and time: they have tests of their own (test_fuzzed_subscriptions.py)."""
+"""Topics of frames and time: they have tests of their own (test_fuzzed_messages.py)."""
 
 
 @pytest.fixture
 def viewer(threads) -> ViewerNode:
     return view(threads)
-
-
-def filled(rnd: random.Random, kind: str) -> Any:
-    """A value of a message's field, as bad as its type allows."""
-    name, _, rest = kind.partition("[")
-    if kind.startswith("sequence<"):
-        inner = kind[len("sequence<") : -1].partition(",")[0]
-        return [filled(rnd, inner) for _ in range(rnd.choice((0, 1, 3)))]
-    if rest:
-        return [filled(rnd, name) for _ in range(int(rest[:-1]))]
-    if kind in ("float", "double"):
-        return rnd.choice(NUMBERS if kind == "double" else NUMBERS[:3])
-    if kind == "boolean":
-        return rnd.random() < 0.5
-    if kind == "octet":
-        return bytes([rnd.choice((0, 2, 3, 4, 9, 255))])
-    if kind.startswith("string"):
-        return rnd.choice(TEXTS)
-    if "/" in kind:
-        from head_tracking.ros.kit.message_types import message_class
-
-        package, _, message = kind.partition("/")
-        return message_with(rnd, message_class(f"{package}/msg/{message}"))
-    unsigned, bits = kind.startswith("u"), int(kind.strip("uint"))
-    highest = 2**bits - 1 if unsigned else 2 ** (bits - 1) - 1
-    return rnd.choice((0, 1, highest, 0 if unsigned else -highest - 1))
-
-
-def message_with(rnd: random.Random, kind: type) -> Any:
-    fields = kind.get_fields_and_field_types()
-    return kind(**{name: filled(rnd, of) for name, of in fields.items()})
 
 
 def told(viewer: ViewerNode, kind: str = "about") -> dict[str, Any]:

@@ -46,7 +46,6 @@ class Head:
         clock_rate: /clock messages a second; 0: none.
         paused: the robot's clock stands still.
         measured: joint states are published.
-        held_up: joint states are kept, and sent all at once when that ends.
         stamped_ahead: joint states are stamped so far in the future [s].
         speeds: that the joints were commanded [rad/s].
         each_period: is called.
@@ -58,8 +57,6 @@ class Head:
         self.clock_rate = 50.0 if simulated else 0.0
         self.paused = False
         self.measured = True
-        self.held_up = False
-        self._kept: list[JointState] = []
         self.stamped_ahead = 0.0
         self.target: Any = None
         self.each_period: Callable[[], None] = lambda: None
@@ -193,9 +190,7 @@ class Head:
             if self.measured:
                 message = JointState(name=list(JOINTS), position=list(self.positions))
                 message.header.stamp = _stamp(self._now + self.stamped_ahead)
-                self._kept.append(message)
-                while self._kept and not self.held_up:
-                    self._joints.publish(self._kept.pop(0))
+                self._joints.publish(message)
             if self.target is not None and steady - last_target >= 0.03:
                 last_target = steady
                 frame, path = self.target

@@ -35,15 +35,6 @@ def test_a_frame_of_another_program_keeps_its_own_stamp(buffer):
     assert found.point == pytest.approx((2.0, 0.5, 1.0))
 
 
-def test_what_was_given_already_is_not_given_again(buffer):
-    see(buffer, "ball", SECOND, 2.0)
-    ball = target(buffer, "ball")
-    assert ball.newest(SECOND) is not None
-    assert ball.newest(SECOND + 1) is None
-    see(buffer, "ball", SECOND + 2, 2.1)
-    assert ball.newest(SECOND + 3).point == pytest.approx((2.1, 0.0, 1.0))
-
-
 def test_silence_when_nobody_sees_it_any_more(buffer):
     see(buffer, "ball", SECOND, 2.0)
     with pytest.raises(StaleFrameError, match=r"transform of ball is 0.6 s old; up to 0.5 s"):
@@ -60,15 +51,6 @@ def test_a_link_that_never_moves_is_always_fresh(buffer):
     torso = target(buffer, "torso_link")
     for now in (5 * SECOND, 6 * SECOND):
         assert torso.newest(now).stamp == now
-
-
-def test_a_link_of_the_robot_comes_with_the_time_of_its_joints(buffer):
-    buffer.set_joint_positions(SECOND, {"head_pan_joint": 0.3, "head_tilt_joint": 0.0})
-    found = target(buffer, "left_eye_link").newest(SECOND)
-    assert found.stamp == SECOND
-    assert found.point == pytest.approx(
-        buffer.transform_point((0.0, 0.0, 0.0), "base_link", "left_eye_link", SECOND)
-    )
 
 
 def test_a_joint_of_a_skeleton_is_the_newest_users(buffer):
