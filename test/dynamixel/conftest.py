@@ -1,25 +1,10 @@
 from __future__ import annotations
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakeClock, FakePort
-
-from head_tracking.dynamixel import ServoBus
+from dynamixel_fakes import FakeRig
 
 
 @pytest.fixture
-def port() -> FakePort:
-    return FakePort()
-
-
-@pytest.fixture
-def clock() -> FakeClock:
-    return FakeClock()
-
-
-@pytest.fixture
-def bus(port: FakePort, clock: FakeClock) -> ServoBus:
-    """A connected bus with a fake port and passed-in time."""
-    bus = ServoBus(port, (PAN, TILT), clock, monotonic=clock)  # type: ignore[arg-type]
-    bus.connect()
-    port.take_log()
-    return bus
+def rig() -> FakeRig:
+    """Pan and tilt on a fake port."""
+    return FakeRig()

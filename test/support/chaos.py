@@ -40,7 +40,6 @@ import rclpy
 import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PointStamped
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rig import JOINTS, LATCHED, SOURCE, TICK, Bench, Program
 from rosgraph_msgs.msg import Clock
@@ -60,7 +59,6 @@ START_LIMIT = 30.0  # s
 ON_TARGET = math.radians(3.0)
 POSITION_MARGIN = 0.5  # rad beside the range of the targets for the head
 GOAL_MARGIN = 1.3  # rad for goals, which lie ahead of the head
-LONG = 20.0  # s; shorter tests have no time for a second run
 FOREIGN = -2.2  # rad; other programs command this position, away from every target
 INVALID = (math.nan, math.inf, -math.inf)
 NODES = ("servo_bus", "robot_state_publisher", "joint_state_publisher", "head_tracker")
@@ -151,7 +149,6 @@ class Chaos:
         self.stops = self.recoveries = 0
         self._start_time = time.monotonic()
         self._offset = 0.0  # s, of the robot's clock
-        self._seconds = 0.0
         self._is_commanded = self._is_stopped = self._bus_is_stopped = False
         self._owners = self._state = ""
         self._joints_received = self._state_received = self._recovered = -math.inf
@@ -388,13 +385,9 @@ class Chaos:
             (3, self.flood_targets),
             (3, self.flood_commands),
             (2, self.foreign_commands),
-            (2, self.foreign_parameters),
-            (2, self.second_robot),
             (3, self.stop),
             (1, self.stop_without_adapter),
         ]
-        if self._seconds >= LONG:
-            faults.append((1, self.second_run))
         if self.clock:
             faults.append((3, self.jump))
         weights, functions = zip(*faults, strict=True)
@@ -477,36 +470,6 @@ class Chaos:
                 self.wait(0.01)
         finally:
             self.node.destroy_publisher(publisher)
-
-    def foreign_parameters(self) -> None:
-        """Start and end a node with a parameter without a value."""
-        self.note("a node with a parameter without a value")
-        name = f"driver_{self.random.randrange(1000)}"
-        node = Node(name, context=self.node.context)
-        node.declare_parameter("empty", descriptor=ParameterDescriptor(dynamic_typing=True, type=0))
-        node.declare_parameter("number", 1.0)
-        self.wait(self.random.uniform(0.05, 0.3))
-        node.destroy_node()
-
-    def second_robot(self) -> None:
-        """Command the head of a robot in another namespace."""
-        self.note("a second robot in another namespace")
-        node = Node("head_tracker", namespace="other", context=self.node.context)
-        topics = ("joint_commands", "joint_states")
-        publishers = [node.create_publisher(JointState, topic, 10) for topic in topics]
-        message = JointState(name=list(JOINTS), position=[FOREIGN, 0.0])
-        for _ in range(20):
-            for publisher in publishers:
-                publisher.publish(message)
-            self.wait(0.01)
-        node.destroy_node()
-
-    def second_run(self) -> None:
-        """Start a simulated run in the same ROS domain."""
-        self.note("a second run with --sim")
-        second = self.bench.start("head_tracking", "--sim", "--duration", "2", own_group=True)
-        ended = lambda: second.process.poll() is not None  # noqa: E731
-        self.until(ended, START_LIMIT, "the second run ends")
 
     # STOP
 
@@ -597,7 +560,6 @@ class Chaos:
             self.wait(0.1)
         self._is_commanded = True
         self.until(self.is_on_target, START_LIMIT, "the head finds its target")
-        self._seconds = seconds
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             for _ in range(self.random.randrange(1, 4)):

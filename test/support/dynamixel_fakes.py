@@ -210,13 +210,18 @@ class FakeRig:
         joints: by default pan and tilt.
         settings: of the bus.
         tick: that passes with each look at the clock [ns].
+        connect: whether the bus is connected.
 
     Attributes:
         at: when something happens while the bus waits [ns], and what.
     """
 
     def __init__(
-        self, *joints: JointConfiguration, settings: BusSettings | None = None, tick: int = 0
+        self,
+        *joints: JointConfiguration,
+        settings: BusSettings | None = None,
+        tick: int = 0,
+        connect: bool = True,
     ) -> None:
         self.port, self.clock = FakePort(), FakeClock(tick)
         self.at: tuple[float, Callable[[], object]] = (math.inf, lambda: None)
@@ -228,6 +233,10 @@ class FakeRig:
             settings=settings,
             pause=self._pause,
         )
+        if connect:
+            self.connect()
+
+    def connect(self) -> None:
         self.bus.connect()
         self.port.take_log()
 
@@ -271,15 +280,6 @@ class FakeRig:
     @property
     def pan_torque(self) -> Torque:
         return self.bus.joint("head_pan_joint").torque
-
-
-def connected(port: FakePort, *joints: JointConfiguration) -> ServoBus:
-    """Return a bus of these joints, by default pan and tilt, that has found its servos."""
-    clock = FakeClock()
-    bus = ServoBus(port, joints or (PAN, TILT), clock, monotonic=clock)  # type: ignore[arg-type]
-    bus.connect()
-    port.take_log()
-    return bus
 
 
 def speed_ticks(joint: JointConfiguration, speed: float) -> int:
