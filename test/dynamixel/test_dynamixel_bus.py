@@ -253,21 +253,6 @@ def test_bus_goes_on_without_its_port_and_finds_it_again(rig: FakeRig, kept: boo
     assert rig.pan["Torque Enable"] == kept
 
 
-def test_port_without_any_of_the_servos_is_left_alone(rig: FakeRig) -> None:
-    rig.port.gone = True
-    rig.bus.step()
-    rig.port.gone = False
-    for servo in rig.port.servos.values():
-        servo.answers = False
-    rig.clock.pass_time(0.3)
-    rig.bus.step()
-    assert not rig.port.opened
-    rig.tilt.answers = True
-    rig.clock.pass_time(0.3)
-    rig.bus.step()
-    assert rig.port.opened
-
-
 def test_port_that_goes_between_two_cycles_is_found_again(rig: FakeRig) -> None:
     rig.port.gone = True
     with pytest.raises(TorqueError, match="unplugged"):

@@ -54,6 +54,7 @@ def test_no_load_speed_is_the_limit_unless_configured() -> None:
         ("controller", [""]),
         ("joint_speed", [math.nan, 0.0, -1.0, 100.0, "fast"]),
         ("max_speed", [math.inf, 0.0]),
+        ("reverse", [True]),  # an AX-12 has no such setting
     ],
 )
 def test_impossible_configuration_is_refused(name: str, values: list[object]) -> None:

@@ -191,24 +191,17 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     assert rig.pan_torque is Torque.OFF_STOPPED
 
 
-def test_joint_whose_servo_is_missing_at_the_start_is_looked_for() -> None:
-    rig = FakeRig()
+@pytest.mark.parametrize("missing", [False, True])
+def test_joint_whose_servo_cannot_be_used_when_it_is_started_is_looked_for(
+    rig: FakeRig, missing: bool
+) -> None:
     run(rig.bus.stopping(["head_pan_joint"]))
-    rig.pan.answers = False
-    with pytest.raises(ServoError, match="did not answer"):
-        run(rig.bus.starting(["head_pan_joint"]))
-    rig.pan.answers = True
-    rig.step(5)
-    assert "head_pan_joint" in rig.step().states
-
-
-def test_joint_whose_servo_cannot_be_used_at_the_start_stays_out_of_the_cycle() -> None:
-    rig = FakeRig()
-    run(rig.bus.stopping(["head_pan_joint"]))
+    rig.pan.answers = not missing
     rig.pan["CCW Angle Limit"] = 0  # wheel mode
     with pytest.raises(ServoError):
         run(rig.bus.starting(["head_pan_joint"]))
     assert "head_pan_joint" not in rig.step(5).states
+    rig.pan.answers = True
     rig.pan["CCW Angle Limit"] = 1023
     assert "head_pan_joint" in rig.step(5).states
 
@@ -266,21 +259,23 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
     ) == {2: {}}
 
 
-def test_eeprom_is_not_written_while_torque_is_on_or_the_memory_is_locked() -> None:
-    rig = FakeRig().switched_on()
-    with pytest.raises(ServoError, match="relax it first"):
-        run(rig.bus.writing_eeprom("head_pan_joint", EepromSettings()), rig.clock.pass_time)
-    rig.port.servos[2]["Lock"] = 1
+def test_what_cannot_be_written_into_the_memory_is_refused(rig: FakeRig) -> None:
+    def write(joint: str, settings: EepromSettings) -> None:
+        run(rig.bus.writing_eeprom(joint, settings), rig.clock.pass_time)
+
+    with pytest.raises(ConfigurationError):  # the model has no such error
+        write("head_pan_joint", EepromSettings(shutdown=("encoder",)))
+    rig.switched_on()
+    with pytest.raises(ServoError, match="relax"):
+        write("head_pan_joint", EepromSettings())
+    rig.tilt["Lock"] = 1
     with pytest.raises(ServoError, match="locked"):
-        run(rig.bus.writing_eeprom("head_tilt_joint", EepromSettings()), rig.clock.pass_time)
-    assert all(servo["Return Delay Time"] == 250 for servo in rig.port.servos.values())
-
-
-def test_an_error_that_the_model_does_not_have_is_refused_before_anything_is_written() -> None:
-    rig, settings = FakeRig(), EepromSettings(shutdown=("encoder",))
-    with pytest.raises(ConfigurationError):
-        run(rig.bus.writing_eeprom("head_pan_joint", settings), rig.clock.pass_time)
-    assert writes(rig.port.log) == []
+        write("head_tilt_joint", EepromSettings())
+    rig.tilt["Lock"] = 0
+    rig.tilt.ignored.add(5)  # it does not keep its Return Delay Time
+    with pytest.raises(ServoError, match="Return Delay Time"):
+        write("head_tilt_joint", EepromSettings())
+    assert [servo["Return Delay Time"] for servo in (rig.pan, rig.tilt)] == [250, 250]
 
 
 @pytest.mark.parametrize(
@@ -294,13 +289,6 @@ def test_an_error_that_the_model_does_not_have_is_refused_before_anything_is_wri
 def test_impossible_settings_of_the_memory_are_refused(option: dict[str, Any]) -> None:
     with pytest.raises(ParameterError):
         EepromSettings(**option)
-
-
-def test_servo_that_does_not_keep_a_setting_is_named() -> None:
-    rig = FakeRig()
-    rig.pan.ignored.add(5)
-    with pytest.raises(ServoError, match="servo 1 keeps 250 in Return Delay Time instead of 0"):
-        run(rig.bus.writing_eeprom("head_pan_joint", EepromSettings()), rig.clock.pass_time)
 
 
 def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:

@@ -66,31 +66,6 @@ def test_what_a_servo_sends_is_found_and_decoded(
     assert decode_status(protocol, packet) == Status(*sent)
 
 
-@given(protocols, st.lists(st.binary(max_size=40), max_size=5).map(b"".join))
-def test_any_bytes_are_survived_and_do_not_hide_a_packet(protocol: int, noise: bytes) -> None:
-    reply = simulated.encode_status(protocol, simulated.Status(7, 0, b"\x01\x02"))
-    rest, found = noise + reply, []
-    while (packet := find_packet(protocol, rest)).packet:
-        found.append(packet.packet)
-        rest = rest[packet.end :]
-    assert found[-1] == reply or reply in found[-1]
-
-
-@pytest.mark.parametrize(
-    ("protocol", "damaged", "good"),
-    [
-        (1, "FF FF 01 04 02 24 02 D3", "FF FF 01 04 00 00 02 F8"),
-        (2, "FF FF FD 00 01 04 00 55 07 B0 8D", "FF FF FD 00 01 04 00 55 00 A1 0C"),
-    ],
-)
-def test_damaged_packet_before_a_good_one_is_reported(
-    protocol: int, damaged: str, good: str
-) -> None:
-    assert find_packet(protocol, bytes.fromhex(damaged)) == (b"", 0, True)
-    both = bytes.fromhex(damaged + good)
-    assert find_packet(protocol, both) == (bytes.fromhex(good), len(both), True)
-
-
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_packet_that_is_too_long_is_refused(protocol: int) -> None:
     with pytest.raises(CommunicationError):

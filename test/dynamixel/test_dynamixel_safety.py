@@ -114,10 +114,13 @@ def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_
     [
         ("AX-12", "CCW Angle Limit", 0),
         ("XM430-W350", "Operating Mode", 1),
+        ("XM430-W350", "Drive Mode", 1),
+        ("XM430-W350", "Homing Offset", 1),
         ("STS3215", "Operating Mode", 1),
+        ("STS3215", "Position Offset", 1),
     ],
 )
-def test_torque_stays_off_in_a_servo_that_was_taken_out_of_position_mode(
+def test_torque_stays_off_in_a_servo_that_another_program_has_set_up_anew(
     name: str, register: str, value: int
 ) -> None:
     servo = SimulatedServo(1, name)
@@ -129,7 +132,11 @@ def test_torque_stays_off_in_a_servo_that_was_taken_out_of_position_mode(
     assert rig.torque == [0] and servo.true_position == pytest.approx(before, abs=0.01)
     with pytest.raises(TorqueError):
         run(rig.bus.switching_torque(None, True))
+    run(rig.bus.stopping(None))
+    with pytest.raises(ServoError):
+        run(rig.bus.starting(None))
     servo.set_register(register, right)
+    rig.step(20)
     assert rig.go(0.3).states["j1"].position == pytest.approx(0.3, abs=0.03)
 
 

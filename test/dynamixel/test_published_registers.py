@@ -8,6 +8,7 @@ An empty cell is a value that the page does not print, or that the driver narrow
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,13 @@ def test_model_numbers_and_protocols_are_those_of_the_e_manual() -> None:
     own = {m.name: m for m in all_models() if m.family == "Dynamixel"}
     published = {row["model"]: (row["number"], row["protocol"]) for row in rows("models.csv")}
     assert {n: (str(m.model_number), str(m.protocol)) for n, m in own.items()} == published
+
+
+def test_vendors_figures_of_an_ax_12() -> None:
+    model = servo_model("AX-12")
+    assert model.speed_unit == pytest.approx(0.0116239, abs=1e-7)
+    assert model.no_load_speed == pytest.approx(6.178, abs=1e-3)
+    assert model.radians_per_tick * model.ticks == pytest.approx(math.radians(300))
 
 
 def test_every_model_is_found_by_name_and_number() -> None:

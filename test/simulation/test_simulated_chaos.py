@@ -13,8 +13,6 @@ from head_tracking.simulation import (
     Faults,
     SerialLine,
     SimulatedBus,
-    SimulatedClock,
-    SimulatedLine,
     SimulatedServo,
 )
 
@@ -82,17 +80,3 @@ def test_the_line_recovers_from_any_sequence_of_faults(
         line.send(ping, now, baud_rate)
         status = kind.decode(line.receive(now + SECOND))
         assert status is not None and status.id in (1, 2)
-
-
-@settings(max_examples=60)
-@given(st.lists(st.sampled_from(PACKETS), max_size=25), st.sampled_from((57_600, 1_000_000)))
-def test_a_master_that_waits_for_silence_causes_no_collision(
-    packets: list[bytes], baud_rate: int
-) -> None:
-    clock = SimulatedClock(1)
-    line = SimulatedLine(SimulatedBus(servos()), clock, baud_rate)
-    for packet in packets:
-        line.write(packet)
-        while line.read(1000, clock() + 0.02):
-            pass
-    assert not line.overlaps

@@ -102,36 +102,6 @@ def test_deflection_under_load() -> None:
     assert b.servo.register("Present Load") == pytest.approx(1024 + 512, abs=30)  # clockwise
 
 
-def test_speed_has_bit_10_when_clockwise() -> None:
-    b = bench()
-    b.go(112, 100)
-    b.run(0.5)
-    assert b.servo.register("Present Speed") == pytest.approx(1024 + 100, abs=3)
-    b.go(912, 100)
-    b.run(0.5)
-    assert b.servo.register("Present Speed") == pytest.approx(100, abs=3)
-
-
-def test_torque_limit_limits_the_drive() -> None:
-    b = bench()
-    b.write("Torque Limit", 102)  # 10 %
-    b.go(512, 0)
-    b.servo.push(0.3)  # 20 %
-    b.run(5.0)
-    assert b.servo.true_ticks > 900
-
-
-def test_torque_off_stops_driving_and_keeps_the_position() -> None:
-    b = bench()
-    b.go(900, 200)
-    b.run(0.3)
-    b.write("Torque Enable", 0)
-    b.run(1.0)
-    resting = b.servo.true_ticks
-    assert resting < 800
-    assert set(b.run(1.0, ticks)) == {resting}
-
-
 @pytest.mark.parametrize("model", ["AX-12", "XM430-W350", "STS3215"])
 def test_a_relaxed_shaft_does_not_coast_far(model: str) -> None:
     b = Bench(SimulatedServo(1, model))

@@ -175,16 +175,3 @@ def test_profiles(acceleration, velocity, goal, top, rise) -> None:
     else:
         assert max(speeds) == pytest.approx(top, rel=0.02)
         assert speeds.index(max(speeds)) == pytest.approx(rise, abs=12)
-
-
-def test_start_delay_does_not_delay_disabling_torque() -> None:
-    s = servo(start_delay=0.04)
-    write(s, "Torque Enable", 1)
-    write(s, "Goal Position", 3000)
-    s.advance(39 * MS)
-    assert s.true_ticks == 2048
-    s.advance(200 * MS)
-    assert s.true_ticks > 2050
-    write(s, "Torque Enable", 0, 200 * MS)
-    s.advance(210 * MS)
-    assert abs(s.register("Present PWM")) == 0
