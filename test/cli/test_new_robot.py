@@ -190,12 +190,13 @@ def test_torque_off_needs_confirmation(user: User) -> None:
     "wrong",
     [
         [{}, {9: 600, 5: 1000}, {9: 2600, 5: 3000}],  # two at once, to the same side
+        [{}, {9: 600, 5: 1500}, {9: 2600, 5: 2800}],  # two at once, not alike
         [{}, {9: 600}, {9: 1500}],  # pan to the left only
         [{9: 600}, {}, {9: 2600}],  # ahead at the end of the range
         [*BY_HAND[:4], {5: 2100}],  # tilt up only
         [*BY_HAND[:3], {9: 600}, {9: 2600}],  # pan in place of tilt
     ],
-    ids=["both", "pan", "zero", "tilt", "same"],
+    ids=["both", "unlike", "pan", "zero", "tilt", "same"],
 )
 def test_a_joint_with_impossible_poses_is_asked_for_again(
     user: User, wrong: list[dict[int, int]]
@@ -209,6 +210,14 @@ def test_a_joint_with_impossible_poses_is_asked_for_again(
     for motor, ticks in ((pan, (2580, 1500, 620)), (tilt, (2880, 2100, 1720))):
         assert [motor["min"], motor["init"], motor["max"]] == pytest.approx(ticks, abs=5)
     assert 'value="0 0 0.12"' in (user.folder / "my_head.urdf.xacro").read_text()
+
+
+def test_two_servos_on_pan_leave_none_for_tilt(user: User) -> None:
+    user.bench = Bench([SimulatedServo(n, "XL430-W250", position=2048) for n in (5, 9)])
+    user.poses = [{}, {5: 1000, 9: 1000}, {5: 3000, 9: 3000}, {}, {}, {}, {}]
+    user.answers = "\n\n\ny\n"
+    assert user.run() == REFUSED
+    assert len(user.poses) == 4
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,7 @@ def test_connect_names_missing_ids_after_a_second_try() -> None:
         rig.connect()
     assert (info.value.asked, info.value.answered) == ((1, 2), (1,))
     assert not rig.port.opened
+    rig.port.failures[1].extend([CorruptReplyError("noise")] * 3)  # it is there
     rig.at = (rig.clock.now, lambda: rig.port.servos.setdefault(2, servo))
     assert rig.bus.connect() == "2 AX-12 servos: ids 1, 2"
 
