@@ -348,23 +348,6 @@ def test_torque_on_outside_the_limits_needs_confirmation(
     assert servo.register("Torque Enable") == (code == DONE)
 
 
-def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench: Tool) -> None:
-    bench[7].advance(bench.clock.now)
-    bench[7].lead(5000, 0.5, 2.0)
-    bench.pass_time(2.0)
-    bench[7].advance(bench.clock.now)
-    assert bench[7].register("Present Position") == pytest.approx(5000, abs=5)
-    assert bench.run("set", "7", "Torque Enable", "1") == REFUSED
-    assert bench[7].register("Torque Enable") == 0
-    bench[7].power_off()
-    bench[7].power_on()
-    bench.pass_time(1.0)
-    assert bench.run("set", "7", "Torque Enable", "1") == DONE
-    bench.pass_time(1.0)
-    bench[7].advance(bench.clock.now)
-    assert bench[7].true_ticks == pytest.approx(5000 - 4096, abs=8)
-
-
 def test_common_options_may_come_after_the_command(bench: Tool) -> None:
     assert bench.run("set", "7", "Temperature Limit", "60", "--yes") == DONE
     assert bench[7].register("Temperature Limit") == 60

@@ -190,6 +190,14 @@ def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) 
     assert all("head_tilt_joint" in reading.states for reading in readings)
 
 
+def test_lost_servos_are_asked_in_turn_each_every_40_ms(rig: FakeRig) -> None:
+    rig.pan.answers = rig.tilt.answers = False
+    rig.step(5)
+    rig.port.take_log()
+    rig.step(100)
+    assert rig.port.log[:98] == [("ping", 1), ("ping", 2)] * 49
+
+
 def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(
     rig: FakeRig,
 ) -> None:

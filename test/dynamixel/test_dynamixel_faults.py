@@ -9,9 +9,8 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from answer_hook import OnAnswers
 from dynamixel_fakes import submit
-from simulated_device import Bench, Rig
+from simulated_device import Bench, OnAnswers, Rig
 
 from head_tracking.dynamixel import (
     BusReading,

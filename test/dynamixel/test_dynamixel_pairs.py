@@ -135,7 +135,7 @@ def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back(name: str) 
     second.set_register(limit, round(0.44 * second.model.ticks))  # the joint's 0.56 and more
     pair.bus.joint("j").reconfigure(highest=round(0.52 * second.model.ticks))
     second.set_register("ID", 2)
-    pair.step(400)
+    pair.step(100)
     assert not pair.bus.joint("j").complete
     assert not second.register("Torque Enable")
 

@@ -12,7 +12,7 @@ from random import Random
 
 import pytest
 from dynamixel_fakes import submit
-from simulated_device import Bench, joint_of
+from simulated_device import Rig, joint_of
 
 from head_tracking.dynamixel import (
     DynamixelError,
@@ -69,9 +69,9 @@ class Requests:
             f"j{i}": SimulatedServo(i, model, boot_time=0.05)
             for i, model in enumerate(models, start=1)
         }
-        self.bench = Bench(self.servos.values())
-        self.bus = self.bench.servo_bus([joint_of(*each) for each in enumerate(models, start=1)])
-        self.bus.connect()
+        joints = [joint_of(*each) for each in enumerate(models, start=1)]
+        rig = Rig(*self.servos.values(), joints=joints)
+        self.bench, self.bus = rig.bench, rig.bus
         self.expected = {name: Expected() for name in self.servos}
         self.plugged = True
         self.settle()

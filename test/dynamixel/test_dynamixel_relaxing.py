@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakePort, FakeRig, submit, writes
+from dynamixel_fakes import PAN, TILT, FakeRig, submit, writes
 from simulated_device import Bench, Rig
 
 from head_tracking.dynamixel import (
@@ -11,7 +11,6 @@ from head_tracking.dynamixel import (
     ConfigurationError,
     DynamixelPort,
     EventKind,
-    ServoBus,
     ServoError,
     Torque,
     TorqueError,
@@ -47,17 +46,17 @@ def rig() -> FakeRig:
 
 @pytest.mark.parametrize("register", [None, "Model Number", "CCW Angle Limit"])
 def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | None) -> None:
-    port = FakePort()
-    for servo in port.servos.values():
+    rig = FakeRig(connect=False)
+    for servo in (rig.pan, rig.tilt):
         servo["Torque Enable"] = 1  # left so by a program that was killed
     if register is None:
-        port.servos[1].answers = False
+        rig.pan.answers = False
     else:
-        port.servos[1][register] = 0
+        rig.pan[register] = 0
     with pytest.raises(ServoError):
-        ServoBus(port, [PAN, TILT], pause=lambda _: None).connect()  # type: ignore[arg-type]
-    assert port.servos[2]["Torque Enable"] == 0
-    assert not port.opened
+        rig.connect()
+    assert rig.tilt["Torque Enable"] == 0
+    assert not rig.port.opened
 
 
 def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig: FakeRig) -> None:

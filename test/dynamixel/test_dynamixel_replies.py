@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from simulated_device import Bench
 
@@ -119,7 +119,6 @@ groups = st.builds(
 ).filter(lambda group: group.method is not ReadMethod.EACH or len(group.ids) == 1)
 
 
-@settings(max_examples=200)
 @given(st.lists(pieces, max_size=6).map(b"".join), groups)
 def test_any_bytes_are_replies_of_the_right_length_or_errors(
     answer: bytes, group: ReadGroup

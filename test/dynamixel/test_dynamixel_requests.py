@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from random import Random
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakeClock, FakePort, submit
+from dynamixel_fakes import PAN, TILT, FakeRig, submit
 from simulated_device import Bench
 from waiting import join
 
@@ -17,7 +17,6 @@ from head_tracking.dynamixel import (
     EepromSettings,
     Epoch,
     Goal,
-    ServoBus,
     ServoError,
     StoppedError,
     Torque,
@@ -82,10 +81,8 @@ class Interleavings:
 
     def __init__(self, seed: int) -> None:
         self.random = Random(seed)
-        self.port = FakePort(1)
-        clock = FakeClock(tick=100_000)
-        self.bus = ServoBus(self.port, [PAN], monotonic=clock, pause=clock.pass_time)  # type: ignore[arg-type]
-        self.bus.connect()
+        rig = FakeRig(PAN, tick=100_000)
+        self.port, self.bus = rig.port, rig.bus
         self.thread = BusThread(self.bus, 50.0, lambda _: None)
         self.epoch = self.bus.epoch
         self.made: list[tuple[int | None, int]] = []  # goal in ticks or None: torque on; its epoch
@@ -227,24 +224,18 @@ def test_a_function_that_was_cancelled_is_not_called() -> None:
     assert not called
 
 
-def test_the_wait_for_a_joint_with_another_request_is_bounded() -> None:
-    port, clock = FakePort(), FakeClock()
-    bus = ServoBus(port, [PAN, TILT], monotonic=clock)  # type: ignore[arg-type]
-    bus.connect()
-    submit(bus, bus.switching_torque([JOINT], True))
+def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> None:
+    submit(rig.bus, rig.bus.switching_torque([JOINT], True))
     for _ in range(4):
-        bus.cycle.fill(clock.now + 10**9)
-    assert bus.joint(JOINT).busy  # and no cycle takes the other steps
+        rig.bus.cycle.fill(rig.clock.now + 10**9)
+    assert rig.bus.joint(JOINT).busy  # and no cycle takes the other steps
     with pytest.raises(ServoError):
-        run(bus.writing_eeprom(JOINT, EepromSettings()), clock.pass_time)
-    assert clock.now < 20e9
+        run(rig.bus.writing_eeprom(JOINT, EepromSettings()), rig.clock.pass_time)
+    assert rig.clock.now < 20e9
 
 
-def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> None:
-    port = FakePort()
-    bus = ServoBus(port, [PAN, TILT])  # type: ignore[arg-type]
-    bus.connect()
-    run(bus.switching_torque(None, True))
+def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end(rig: FakeRig) -> None:
+    run(rig.bus.switching_torque(None, True))
 
     def steps() -> Steps[None]:
         try:
@@ -253,6 +244,6 @@ def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end() -> N
         finally:
             raise RuntimeError("cannot end")
 
-    submit(bus, steps())
-    assert bus.close() == ()
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
+    submit(rig.bus, steps())
+    assert rig.bus.close() == ()
+    assert rig.torque == [0, 0]

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 from dynamixel_fakes import submit
-from simulated_device import Bench, Rig
+from simulated_device import Rig
 
 from head_tracking.cli.servo.register_values import parse_value
-from head_tracking.cli.servo.session import ToolError, find_servo
+from head_tracking.cli.servo.session import ToolError
 from head_tracking.configuration.bus_parameters import (
     ControllerParameters,
     MotorParameters,
@@ -28,7 +28,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import ServoSetupError
-from head_tracking.dynamixel.servo import Servo, run
+from head_tracking.dynamixel.servo import run
 from head_tracking.feetech import FeetechErrors
 from head_tracking.simulation import SimulatedServo
 
@@ -50,23 +50,6 @@ def test_an_offset_that_overflows_is_refused(offset: int) -> None:
         parse_value(register, str(offset))
     with pytest.raises(ConfigurationError):
         replace(JOINT, offset=offset)
-
-
-def test_an_offset_is_written_with_its_sign() -> None:
-    servo = SimulatedServo(1, STS, position=2000)
-    bench = Bench([servo])
-    bench.port.open()
-    link = Servo(bench.port, 1, STS)
-    raw = parse_value(STS.control_table["Position Offset"], "-85")
-    assert raw == 2048 + 85
-    run(link.write_eeprom({"Position Offset": raw}), bench.pass_time)
-    assert link.get("Position Offset") == raw
-    assert link.get("Present Position") == 2085
-    assert link.get("EEPROM Lock") == 1
-    bench.bus.advance(bench.now())
-    servo.power_off()
-    servo.power_on()
-    assert servo.register("Position Offset") == raw
 
 
 def test_a_memory_that_was_being_written_when_the_bus_closed_is_locked_at_the_next_start() -> None:
@@ -216,10 +199,3 @@ def test_a_goal_resets_the_acceleration_that_another_program_left() -> None:
     rig.go(0.5)
     assert servo.register("Acceleration") == 0
     assert rig.reading.states["pan"].position == pytest.approx(0.5, abs=0.02)
-
-
-@pytest.mark.parametrize("model", [STS, SCS], ids=["STS", "SCS"])
-def test_a_servo_is_found_by_its_own_registers(model) -> None:
-    bench = Bench([SimulatedServo(9, model)])
-    bench.port.open()
-    assert find_servo(bench.port, 9).model is model

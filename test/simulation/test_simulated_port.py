@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from answer_hook import OnAnswers
+from simulated_device import OnAnswers
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 from waiting import PATIENCE, eventually
 

@@ -6,7 +6,7 @@ import pytest
 from simulated_packets import InstructionPacket2, StatusPacket2, write
 
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.protocol import ALERT, HardwareErrors, StatusCode, XL320Errors
+from head_tracking.dynamixel.protocol import StatusCode
 from head_tracking.simulation import SimulatedServo
 
 Packet = InstructionPacket2
@@ -55,25 +55,6 @@ def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
 
 
 # Errors
-
-
-@pytest.mark.parametrize(
-    ("model", "errors"), [(XM430, HardwareErrors), (XL320, XL320Errors)], ids=["XM430", "XL-320"]
-)
-def test_overload_switches_off_until_the_reboot(model, errors) -> None:
-    s = servo(model)
-    write(s, "Torque Enable", 1)
-    s.overload()
-    assert s.register("Torque Enable") == 0
-    assert s.register("Hardware Error Status") == errors.OVERLOAD
-    status = s.execute(Packet.ping(1), 0)
-    assert status is not None and status.error == ALERT
-    assert write(s, "Torque Enable", 1) & ALERT
-    s.advance(MS)
-    assert s.register("Torque Enable") == 0
-    s.execute(Packet.reboot(1), MS)
-    assert s.register("Hardware Error Status") == 0
-    assert write(s, "Torque Enable", 1, SECOND) == 0
 
 
 # Bus watchdog

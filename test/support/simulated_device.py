@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from head_tracking.dynamixel import (
@@ -19,7 +19,13 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
-from head_tracking.simulation import SimulatedBus, SimulatedClock, SimulatedLine, SimulatedServo
+from head_tracking.simulation import (
+    Answer,
+    SimulatedBus,
+    SimulatedClock,
+    SimulatedLine,
+    SimulatedServo,
+)
 
 PERIOD = 0.02  # s, of a cycle
 
@@ -28,6 +34,16 @@ def as_device(line: SimulatedLine) -> Any:
     """Return a line that takes the place of an open serial device."""
     line.adapter, line.close = Adapter(), lambda: None  # type: ignore[attr-defined]
     return line
+
+
+class OnAnswers:
+    """Fault injection that passes every answer through a function; requests arrive as sent."""
+
+    def __init__(self, answer: Callable[[Answer], Iterable[Answer]]) -> None:
+        self.answer = answer
+
+    def request(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
+        return data, []
 
 
 class Keyboard(io.StringIO):
