@@ -87,7 +87,6 @@ class DynamixelPort:
         adapter: Facts about the adapter, once the port has been open.
         stable_name: Name of the adapter by its serial number, once the port has been open; "": it
             has none.
-        searches: Number of replies that were not the next bytes received.
         surplus: Number of unexpected status packets by servo id: two servos have that id, packets
             are repeated, or another program reads.
 
@@ -115,7 +114,6 @@ class DynamixelPort:
         self.adapter = Adapter()
         self.stable_name = ""
         self.surplus: Counter[int] = Counter()
-        self.searches = 0
         self._reply_timeout = reply_timeout
         self._open_device = open_device
         self._was_open = False
@@ -381,7 +379,6 @@ class DynamixelPort:
                 self._timeout.learn(now - due)
                 return status
         self._buffer = buffer
-        self.searches += 1
         status = self._search(instruction, due, deadline)
         return status._replace(stamp=min(received_at, self._wire_free))
 

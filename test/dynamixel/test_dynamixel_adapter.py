@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -101,51 +103,30 @@ def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
     assert found("ttyUSB0", serial_number=None) == ""  # another adapter may have the same link
 
 
-class Udev:
-    """Two adapters, the names that they have now, and what was opened."""
+def test_adapters_that_changed_their_names_are_opened_by_serial_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    adapters = {"/dev/ttyUSB0": "A", "/dev/ttyUSB1": "B"}
+    opened: list[str] = []
 
-    def __init__(self) -> None:
-        self.adapters = {"/dev/ttyUSB0": "A", "/dev/ttyUSB1": "B"}
-        self.opened: list[str] = []
+    def by_serial_number(name: str) -> str:
+        return f"/dev/serial/by-id/{adapters[name]}" if name in adapters else ""
 
-    def stable_name(self, name: str) -> str:
-        return f"/dev/serial/by-id/{self.adapters[name]}" if name in self.adapters else ""
-
-    def open_device(self, name: str, baud_rate: int) -> Device:
-        links = {self.stable_name(device): serial for device, serial in self.adapters.items()}
-        if name not in self.adapters | links:
+    def open_device(name: str, baud_rate: int) -> Any:
+        names = adapters | {by_serial_number(device): each for device, each in adapters.items()}
+        if name not in names:
             raise PortMissingError(name, [])
-        self.opened.append((self.adapters | links)[name])
-        return Device()
+        opened.append(names[name])
+        return SimpleNamespace(adapter=Adapter(), close=lambda: None)
 
-
-class Device:
-    adapter = Adapter()
-
-    def close(self) -> None:
-        pass
-
-
-@pytest.fixture
-def udev(monkeypatch: pytest.MonkeyPatch) -> Udev:
-    udev = Udev()
-    monkeypatch.setattr(port_module, "stable_name", udev.stable_name)
-    return udev
-
-
-def test_adapters_that_changed_their_names_are_opened_by_serial_number(udev: Udev) -> None:
-    first, second = [
-        DynamixelPort(name, open_device=udev.open_device)  # type: ignore[arg-type]
-        for name in ("/dev/ttyUSB0", "/dev/ttyUSB1")
-    ]
-    for port in (first, second):
-        port.open()
-        port.close()
-    udev.adapters = {"/dev/ttyUSB0": "B", "/dev/ttyUSB1": "A"}  # after a USB reset
-    for port in (first, second):
-        port.open()
-        port.close()
-    assert udev.opened == ["A", "B", "A", "B"]
-    udev.adapters = {"/dev/ttyUSB0": "B"}
+    monkeypatch.setattr(port_module, "stable_name", by_serial_number)
+    ports = [DynamixelPort(name, open_device=open_device) for name in adapters]
+    for _ in range(2):
+        for port in ports:
+            port.open()
+            port.close()
+        adapters = {"/dev/ttyUSB0": "B", "/dev/ttyUSB1": "A"}  # after a USB reset
+    assert opened == ["A", "B", "A", "B"]
+    adapters = {"/dev/ttyUSB0": "B"}
     with pytest.raises(PortMissingError):
-        first.open()
+        ports[0].open()

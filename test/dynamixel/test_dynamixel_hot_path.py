@@ -8,11 +8,9 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from simulated_device import Bench, Rig
+from simulated_device import Rig
 
-from head_tracking.dynamixel import Goal, servo_model
-from head_tracking.dynamixel.protocol import Status
-from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
+from head_tracking.dynamixel import Goal
 from head_tracking.simulation import SimulatedServo
 
 
@@ -44,29 +42,3 @@ def calls(name: str) -> Counter[str]:
 def test_a_cycle_without_trouble_takes_few_calls(name: str) -> None:
     counted = calls(name)
     assert counted.total() <= 60, counted
-
-
-@pytest.mark.parametrize("latency", [0.0, 0.004])
-@pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "STS3215"])
-def test_replies_are_read_without_a_search_however_the_adapter_cuts_them(
-    name: str, latency: float
-) -> None:
-    model = servo_model(name)
-    servos = [SimulatedServo(i, model) for i in (1, 2, 3)]
-    for servo in servos:
-        servo.set_register("Return Delay Time", 250)  # 500 us
-    bench = Bench(servos, latency=latency)
-    bench.port.open()
-    method = {1: ReadMethod.BULK if model.bulk_read else ReadMethod.EACH, 2: ReadMethod.SYNC}
-    block = model.feedback
-    how, ids = method[model.protocol], (1, 2, 3)
-    groups = [
-        ReadGroup(how, model.protocol, block.address, block.length, each)
-        for each in ([(1,), (2,), (3,)] if how is ReadMethod.EACH else [ids])
-    ]
-    for k in range(60):
-        replies = [reply for group in groups for reply in bench.port.read_group(group)]
-        assert len(replies) == len(ids)
-        assert all(isinstance(reply, Status) for reply in replies)
-        bench.pass_time(0.003 + 0.0000457 * k)
-    assert bench.port.searches == 0

@@ -22,7 +22,7 @@ from head_tracking.dynamixel import (
     Torque,
     TorqueError,
 )
-from head_tracking.dynamixel.requests import RequestQueue, Steps
+from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -214,14 +214,6 @@ def test_an_epoch_counts_every_stop_of_many_threads() -> None:
         thread.start()
     join(*threads)
     assert sorted(numbers) == list(range(1, 2001)) and epoch.value == 2000
-
-
-def test_a_function_that_was_cancelled_is_not_called() -> None:
-    queue = RequestQueue(Epoch(), lambda: 0)
-    called: list[int] = []
-    assert queue.add(lambda: called.append(1)).cancel()
-    queue.begin_next()
-    assert not called
 
 
 def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> None:

@@ -42,9 +42,6 @@ def test_faults_of_answers() -> None:
     assert stalled.delay == ANSWER.delay and 10 * MS <= stalled.stalled <= 100 * MS
     (twice,) = spoilt(Fault.DUPLICATE)
     assert twice.data == 2 * ANSWER.data
-
-
-def test_faults_before_answers() -> None:
     (foreign,) = spoilt(Fault.FOREIGN)
     assert foreign.data.endswith(ANSWER.data)
     stranger = StatusPacket.decode(foreign.data[: -len(ANSWER.data)])

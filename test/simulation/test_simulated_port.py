@@ -78,22 +78,6 @@ def test_unread_answers_do_not_block_the_bus(port: SimulatedPort) -> None:
     client.close()
 
 
-def test_closing_leaves_no_descriptor_and_no_thread() -> None:
-    def resources() -> tuple[int, int]:
-        return len(os.listdir("/proc/self/fd")), threading.active_count()
-
-    before = resources()
-    for _ in range(5):
-        port = SimulatedPort([SimulatedServo(1)])
-        port.open()
-        client = Client(port.port_name)
-        assert client.ask(PING, 6) == PONG
-        client.close()
-        port.close()
-        port.close()
-    assert resources() == before
-
-
 @pytest.mark.parametrize("stale", [None, "/dev/pts/does-not-exist"])
 def test_link_names_the_port(tmp_path: Path, stale: str | None) -> None:
     link = tmp_path / "ttyHead"
@@ -124,24 +108,25 @@ def test_an_impossible_link_is_refused(tmp_path: Path, kind: str) -> None:
     assert kind != "file" or link.read_text() == "data"
 
 
-def test_unplugged_adapter_returns_with_the_same_link(tmp_path: Path) -> None:
-    link = tmp_path / "ttyHead"
-    with SimulatedPort([SimulatedServo(1)], link=link) as port:
-        for _ in range(5):
-            client = Client(str(link))
-            assert client.ask(PING, 6) == PONG
-            port.close()
-            assert not os.path.lexists(link)
-            assert port.port_name == ""
-            with pytest.raises(OSError):
-                os.write(client.descriptor, PING)
-            client.close()
-            port.close()
-            port.open()
-            port.open()
+def test_unplugged_adapter_returns_with_the_same_link_and_leaves_nothing(tmp_path: Path) -> None:
+    def resources() -> tuple[int, int]:
+        return len(os.listdir("/proc/self/fd")), threading.active_count()
+
+    link, before = tmp_path / "ttyHead", resources()
+    port = SimulatedPort([SimulatedServo(1)], link=link)
+    for _ in range(5):
+        port.open()
+        port.open()
         client = Client(str(link))
         assert client.ask(PING, 6) == PONG
+        port.close()
+        assert not os.path.lexists(link)
+        assert port.port_name == ""
+        with pytest.raises(OSError):
+            os.write(client.descriptor, PING)
         client.close()
+        port.close()
+    assert resources() == before
 
 
 @pytest.mark.parametrize("baud_rate", [57_600, 250_000, 4_500_000])
