@@ -102,7 +102,7 @@ def test_each_fault_is_survived_and_passes(names: list[str], kind: Fault) -> Non
 )
 def test_all_faults_at_once_on_mixed_models(names: list[str]) -> None:
     ordeal = Ordeal(names, tuple(Fault), seed=7)
-    ordeal.run(400, 0.05)
+    ordeal.run(300, 0.05)
     readings = ordeal.run(100, 0.0)
     assert all(len(reading.states) == len(names) for reading in readings[-20:])
 
@@ -126,7 +126,7 @@ def test_the_driver_never_speaks_while_a_servo_does(
     names: list[str], kinds: tuple[Fault, ...], seed: int, rate: float
 ) -> None:
     ordeal = Ordeal(names, kinds, seed)
-    ordeal.run(300, rate)
+    ordeal.run(200, rate)
     overlaps = ordeal.bench.line.overlaps
     assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, overlaps
 

@@ -416,8 +416,11 @@ def test_a_joint_that_slows_down_and_turns_round_meets_no_obstacle() -> None:
     assert not texts
 
 
-@pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
-@pytest.mark.parametrize(("speed", "delay"), [(0.05, 0.08), (0.4, 0.03)])
+@pytest.mark.parametrize(
+    ("model", "speed", "delay"),
+    [(AX, 0.05, 0.08), (XM, 0.4, 0.03), (STS, 0.05, 0.03), (XM, 0.05, 0.08)],
+    ids=["AX", "X fast", "STS", "X slow"],
+)
 def test_a_joint_that_begins_slowly_meets_no_obstacle(model, speed: float, delay: float) -> None:
     """It rests at its goal, then the goal leads, to one side and to the other in turns."""
     rig = Rig(model, 3, delay=delay).connect()

@@ -271,8 +271,8 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
     [
         ("AX-12", 1_000_000, 0.0),
         ("AX-12", 57_600, 0.016),
-        ("XM430-W350", 1_000_000, 0.016),
-        ("STS3215", 57_600, 0.0),
+        ("XM430-W350", 1_000_000, 0.0),
+        ("STS3215", 57_600, 0.016),
     ],
 )
 def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
