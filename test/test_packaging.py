@@ -16,14 +16,16 @@ from program_names import NODES, PROGRAMS
 SOURCE = Path(__file__).resolve().parents[1]
 VERSION = ElementTree.parse(SOURCE / "package.xml").getroot().findtext("version")
 EXECUTABLES = NODES | PROGRAMS
-# Print which copy is loaded and where the ament index finds it; load all executables.
+# Print which copy is loaded and where the ament index finds it.
 REPORT = """
-from importlib.metadata import distribution
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 import head_tracking
 print(head_tracking.__file__)
 print(get_package_prefix("head_tracking"))
 print(get_package_share_directory("head_tracking"))
+"""
+LOAD_ALL = """
+from importlib.metadata import distribution
 for script in distribution("head_tracking").entry_points.select(group="console_scripts"):
     assert callable(script.load()), script
 """
@@ -155,7 +157,8 @@ def test_an_installed_wheel_runs_without_its_environment_being_active(wheel, tmp
         message = run(*program, "kinectbot", env=environment(), cwd=tmp_path)
         assert "robot name is: kinectbot" in message
 
-    seen = run(python, "-c", REPORT, env=environment(AMENT_PREFIX_PATH=str(prefix)), cwd=tmp_path)
+    variables = environment(AMENT_PREFIX_PATH=str(prefix))
+    seen = run(python, "-c", REPORT + LOAD_ALL, env=variables, cwd=tmp_path)
     file, found, share = seen.splitlines()
     assert Path(file).is_relative_to(prefix)
     assert (found, share) == (str(prefix), str(prefix / "share" / "head_tracking"))

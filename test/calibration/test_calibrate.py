@@ -27,7 +27,7 @@ from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
-from head_tracking.share import robot_file, robot_parameters
+from head_tracking.share import robot_file
 from head_tracking.transforms import (
     RobotModel,
     TransformBuffer,
@@ -282,25 +282,6 @@ def test_narrow_limits_are_used_and_what_they_hide_is_named(quick):
     assert found.estimates["pan play"].deviation > math.radians(0.02)
     for value, deviation, observable in found.estimates.values():
         assert not observable or abs(value) < 3.5 * deviation
-
-
-def test_the_play_of_simulated_servos_is_found(quick):
-    """The camera hangs on links that stay behind the encoders."""
-    model = load_robot_model(robot_file("kinectbot"))
-    configured = configured_head(robot_parameters("kinectbot"))
-    names = [joint.joint_name for joint in configured.servos]
-    with SimulatedJoints(configured.servos, link_play=math.radians(1.0)) as servos:
-
-        def camera(stamp):
-            true = {name: servos.true_position(name) for name in names}
-            return model.transform("base_link", "camera_optical_frame", true)
-
-        with Head(servos.port_name, model, configured.servos, reply_timeout=0.3) as head:
-            found = head.calibrate(film("still marker", camera), marker=MARKER)
-    for name in ("pan play", "tilt play"):
-        estimate = found.estimates[name]
-        assert estimate.observable
-        assert abs(estimate.value - math.radians(1.0)) < math.radians(0.25)
 
 
 def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused():

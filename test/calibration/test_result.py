@@ -142,19 +142,3 @@ def test_other_robots_have_a_geometry(robot):
     )
     found = Transform(place.tolist(), Rotation.from_matrix(turn))
     assert np.allclose(found.as_matrix(), expected.as_matrix(), atol=1e-9)
-
-
-def test_a_tilt_axis_that_the_urdf_leaves_out(tmp_path):
-    model = parse_robot_model(
-        '<robot name="r"><link name="base"/><link name="panned"/><link name="tilted"/>'
-        '<link name="optical"/><joint name="pan" type="continuous"><parent link="base"/>'
-        '<child link="panned"/><axis xyz="0 0 1"/></joint><joint name="tilt" type="continuous">'
-        '<parent link="panned"/><child link="tilted"/></joint><joint name="camera" type="fixed">'
-        '<parent link="tilted"/><child link="optical"/></joint></robot>'
-    )
-    geometry = HeadGeometry.of(model, "pan", "tilt", "optical")
-    calibration = Calibration.of(geometry, Solution(CHANGES, {}, 0.3, 20, 1, RESIDUALS))
-    calibration.save(tmp_path / "calibration.yaml")
-    found = calibrated(model, tmp_path / "calibration.yaml").joint("tilt").axis
-    assert np.allclose(found, calibration.joints[1].axis, atol=1e-9)
-    assert abs(found[2]) > 0.005  # the axis leans

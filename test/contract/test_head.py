@@ -337,10 +337,8 @@ def test_numbers_of_any_type_are_accepted(head):
 @pytest.mark.parametrize(
     "error",
     [
-        FrameError("nose", "the frame 'nose' does not exist"),
         UnreachableError((1.0, 2.0, 3.0), "base_link", 0.5, "it is behind"),
         RefusedCommandError("stopped"),
-        SupersededError((1.0, 2.0, 3.0), None),
         TorqueError(True, {"pan": "no answer"}),
     ],
 )

@@ -112,5 +112,5 @@ def test_the_simulated_head_looks_there(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_simulated_head_keeps_a_moving_target(name):
     """In simulated time: servos, bus and tracker of the robot, a target at 0.5 Hz."""
-    pursuit = Pursuit(name, 0.5).run(4.0)
+    pursuit = Pursuit(name, 0.5).run(3.0)
     assert pursuit.rms < 1.5 * DEGREE

@@ -50,17 +50,11 @@ def test_a_run_with_a_duration_ends_with_a_summary(bench):
     assert re.search(r"; \d+ bus cycles, \d+ faults", run.last_line)
 
 
-@pytest.mark.parametrize(
-    ("text", "fact", "code"),
-    [
-        ("servo_bus:\n  ros__parameters: [\n", "params.yaml", 2),
-        ("servo_bus: {ros__parameters: {updat_rate: 40.0}}\n", "updat_rate", 1),
-    ],
-)
-def test_a_wrong_parameter_file_ends_the_run_before_any_motion(bench, text, fact, code):
+def test_a_wrong_parameter_file_ends_the_run_before_any_motion(bench):
+    text = "servo_bus:\n  ros__parameters: [\n"
     run = bench.run("--params", params(bench, text), "--target", "fictitious")
-    assert run.end() == code
-    assert fact in run.last_line
+    assert run.end() == 2
+    assert "params.yaml" in run.last_line
     assert "Traceback" not in run.output
     assert bench.servos.true == (0.0, 0.0)
 
@@ -70,13 +64,6 @@ def test_a_head_that_lacks_a_joint_waits_and_names_it(bench):
     run = bench.start("head_tracking", "--sim", "--params", params(bench, text))
     wait_for(lambda: JOINTS[0] in bench.person.latched("head_tracker/state"))
     assert bench.person.state("head_tracker") == "idle"
-    assert run.end(signal.SIGINT) == 0, run.output
-
-
-def test_a_head_that_the_model_lacks_is_reported(bench):
-    ros = ("--ros-args", "-p", "point_head:pointing_frame:=torso_link")
-    run = bench.start("head_tracking", "--sim", "--mode", "point", *ros)
-    bench.person.complaint("point_head", "torso_link")
     assert run.end(signal.SIGINT) == 0, run.output
 
 
@@ -175,8 +162,7 @@ def test_a_tool_that_waits_for_a_head_ends_by_ctrl_c_with_130(bench):
     ("number", "environment"),
     [
         (signal.SIGTERM, {"HOME": None, "ROS_LOG_DIR": None}),
-        (signal.SIGHUP, {"ROS_LOG_DIR": "/proc/none"}),
-        (signal.SIGQUIT, {"PYTHONIOENCODING": "ascii"}),
+        (signal.SIGHUP, {"ROS_LOG_DIR": "/proc/none", "PYTHONIOENCODING": "ascii"}),
     ],
     ids=str,
 )
@@ -199,7 +185,7 @@ def test_ctrl_c_in_all_processes_ends_the_run(bench):
     assert bench.servos.torque == [0, 0]
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.5, 1.5])
+@pytest.mark.parametrize("delay", [0.0, 1.0])
 def test_ctrl_c_in_all_processes_during_the_start_is_silent(bench, delay):
     words = ("--sim", "--target", "face", "--viewer", "--ros-args", "-p", "viewer:port:=0")
     run = bench.start("head_tracking", *words, own_group=True)

@@ -18,7 +18,7 @@ from waiting import join, repeating, wait_for
 
 STILL = 0.015  # rad: a joint that is relaxed moves on a little
 SLOW = 0.6  # rad/s
-STOPS = 5  # of each kind of clients
+STOPS = 3  # of each kind of clients
 NODES = ("joint_state_publisher", "robot_state_publisher", "head_tracker")
 CALLS = [
     ("torque_enable", True),

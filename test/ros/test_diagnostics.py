@@ -92,13 +92,6 @@ def test_only_a_healthy_servo_with_fresh_data_is_ok(changes, level):
     assert entry(with_servo(**changes), "pan").level == level
 
 
-def test_old_measurements_of_a_lost_servo_are_not_told():
-    lost = replace(with_servo(health=Health.LOST), states={})
-    told = values(entry(lost, "pan"))
-    assert "temperature (degrees Celsius)" not in told
-    assert "position (rad)" not in told
-
-
 def test_two_servos_of_a_joint_have_an_entry_each():
     both = replace(
         STATUS, statistics=BusStatistics(9, 0, 0, (SERVO, replace(SERVO, id=7, symptoms=WARM)))
@@ -152,7 +145,6 @@ def servo(**changes: Any) -> PageHealth:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"health": Health.UNKNOWN},
         {"health": Health.LOST},
         *({"health": Health.FAULTED, "errors": bit} for bit in HardwareErrors),
         {"errors": ErrorBits.OVERLOAD},

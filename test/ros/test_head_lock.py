@@ -14,9 +14,8 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from waiting import eventually, join, wait_for
 
-from head_tracking.control import JointOwners
 from head_tracking.exceptions import RefusedError
-from head_tracking.ros.kit.head_claim import HeadClaim, KeptStop, is_heard_elsewhere
+from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
 from head_tracking.ros.kit.head_lock import HeadLock, domain_and_namespace, namespace
 from head_tracking.ros.kit.topics import LATCHED
 
@@ -60,15 +59,6 @@ def test_a_real_head_that_waits_too_long_is_refused(lock):
         lock().acquire(sleep, patience=0.1)
 
 
-def test_buses_without_a_run_share_and_each_keeps_simulated_heads_away(lock):
-    first, second = lock(), lock()
-    first.acquire(sleep, shared=True)
-    second.acquire(sleep, shared=True)
-    first.release()
-    with pytest.raises(RefusedError):
-        lock(simulated=True).acquire(sleep)
-
-
 def test_the_lock_lasts_as_long_as_a_process_that_inherited_it(lock):
     simulated = lock(simulated=True)
     simulated.acquire(sleep)
@@ -102,24 +92,6 @@ def test_the_domain_is_read_as_ros_does(monkeypatch, text):
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     assert domain_and_namespace(()) == str(context.get_domain_id())
     context.shutdown()
-
-
-def started():
-    owners = JointOwners()
-    KeptStop((), "servo_bus").guard(owners)
-    return owners
-
-
-def test_a_kept_stop_outlives_other_programs_of_its_name_until_resume(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    killed, other = started(), started()
-    assert not killed.stopped
-    killed.stop(dict)
-    other.claim("somebody", ["pan"])
-    again = started()
-    assert again.stopped
-    again.resume()
-    assert not started().stopped
 
 
 # between machines

@@ -7,18 +7,15 @@ import pytest
 from action_client import ABORTED, SUCCEEDED, Client
 from diagnostic_msgs.msg import DiagnosticStatus
 from head_under_test import Head
-from lockstep import World
 from std_srvs.srv import SetBool
 from waiting import wait_for
 
 from head_tracking.control import JointOwners
-from head_tracking.gaze import PanTiltHead, PointingParameters
+from head_tracking.gaze import PanTiltHead
 from head_tracking.head.obstacle import Obstacle, Reason
-from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit.joint_owners import control_message
 from head_tracking.ros.kit.topics import LATCHED
-from head_tracking.tracking import Target
 
 goals = pytest.importorskip("goals")
 FOLLOW = "/head_controller/follow_joint_trajectory"
@@ -120,35 +117,6 @@ def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, ki
         speeds.append((before - pan) / 0.02)
     assert speeds[0] > 1.5
     assert min(speeds) > 0.5 * speeds[0]
-
-
-def test_a_motion_that_replaces_tracking_does_not_stop_the_head(kinectbot, threads):
-    """As `Head.look_at` after `Head.follow`."""
-    world = World(kinectbot)
-    node = world.make(HeadTrackerNode, {}, buffer=world.buffer, loop=world.loop)
-    control, bearing = node.control, 0.0
-    head = PanTiltHead(kinectbot, *JOINTS, "camera_link")
-
-    def target(bearing):
-        point = 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
-        return Target(world.now, head.base_frame, point)
-
-    world.run(0.1)
-    for _ in range(50):
-        bearing += 0.02
-        control.accept(target(bearing))
-        world.run(0.02)
-    before = world.true_position(JOINTS[0])
-    parameters = PointingParameters(max_velocity=1.0)
-    control.point(target(2.0), parameters, lambda motion: None, at_stamp=True)
-    speeds = []
-    for _ in range(10):
-        world.run(0.02)
-        pan, before = before, world.true_position(JOINTS[0])
-        speeds.append((before - pan) / 0.02)
-    node.destroy_node()
-    assert speeds[0] > 0.7
-    assert min(speeds) > 0.5
 
 
 def test_point_head_alone_in_a_process_executes_goals(kinectbot):

@@ -9,7 +9,6 @@ from waiting import wait_for
 
 from head_tracking.calibration import Calibration, gathering
 from head_tracking.page.calibrating import CameraCalibration
-from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.diagnostics import Health, Level
 
 pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
@@ -107,15 +106,13 @@ def test_nothing_is_written_when_stop_comes_at_the_end(
     wait_for(lambda: not seen.stop.stopped)
 
 
-@pytest.mark.parametrize("what", ["stop", "mode", "torque"])
-def test_stop_another_mode_and_a_relaxed_joint_end_it(robot, seen, calibration, what, tmp_path):
+@pytest.mark.parametrize("what", ["stop", "torque"])
+def test_stop_and_a_relaxed_joint_end_it(robot, seen, calibration, what, tmp_path):
     assert calibration.begin(0.16, "").done
     wait_for(lambda: "direction 2" in calibration.progress.text, PATIENCE)
     if what == "stop":
         assert robot.call("stop").success
-    elif what == "mode":
-        assert seen.modes.set_mode(Mode.TRACK).done
-    elif what == "torque":
+    else:
         assert seen.joints.set_torque("head_tilt_controller", False).done
     wait_for(lambda: ended(calibration), PATIENCE)
     assert not list(tmp_path.rglob("*.yaml"))
@@ -123,7 +120,7 @@ def test_stop_another_mode_and_a_relaxed_joint_end_it(robot, seen, calibration, 
         assert "head_tilt_joint" in calibration.progress.text
         assert seen.joints.set_torque("head_tilt_controller", True).done
         wait_for(lambda: not any(servo.refuses for servo in seen.joints.servos()))
-    elif what != "mode":
+    else:
         assert not calibration.begin(0.16, "").done, "the head is stopped"
         assert robot.call("resume").success
         wait_for(lambda: not seen.stop.stopped)

@@ -32,13 +32,6 @@ def test_the_colours_of_encodings(encoding, pixels):
     assert np.asarray(image).tolist() == RED_AND_GREY.tolist()
 
 
-def test_grey_and_rows_with_a_gap():
-    message = Image(encoding="mono8", width=2, height=2, step=3, data=[1, 2, 0, 3, 4, 0])
-    image = image_of(message)
-    assert image is not None
-    assert np.asarray(image).tolist() == [[1, 2], [3, 4]]
-
-
 @pytest.mark.parametrize(("encoding", "unit"), [("16UC1", 1000), ("32FC1", 1.0)])
 def test_what_is_near_is_bright_in_a_depth_image(encoding, unit):
     depths = unit * np.array([[0.5, 1.0, 4.0, 0.0]])

@@ -17,7 +17,6 @@ from head_tracking.page.status import Word
 from head_tracking.page.viewer import ViewerNode
 from head_tracking.run.options import parse_arguments
 from head_tracking.transforms import Rotation, Transform
-from head_tracking.vision.opencv import OpenCVMissingError
 
 DEGREE = math.radians(1)
 NAME = "simulated_camera"
@@ -192,19 +191,6 @@ def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen)
 def magenta(picture: Any) -> int:
     r, g, b = (picture[..., channel].astype(int) for channel in range(3))
     return int(np.count_nonzero((r > g + 60) & (b > g + 60)))
-
-
-def test_without_opencv_the_page_says_how_to_get_it(robot, seen, monkeypatch):
-    def missing() -> None:
-        raise OpenCVMissingError
-
-    monkeypatch.setattr("head_tracking.ros.targets.simulated_camera.require_opencv", missing)
-    wait_for(lambda: seen.modes.can_start(NAME), PATIENCE)
-    outcome = seen.modes.start(NAME)
-    assert not outcome.done
-    assert "pip install" in outcome.text
-    assert NAME not in robot.composition.nodes
-    assert NAME not in robot.node.get_node_names()
 
 
 def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatch):

@@ -268,18 +268,6 @@ def test_a_page_above_other_robots_is_none_of_theirs(start, page):
     assert not buses[1].calls
 
 
-def test_a_page_that_opens_late_knows_what_was_said_before(start, page):
-    bus, tracker = start(BusStandIn()), start(ControllerStandIn("head_tracker", on=False))
-    tracker.say(state="disabled", detail="tracking is disabled")
-    bus.own("/head_tracker")
-    bus.say_stopped(True)
-    robot = page()
-    wait_for(lambda: robot.stop.stopped)
-    wait_for(lambda: robot.topics.status("head_tracker").get("state") == "disabled")
-    wait_for(lambda: robot.topics.enabled("head_tracker") is False)
-    wait_for(lambda: set(robot.topics.owners().values()) == {"head_tracker"})
-
-
 def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(tracked):
     bus, tracker, robot = tracked
     wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)

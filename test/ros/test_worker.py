@@ -22,16 +22,6 @@ def make():
     assert "work" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_what_is_done_later_keeps_its_order_also_when_the_delay_shrinks(make):
-    done = []
-    worker = make(done.append)
-    worker.later(0.1, lambda: done.append("slow"))
-    worker.later(0.0, lambda: done.append("quick"))
-    worker.offer("work")
-    wait_for(lambda: len(done) == 3)
-    assert done == ["work", "slow", "quick"]
-
-
 def test_an_error_ends_the_node_by_its_next_offer(make):
     def work(_):
         raise KeyError("broken")
