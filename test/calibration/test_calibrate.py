@@ -24,7 +24,7 @@ from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
 from head_tracking.configuration.simulated import SimulatedJoints
-from head_tracking.exceptions import FrameError, UnreachableError
+from head_tracking.exceptions import UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
 from head_tracking.share import robot_file
@@ -217,22 +217,6 @@ def test_a_view_counts_only_while_the_joints_stand(quick, unsolved, monkeypatch)
     assert_consistent(head.model, unsolved)
 
 
-def test_unmeasured_joints_interrupt_a_calibration_but_do_not_end_it(quick, unsolved, monkeypatch):
-    head = LateHead(0.0)
-    turn, calls = head.look_at, []
-
-    def look_at(point, frame, *, max_velocity):
-        calls.append(point)
-        if len(calls) in (3, 4):
-            raise FrameError(frame, "the joints are not measured")
-        turn(point, frame, max_velocity=max_velocity)
-
-    monkeypatch.setattr(head, "look_at", look_at)
-    calibrate_camera(head, head.film(), marker=MARKER)
-    assert calls[2] == calls[3] == calls[4]
-    assert_consistent(head.model, unsolved)
-
-
 def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
     """Also if the last part of the motion is heard of later."""
     head, directions = LateHead(0.0), []
@@ -247,10 +231,10 @@ def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
 class RestlessHead(LateHead):
     """A head that turns to and fro, by itself or by hand."""
 
-    held, ends_by_hold = False, True
+    held = False
 
     def hold(self):
-        self.held = self.ends_by_hold
+        self.held = True
 
     def hear(self):
         if not self.held:
@@ -262,15 +246,6 @@ def test_a_head_that_follows_something_is_held_first(quick, unsolved):
     head = RestlessHead(0.0)
     calibrate_camera(head, islice(head.film(), 400), marker=MARKER)
     assert_consistent(head.model, unsolved)
-
-
-def test_a_head_that_does_not_come_to_rest_is_not_waited_for_without_end(quick, monkeypatch):
-    monkeypatch.setattr(gathering, "_LONGEST_STOP", 1.0)
-    head = RestlessHead(0.0)
-    head.ends_by_hold = False
-    with pytest.raises(CalibrationError) as refusal:
-        calibrate_camera(head, islice(head.film(), 60), marker=MARKER)
-    assert refusal.value.reason is Reason.FEW_VIEWS
 
 
 def test_narrow_limits_are_used_and_what_they_hide_is_named(quick):

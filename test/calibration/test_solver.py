@@ -60,15 +60,6 @@ def test_the_focal_length_is_found(geometry):
     assert found.deviation < 0.02
 
 
-def test_play_seen_from_one_direction_and_joint_zeros_are_not_observable_and_do_no_harm(geometry):
-    head = random_head(geometry, 143, 0.5, zeros=math.radians(2.0))
-    views = [view._replace(directions=(1, 0)) for view in head.views]
-    solution = solve(geometry, CAMERA, views, SIZE)
-    hidden = ("pan play", "tilt play", *ZEROS)
-    assert not any(solution.estimates[name].observable for name in hidden)
-    assert pointing_error(geometry, head, solution.changes) < math.radians(0.3)
-
-
 def test_a_wrong_marker_size_is_refused(geometry):
     """The distance of the marker is not observable in these views; the scale is."""
     with pytest.raises(CalibrationError) as refusal:

@@ -109,7 +109,11 @@ def test_the_simulated_head_looks_there(name):
         assert result.miss < DEGREE
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+def servo_models(name):
+    return tuple(servo.model.name for servo in configured_head(robot_parameters(name)).servos)
+
+
+@pytest.mark.parametrize("name", {servo_models(name): name for name in ROBOTS}.values())
 def test_the_simulated_head_keeps_a_moving_target(name):
     """In simulated time: servos, bus and tracker of the robot, a target at 0.5 Hz."""
     pursuit = Pursuit(name, 0.5).run(3.0)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from head_tracking.page.joint_control import Servo
-from head_tracking.page.robot import SilenceWatch
 from head_tracking.page.status import Word, advice, faults, head_status
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level
@@ -109,18 +108,3 @@ def test_what_the_camera_does_not_see_is_named(state, is_named):
     live = replace(LIVE, state=state, refusal="too old")  # of what was followed before
     found = head_status(live, (), ON, stopped=False, sought="face")
     assert ("face" in found.reason) is is_named
-
-
-def test_joints_fall_silent_and_speak_again():
-    now = 0.0
-    watch = SilenceWatch(2.0, lambda: now)
-    assert watch.silent({"pan": 5, "tilt": None}) == ()
-    now = 1.9
-    assert watch.silent({"pan": 6, "tilt": None}) == ()
-    now = 2.1
-    assert watch.silent({"pan": 6, "tilt": None}) == ("tilt",)
-    assert watch.silent({"pan": 6, "tilt": 7}) == ()
-    now = 5.0
-    assert watch.silent({"pan": 6, "tilt": 8}) == ("pan",)
-    assert watch.silent({}) == ()
-    assert watch.silent({"pan": 6}) == ()

@@ -11,7 +11,6 @@ import pytest
 import rclpy
 from head_under_test import Head
 from rclpy.signals import SignalHandlerOptions
-from rig import Program
 from robot_under_test import Robot
 from ros_domain import own_domain
 
@@ -63,17 +62,3 @@ def threads() -> Iterator[NodeThreads]:
 def domain() -> Iterator[str]:
     with own_domain() as domain:
         yield domain
-
-
-@pytest.fixture
-def start(domain: str) -> Iterator[Callable[..., Program]]:
-    programs: list[Program] = []
-
-    def start(name: str, *arguments: str, **options: Any) -> Program:
-        program = Program(name, *arguments, domain=domain, **options)
-        programs.append(program)
-        return program
-
-    yield start
-    for program in programs:
-        program.kill()

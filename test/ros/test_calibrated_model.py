@@ -2,30 +2,23 @@
 
 import re
 import time
-from contextlib import ExitStack, closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from random_head import RESIDUALS, kinectbot_geometry
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
-from ros_domain import own_domain
 from waiting import wait_for
 
 from head_tracking.calibration import Calibration, calibrated
 from head_tracking.calibration.geometry import Estimate, Solution
 from head_tracking.ros.kit.diagnostics import Level, health_from_message
-from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import (
     RobotStatePublisherNode,
     RobotStatePublisherParameters,
 )
 from head_tracking.run.options import parse_arguments
-
-NO_SIGNALS = SignalHandlerOptions.NO
 
 
 @pytest.fixture
@@ -47,7 +40,7 @@ def test_a_run_publishes_the_calibrated_model(file):
     )
 
 
-def test_diagnostics_tell_its_values_deviations_age_and_source(file, tmp_path):
+def test_diagnostics_tell_its_values_deviations_age_and_source(threads, file, tmp_path):
     made = replace(
         Calibration.load(file),
         made=time.time() - 400 * 86_400,
@@ -55,18 +48,11 @@ def test_diagnostics_tell_its_values_deviations_age_and_source(file, tmp_path):
     )
     made.save(tmp_path / "aged.yaml")
     said: list[DiagnosticArray] = []
-    context = rclpy.Context()
-    with ExitStack() as stack:
-        domain = int(stack.enter_context(own_domain()))
-        rclpy.init(context=context, domain_id=domain, signal_handler_options=NO_SIGNALS)
-        stack.callback(context.try_shutdown)
-        node = RobotStatePublisherNode(
-            context=context,
-            parameter_overrides=[Parameter("calibration", value=str(tmp_path / "aged.yaml"))],
-        )
-        node.create_subscription(DiagnosticArray, "/diagnostics", said.append, 10)
-        stack.enter_context(closing(NodeThreads())).start(node)
-        wait_for(lambda: said)
+    given = [Parameter("calibration", value=str(tmp_path / "aged.yaml"))]
+    node = RobotStatePublisherNode(parameter_overrides=given)
+    node.create_subscription(DiagnosticArray, "/diagnostics", said.append, 10)
+    threads.start(node)
+    wait_for(lambda: said)
     health = health_from_message(said[0].status[0])
     assert health.name == "robot_state_publisher: calibration"
     assert health.level is Level.WARN

@@ -8,7 +8,6 @@ import pytest
 from lockstep import World
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image
 from waiting import wait_for
 
 from head_tracking.ros.kit.images import camera_info, image_message
@@ -211,13 +210,3 @@ def test_a_face_with_a_frame_is_taken_from_there(scene):
 
     found = world.show(face)
     assert point(found[-1]) == pytest.approx((0.1, 0.2, 1.25))
-
-
-def test_a_warning_for_an_uncalibrated_camera(scene):
-    world = scene(distance=1.0)
-    world.publish("/camera_info", CameraInfo())
-    assert len(world.warnings) == 1
-    for topic, message in array(detection("a", 80, 80, 40))(header(1, "camera")):
-        world.publish(topic, message)
-    assert len(world.warnings) == 2
-    world.publish("/depth", Image())

@@ -16,7 +16,7 @@ from head_tracking.dynamixel import (
     Symptom,
 )
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
-from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, health_from_message
 from head_tracking.ros.kit.diagnostics import Health as PageHealth
 
@@ -116,18 +116,6 @@ def test_a_port_that_has_gone_and_a_slow_adapter_are_told():
     assert slow.level == DiagnosticStatus.WARN
     assert slow.message == "set the timer to 1 ms"
     assert values(slow)["adapter"] == "ftdi_sio, latency timer 16 ms"
-
-
-def test_several_buses_are_told_as_one():
-    other = replace(
-        STATUS, port_name="/dev/ttyUSB1", timing=replace(TIMING, reached_rate=20.0), states={}
-    )
-    both = combined([STATUS, other])
-    assert both.port_name == "/dev/ttyUSB0, /dev/ttyUSB1"
-    assert both.timing.reached_rate == 20.0
-    assert len(both.statistics.servos) == 2
-    assert set(both.states) == {"pan"}
-    assert combined([STATUS]) is STATUS
 
 
 # the page

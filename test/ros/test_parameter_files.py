@@ -5,7 +5,6 @@ from contextlib import ExitStack
 
 import pytest
 import rclpy
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from head_tracking.parameter_files import ParameterFileError
@@ -18,7 +17,6 @@ from head_tracking.ros.kit.node_parameters import (
     source,
 )
 from head_tracking.ros.kit.spinning import start_ros
-from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 
 
 @pytest.fixture
@@ -135,12 +133,6 @@ def test_the_latest_value_wins_also_with_another_type(
     node.destroy_node()
 
 
-def test_a_value_out_of_range_is_named_with_node_and_file(started, tmp_path):
-    started("robot_state_publisher: {ros__parameters: {publish_frequency: -1.0}}")
-    with pytest.raises(ParameterError, match=r"mine.yaml: /robot_state_publisher: .*publish_freq"):
-        RobotStatePublisherNode()
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -164,18 +156,3 @@ def test_a_malformed_file_is_refused_in_one_line(started, tmp_path, content):
 def test_a_rule_without_a_value_is_refused(started, rule):
     with pytest.raises(ParameterFileError, match=re.escape(rule)):
         started("", "-p", rule)
-
-
-def test_an_error_that_nobody_has_foreseen_shows_where_it_came_from():
-    from head_tracking.ros.kit.spinning import NodeDied, describe
-
-    def somewhere() -> None:
-        raise ValueError("math domain error")
-
-    try:
-        somewhere()
-    except ValueError as error:
-        assert "in somewhere" in describe(NodeDied("head_tracker", error))
-    assert describe(ParameterError("rate is 0")) == "rate is 0"
-    no_node = rclpy_implementation.RCLError("error creating node: no security, at /src/node.c:252")
-    assert describe(no_node) == "error creating node: no security"

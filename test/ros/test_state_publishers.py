@@ -191,16 +191,6 @@ def test_a_joint_that_depends_on_another_follows_it(complete):
     assert list(found.velocity) == [0.2, pytest.approx(0.1)]
 
 
-def test_velocities_and_efforts_may_be_missing_or_too_few(complete):
-    fewer, partly = joints(3.0, shoulder=0.4, elbow=0.8), joints(4.0, shoulder=0.4, elbow=0.8)
-    fewer.velocity, partly.effort = [0.2], [1.5]
-    first, second = complete(fewer, partly)
-    assert positions(first) == {"shoulder": 0.4, "elbow": 0.8}
-    assert list(first.velocity) == [0.2, 0.0]
-    assert not first.effort
-    assert list(second.effort) == pytest.approx([1.5, math.nan], nan_ok=True)
-
-
 @pytest.mark.parametrize(
     "bad",
     [

@@ -83,17 +83,3 @@ def test_parts_that_do_not_fit_are_left_out(terminal, columns, shown):
     line.end("done")
     text = " | ".join(PARTS[index] for index in shown)
     assert terminal.written("done\r\n").split("\r\x1b[K")[1] == text
-
-
-@pytest.mark.parametrize(
-    ("no_color", "term", "coloured"),
-    [("", "xterm", True), ("1", "xterm", False), ("", "dumb", False)],
-)
-def test_colours_depend_on_the_environment(terminal, monkeypatch, no_color, term, coloured):
-    monkeypatch.setenv("NO_COLOR", no_color)
-    monkeypatch.setenv("TERM", term)
-    line = StatusLine(terminal.stream)
-    line.show(["STOPPED", "more"], Colour.RED)
-    line.end("done")
-    expected = "\x1b[1;31mSTOPPED\x1b[0m | more" if coloured else "STOPPED | more"
-    assert terminal.written("done\r\n").split("\r\x1b[K")[1] == expected

@@ -1,25 +1,23 @@
 """Targets are heard whatever their publishers promise; who is not heard is named."""
 
+import os
 import subprocess
 import sys
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import closing
 from itertools import product
 
 import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
+from rig import Bench
 from std_msgs.msg import String
 from waiting import wait_for
 
-from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.ros.kit.topics import LATCHED, TopicListener
+from head_tracking.ros.kit.topics import TopicListener
 
-NO_SIGNALS = SignalHandlerOptions.NO
 PROMISES = list(
     product(
         (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
@@ -76,58 +74,34 @@ sys.stdin.read()
 
 
 @pytest.fixture
-def hear(domain, monkeypatch):
-    """What is heard by a node of the topics on which a new process publishes once."""
+def bench(tmp_path, monkeypatch) -> Iterator[Bench]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(domain), signal_handler_options=NO_SIGNALS)
-    node = Node("head", context=context)
-    with ExitStack() as stack:
-        stack.callback(context.try_shutdown)
-        stack.enter_context(closing(NodeThreads())).start(node)
-
-        def hear(*topics: str) -> list[str]:
-            heard: list[str] = []
-            for topic in topics:
-                TopicListener(node, String, topic, lambda message: heard.append(message.data))
-            person = subprocess.Popen(
-                [sys.executable, "-c", PERSON, *topics], stdin=subprocess.PIPE
-            )
-            stack.enter_context(person)  # closes its input, and waits
-            stack.callback(person.kill)
-            return heard
-
-        yield hear
+    with closing(Bench(tmp_path)) as bench:
+        yield bench
 
 
-def test_the_only_message_of_a_new_publisher_is_received(hear):
-    topics = [f"topic_{number}" for number in range(60)]
-    heard = hear(*topics)
-    wait_for(lambda: sorted(heard) == sorted(topics))
+def test_the_only_message_of_a_new_publisher_is_received(bench):
+    topics, heard = [f"topic_{number}" for number in range(60)], []
+    for topic in topics:
+        TopicListener(bench.person.node, String, topic, lambda message: heard.append(message.data))
+    with subprocess.Popen(
+        [sys.executable, "-c", PERSON, *topics],
+        env=os.environ | {"ROS_DOMAIN_ID": bench.domain},
+        stdin=subprocess.PIPE,
+    ):
+        wait_for(lambda: sorted(heard) == sorted(topics))
 
 
-def test_publishers_of_another_type_are_reported(start, domain, monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(domain), signal_handler_options=NO_SIGNALS)
-    states: list[str] = []
-    levels: dict[bytes, str] = {}
-    try:
-        with closing(NodeThreads()) as threads:
-            person = Node("person", context=context)
-            person.create_publisher(PoseStamped, "target_point", 10)
-            person.create_subscription(
-                String, "head_tracker/state", lambda message: states.append(message.data), LATCHED
-            )
+def test_publishers_of_another_type_are_reported(bench):
+    person = bench.person
+    person.node.create_publisher(PoseStamped, "target_point", 10)
+    bench.start("head_tracker")
+    wait_for(lambda: "/person" in person.latched("head_tracker/state"))
+    assert "Pose" in person.latched("head_tracker/state")
+    messages = person.hear("/diagnostics", DiagnosticArray)
 
-            def on_diagnostics(message: DiagnosticArray) -> None:
-                levels.update((s.level, v.value) for s in message.status for v in s.values)
+    def warnings() -> str:
+        found = [status for message in messages for status in message.status]
+        return " ".join(v.value for s in found if s.level == s.WARN for v in s.values)
 
-            person.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
-            threads.start(person)
-            start("head_tracker")
-            wait_for(lambda: states and "/person" in states[-1] and "Pose" in states[-1], 30.0)
-            wait_for(lambda: "/person" in levels.get(DiagnosticStatus.WARN, ""), 30.0)
-    finally:
-        rclpy.try_shutdown(context=context)
+    wait_for(lambda: "/person" in warnings())

@@ -150,22 +150,6 @@ def test_errors_are_those_of_tf2(buffer, target, source, time, error):
     assert buffer.can_transform(target, source, time) is False
 
 
-def test_a_full_lookup_goes_through_two_times(buffer):
-    buffer.set_transform_static(message(0.0, 0, "map", "stand"))
-    found = buffer.lookup_transform_full(
-        "ball", Time(seconds=1), "ball", Time(seconds=3), "map", Duration()
-    )
-    assert found.header.stamp.sec == 1
-    # two metres along x of the map, seen from a frame that is turned
-    moved = found.transform.translation
-    assert (moved.x, moved.y) == pytest.approx((2 * math.cos(TURN), -2 * math.sin(TURN)))
-    arguments = ("ball", Time(seconds=1), "ball", Time(seconds=9), "map")
-    assert buffer.can_transform_full(*arguments) is False
-    possible, reason = buffer.can_transform_full(*arguments, return_debug_tuple=True)
-    assert not possible
-    assert "9.0" in reason
-
-
 def test_the_core_answers_without_waiting(buffer):
     assert buffer.lookup_transform_core("map", "ball", Time()).transform.translation.x == 3.0
     assert buffer.can_transform_core("map", "ball", Time()) == (True, "")
@@ -324,15 +308,6 @@ def test_an_executor_awaits_while_it_works(buffer):
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
-
-
-def test_a_question_that_makes_no_sense_disturbs_nobody(buffer):
-    for question in (("map", "ball", None), (3, "ball", Time())):
-        with pytest.raises(TypeError):
-            buffer.wait_for_transform_async(*question)
-    future = buffer.wait_for_transform_async("map", "later", Time())
-    buffer.set_transform(message(1.0, 1, child="later"))
-    assert future.done()
 
 
 # The clock

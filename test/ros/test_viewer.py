@@ -429,21 +429,6 @@ def test_every_place_is_usable_in_windows_of_all_sizes(viewer, browser, width, h
     page.close()
 
 
-def test_what_is_chosen_is_seen_on_a_phone_and_each_tab_begins_at_its_top(viewer, browser):
-    page = open_page(browser, viewer.page.port, 390, 844)
-    for mode in ("nothing", "point"):
-        choose_mode(page, mode)
-        pressed = page.locator("#cards button[aria-pressed=true]").bounding_box()
-        assert 0 <= pressed["x"] <= 390 - pressed["width"]
-    page.mouse.move(200, 600)
-    page.mouse.wheel(0, 4000)
-    scrolled = "document.querySelector('main').scrollTop"
-    page.wait_for_function(f"{scrolled} > 100")
-    open_tab(page, "joints")
-    assert page.evaluate(scrolled) == 0
-    page.close()
-
-
 def test_a_newcomer_is_welcomed_once_and_can_stop_meanwhile(robot, viewer, browser):
     context = browser.new_context(viewport={"width": 900, "height": 700})
     page = context.new_page()

@@ -76,33 +76,6 @@ def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen
     wait_for(lambda: robot.true("head_pan_joint") < 0.0)
 
 
-def test_a_point_is_tracked_until_something_else_is_wanted(robot, seen):
-    assert seen.modes.mode() is Mode.TRACK
-    assert seen.modes.look_at("base_link", (1.0, 0.8, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.8)))
-    wait_for(lambda: seen.observe().target is not None and seen.observe().error is not None)
-    assert seen.modes.centre().done
-    wait_for(lambda: head_is_at(robot, 0.0))
-    robot.at_rest(1.0)
-    assert head_is_at(robot, 0.0)
-
-
-def test_a_point_is_no_target_any_more_once_the_head_is_recentred(robot, seen):
-    assert seen.modes.set_mode(Mode.POINT).done
-    wait_for(lambda: robot.node.count_subscribers("target_point") >= 3)
-    assert seen.modes.look_at("base_link", (1.0, 0.6, 0.4)).done
-    wait_for(lambda: head_is_at(robot, bearing(1.0, 0.6)))
-    robot.at_rest(3.0)
-    wait_for(lambda: seen.observe(watched=False).target is not None)
-    assert seen.modes.centre().done
-    wait_for(lambda: seen.observe(watched=False).target is None)  # also in the last minute
-    before = seen.observe().detail
-    assert seen.modes.set_mode(Mode.OFF).done
-    assert seen.modes.set_mode(Mode.POINT).done
-    wait_for(lambda: seen.observe().detail not in ("", before))
-    assert seen.observe().target is None
-
-
 def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
     core = robot.composition.buffer.core
 
@@ -153,12 +126,6 @@ def test_an_unknown_frame_and_invalid_coordinates_are_refused(seen, frame, point
 
 def word(seen: Any) -> str:
     return str(seen.status(seen.observe()).word)
-
-
-def test_a_refusal_by_the_node_that_turns_the_head_is_no_success(robot, seen):
-    seen.modes.look_at("base_link", (-1.0, 0.0, 0.5))
-    wait_for(lambda: word(seen) == "refused")
-    assert "out of reach" in seen.status(seen.observe()).reason
 
 
 def test_a_refused_point_is_not_shown_as_the_target_of_the_head(robot, seen):

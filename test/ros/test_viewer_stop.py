@@ -1,4 +1,4 @@
-"""STOP of the page: whatever else fails, for its own robot only, confirmed or not."""
+"""The page beside stand-ins for the robot: STOP whatever else fails, modes, and what it misses."""
 
 import threading
 import time
@@ -11,13 +11,18 @@ import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+from std_srvs.srv import SetBool
 from viewing import PATIENCE, view
 from waiting import wait_for
 
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import Path
 from head_tracking.ros.kit.spinning import NodeThreads
+
+JOINTS = ("head_pan_joint", "head_tilt_joint")
 
 
 @pytest.fixture
@@ -172,35 +177,6 @@ def test_a_mode_is_chosen_after_resume_only(start, tracked):
     assert pointer.asked == [True]
 
 
-class SlowController(ControllerStandIn):
-    """A controller that is switched when it may be."""
-
-    may = threading.Event()
-
-    def switch(self, on: bool) -> None:
-        self.may.wait(PATIENCE)
-        super().switch(on)
-
-
-def test_two_choices_of_a_mode_leave_one_node_in_charge(start, page):
-    tracker, robot = start(ControllerStandIn("head_tracker")), page()
-    with closing(NodeThreads()) as elsewhere, ThreadPoolExecutor(2) as browsers:
-        pointer = SlowController("point_head", on=False)
-        elsewhere.start(pointer)
-        wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
-        wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
-        first = browsers.submit(robot.modes.set_mode, Mode.POINT)
-        wait_for(lambda: pointer.asked == [True], PATIENCE)
-        second = browsers.submit(robot.modes.set_mode, Mode.TRACK)
-        wait_for(lambda: second.running() or second.done())
-        time.sleep(0.5)  # in which the second one may end, without an answer to the first
-        pointer.may.set()
-        first.result(PATIENCE)
-        assert second.result(PATIENCE).done
-        wait_for(lambda: (tracker.on, pointer.on) == (True, False))
-        wait_for(lambda: robot.modes.mode() is Mode.TRACK)
-
-
 def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
     bus, tracker, robot = tracked
     pointer = start(ControllerStandIn("point_head", on=False))
@@ -329,14 +305,70 @@ def test_two_pages_that_both_send_targets_name_each_other(start, page):
     wait_for(lambda: notices() == ["", ""], PATIENCE)
 
 
-def test_a_page_stops_sending_when_another_sender_is_chosen_elsewhere(start, page):
-    start(ControllerStandIn("head_tracker"))
-    camera = start(ControllerStandIn("visual_target", on=False))
-    sends, other = page(), page()
-    wait_for(lambda: sends.modes.mode() is Mode.TRACK, PATIENCE)
-    assert sends.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
-    wait_for(lambda: Mode.FACE in other.modes.possible(), PATIENCE)
-    camera.switch(True)  # as the other page does
-    wait_for(lambda: all(one.modes.mode() is Mode.VISUAL for one in (sends, other)))
-    wait_for(lambda: sends.modes._sending is None)
-    assert [one.notices() for one in (sends, other)] == [(), ()]
+# servos and hardware, joints that fall silent and nodes that have gone
+
+
+@pytest.fixture
+def seen(page, monkeypatch) -> Any:
+    monkeypatch.setattr("head_tracking.page.robot._PATIENCE", 0.5)
+    return page()
+
+
+def test_joint_states_that_end_are_missed_until_they_come_again(seen):
+    wait_for(lambda: seen.joints.free, PATIENCE)
+    assert not seen.silent_joints(), "nobody has promised any"
+    measuring = Node("encoders")
+    publisher = measuring.create_publisher(JointState, "joint_states", 10)
+    wait_for(lambda: not seen.joints.free, PATIENCE)
+
+    def measured() -> bool:
+        message = JointState(name=list(JOINTS), position=[0.1, 0.2])
+        message.header.stamp = measuring.get_clock().now().to_msg()
+        publisher.publish(message)
+        return seen.silent_joints() == ()
+
+    wait_for(lambda: seen.silent_joints() == JOINTS, PATIENCE)  # none has come
+    wait_for(measured, PATIENCE)
+    wait_for(lambda: seen.silent_joints() == JOINTS, PATIENCE)
+    measuring.destroy_node()
+
+
+def test_with_servos_the_page_never_publishes_the_joints_itself(seen):
+    wait_for(lambda: seen.joints.free, PATIENCE)
+    bus = Node("servo_bus")
+    bus.create_service(SetBool, "head_pan_controller/torque_enable", lambda _, answer: answer)
+    wait_for(lambda: not seen.joints.free, PATIENCE)
+    bus.destroy_node()
+    wait_for(lambda: not seen.joints.servos(), PATIENCE)
+    wait_for(lambda: seen.silent_joints() == JOINTS, PATIENCE)
+    assert not seen.joints.free
+
+
+def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(seen):
+    assert seen.modes.missing() == (), "there was none"
+    node = ControllerStandIn("head_tracker")
+    wait_for(lambda: seen.modes.mode() is Mode.TRACK, PATIENCE)
+    assert seen.modes.missing() == ()
+    node.destroy_node()
+    wait_for(lambda: seen.modes.missing() == ("head_tracker",), PATIENCE)
+    node = ControllerStandIn("head_tracker")
+    wait_for(lambda: seen.modes.missing() == (), PATIENCE)
+    node.destroy_node()
+
+
+def test_without_hardware_the_page_says_where_the_joints_are(seen):
+    wait_for(lambda: seen.model() is not None and seen.joints.free)
+    assert "head_pan_joint" not in seen.observe().joints
+    assert seen.joints.move({"head_pan_joint": 0.4}).done
+    wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
+    assert seen.observe().joints["head_tilt_joint"] == 0.0
+    assert not seen.stop_everything().wait().done
+    assert seen.modes.set_mode(Mode.TRACK, "") == (False, seen.stop.refusal)
+    assert not seen.stop.resume().done
+    assert not seen.modes.centre().done
+    assert "not running" in seen.modes.set_mode(Mode.TRACK, "").text
+
+
+def test_the_log_has_the_token_of_a_page_for_the_network(threads, capfd):
+    node = view(threads, host="0.0.0.0")
+    assert f"/?token={node.page.token}" in capfd.readouterr().err

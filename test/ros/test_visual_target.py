@@ -164,17 +164,11 @@ def test_compressed_images_and_depths(world, look, kind):
     assert (point.x, point.y, point.z) == pytest.approx(
         (0.5 / CAMERA.fx * 1.5, 0.5 / CAMERA.fy * 1.5, 1.5), abs=2e-2
     )
-    for number, data in enumerate((b"no jpeg", b""), 1):
-        broken = CompressedImage(format="jpeg", data=data, header=head)
-        world.publish("/depth/compressedDepth", depth)
-        world.publish("/image/compressed", broken)
-        world.run(1 / 30)
-        assert len(node.warnings) == number
     wrong = CompressedImage(format="16UC1; compressedDepth rvl", data=bytes(40), header=head)
     world.publish("/depth/compressedDepth", wrong)
     world.publish("/image/compressed", image)
     world.run(1 / 30)
-    assert len(node.warnings) == 3
+    assert len(node.warnings) == 1
 
 
 def wrong_encoding(image, depth):
@@ -277,10 +271,6 @@ def test_selected_boxes(world, look):
     assert len(node.warnings) == 1
     show(world, depth="")
     assert not targets
-    count = len(node.warnings)
-    world.publish("/visual_target/select", RegionOfInterest(x_offset=400, width=10, height=10))
-    world.run(0.01)
-    assert len(node.warnings) == count + 1
     choice = RegionOfInterest(x_offset=120, y_offset=80, width=80, height=80)
     world.publish("/visual_target/select", choice)
     show(world, depth="")

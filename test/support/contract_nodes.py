@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.ros.kit.topics import LATCHED
@@ -96,7 +96,7 @@ class BusStandIn(Node):
 
 
 class ControllerStandIn(Node):
-    """head_tracker or point_head: a switch, a latched topic, a state, an error.
+    """head_tracker or point_head: a switch and a latched topic.
 
     Attributes:
         on: whether it is switched on.
@@ -108,9 +108,6 @@ class ControllerStandIn(Node):
         self.on = on
         self.asked: list[bool] = []
         self._enabled = self.create_publisher(Bool, "~/enabled", LATCHED)
-        self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        kind = {"head_tracker": "tracking_error", "point_head": "pointing_error"}.get(name)
-        self._error = self.create_publisher(Float64, f"~/{kind or 'error'}", 10)
         self.create_service(SetBool, "~/enable", self._on_enable)
         self._enabled.publish(Bool(data=on))
 
@@ -118,13 +115,6 @@ class ControllerStandIn(Node):
         """Somebody else has switched it."""
         self.on = on
         self._enabled.publish(Bool(data=on))
-
-    def say(self, **fields: str) -> None:
-        values = [KeyValue(key=key, value=value) for key, value in fields.items()]
-        self._status.publish(DiagnosticStatus(name=self.get_name(), values=values))
-
-    def miss(self, error: float) -> None:
-        self._error.publish(Float64(data=error))
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.asked.append(request.data)
