@@ -8,14 +8,12 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from random import Random
-from types import SimpleNamespace
 
 import pytest
 import yaml
 from simulated_device import Bench, Keyboard, as_device
 
 from head_tracking.cli.servo import main as tool
-from head_tracking.cli.servo.calibrate import Motion, calibration_of
 from head_tracking.cli.servo.session import Session
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
@@ -23,7 +21,6 @@ from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
-from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import (
     SimulatedBus,
     SimulatedLine,
@@ -479,11 +476,16 @@ def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) 
     assert tilt["max"] == pytest.approx(1533, abs=12)
 
 
-@pytest.mark.parametrize("poses", [(512, 512, 520), (100, 300, 800), (2048, 3500, 4500)])
-def test_impossible_poses_are_refused(poses: tuple[int, int, int]) -> None:
-    model = AX_12 if max(poses) < 1024 else XL430
-    with pytest.raises(RefusedError):
-        calibration_of("head_pan", Motion(SimpleNamespace(id=1, model=model), *poses), 0.0)
+@pytest.mark.parametrize(
+    ("servo_id", "poses"), [(1, (512, 512, 520)), (1, (100, 300, 800)), (7, (2048, 3500, 4500))]
+)
+def test_impossible_poses_are_refused(
+    bench: Tool, tmp_path: Path, servo_id: int, poses: tuple[int, ...]
+) -> None:
+    bench.move_by_hand(servo_id, *poses)
+    file = tmp_path / "head.yaml"
+    assert bench.run("calibrate", f"head_pan:{servo_id}", "--output", str(file)) == REFUSED
+    assert not bench.on_enter and not file.exists()
 
 
 def test_what_calibrate_refuses_changes_nothing(bench: Tool, tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 AX_12 = servo_model("AX-12")
 TABLE = AX_12.control_table
-GOAL, SPEED, TORQUE, POSITION = 30, 32, 24, 36
+GOAL, SPEED, TORQUE = 30, 32, 24
 
 PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
 TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller", min=300, max=800)

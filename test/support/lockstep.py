@@ -15,23 +15,20 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
-from dynamixel_fakes import speed_ticks
+from dynamixel_fakes import PAN, TILT, speed_ticks
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from head_tracking.control import ControlLoop
-from head_tracking.dynamixel import Goal, JointConfiguration
+from head_tracking.dynamixel import Goal
 from head_tracking.ros.head import head_actions, head_node
 from head_tracking.ros.targets import sighted_target, simulated_camera
 from head_tracking.simulation import SimulatedServo
 from head_tracking.tf import Buffer
 from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import JointState, RobotModel
-
-PAN = JointConfiguration("head_pan_joint", 1, controller="head_pan_controller")
-TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller", min=300, max=800)
 
 _START = 1_000_000_000_000  # ns
 _TOPIC_DELAY = 1_000_000  # ns
