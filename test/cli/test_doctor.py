@@ -243,9 +243,6 @@ def test_clocks_and_stamps_that_differ_are_reported(
 ) -> None:
     assert check_clocks({"joint_states": _later(0.0), "t": _later(seconds)}).level is clocks
     assert check_targets(_later(seconds)).level is targets
-
-
-def test_without_messages_the_clocks_are_not_checked() -> None:
     assert check_clocks({}).level is check_targets([]).level is Grade.SKIPPED
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakePort
@@ -19,20 +21,22 @@ from head_tracking.dynamixel import (
 )
 
 
-def connected(port: FakePort) -> ServoBus:
-    bus = ServoBus(port, (PAN, TILT))
+def made(port: FakePort, *callbacks: Callable[[Any], object], rate: float = 100.0) -> BusThread:
+    """Return a thread of a connected bus; callbacks of readings and errors."""
+    bus = ServoBus(port, (PAN, TILT))  # type: ignore[arg-type]
     bus.connect()
-    return bus
+    return BusThread(bus, rate, *(callbacks or (lambda _: None,)))
 
 
-def ignore(reading: BusReading) -> None:
-    del reading
+def started(port: FakePort, *callbacks: Callable[[Any], object], rate: float = 100.0) -> BusThread:
+    thread = made(port, *callbacks, rate=rate)
+    thread.start()
+    return thread
 
 
 def test_thread_hands_out_readings_and_measures_itself() -> None:
     readings: list[BusReading] = []
-    thread = BusThread(connected(FakePort()), 200.0, readings.append)
-    thread.start()
+    thread = started(FakePort(), readings.append, rate=200.0)
     assert eventually(lambda: thread.timing.reached_rate > 0.0)
     thread.stop()
     assert thread.bus.requests.closed
@@ -45,10 +49,8 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
 
 def test_stop_holds_relaxes_and_closes() -> None:
     port = FakePort()
-    bus = connected(port)
-    thread = BusThread(bus, 100.0, ignore)
-    thread.start()
-    bus.command({"head_pan_joint": Goal(0.5)})
+    thread = started(port)
+    thread.bus.command({"head_pan_joint": Goal(0.5)})
     assert eventually(lambda: port.servos[1]["Torque Enable"] == 1)
     thread.stop()
     assert port.servos[1]["Torque Enable"] == 0
@@ -61,7 +63,7 @@ def test_stop_holds_relaxes_and_closes() -> None:
 @pytest.mark.parametrize("started", [False, True])
 def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
     port = FakePort()
-    thread = BusThread(connected(port), 100.0, ignore)
+    thread = made(port)
     waiting = thread.call(lambda bus: None)
     if started:
         thread.start()
@@ -78,7 +80,6 @@ def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
     failure: BaseException,
 ) -> None:
     port = FakePort()
-    bus = connected(port)
     reported: list[tuple[BaseException, int]] = []
 
     def explode(reading: BusReading) -> None:
@@ -88,9 +89,8 @@ def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
     def report(error: BaseException) -> None:
         reported.append((error, port.servos[1]["Torque Enable"]))
 
-    thread = BusThread(bus, 100.0, explode, report)
-    thread.start()
-    bus.command({"head_pan_joint": Goal(0.5)})
+    thread = started(port, explode, report)
+    thread.bus.command({"head_pan_joint": Goal(0.5)})
     assert eventually(lambda: bool(reported))
     error, torque = reported[0]
     assert torque == 0  # relaxed before the error is reported
@@ -103,8 +103,7 @@ def test_port_that_cannot_come_back_ends_the_thread_and_is_reported() -> None:
     port = FakePort()
     port.may_return = False
     reported: list[BaseException] = []
-    thread = BusThread(connected(port), 100.0, ignore, reported.append)
-    thread.start()
+    thread = started(port, lambda _: None, reported.append)
     port.gone = True
     assert eventually(lambda: bool(reported))
     assert isinstance(reported[0], PortLostError)
@@ -113,9 +112,8 @@ def test_port_that_cannot_come_back_ends_the_thread_and_is_reported() -> None:
 
 
 def test_stop_from_the_callback_does_not_wait_for_itself() -> None:
-    port = FakePort()
     threads: list[BusThread] = []
-    thread = BusThread(connected(port), 100.0, lambda reading: threads[0].stop())
+    thread = made(FakePort(), lambda reading: threads[0].stop())
     threads.append(thread)
     thread.start()
     assert eventually(lambda: thread.bus.requests.closed)
@@ -125,7 +123,7 @@ def test_stop_from_the_callback_does_not_wait_for_itself() -> None:
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 5000.0])
 def test_senseless_rate_is_refused(rate: float) -> None:
     with pytest.raises(ConfigurationError, match="1 to 1000"):
-        BusThread(ServoBus(FakePort(), (PAN,)), rate, ignore)
+        made(FakePort(), rate=rate)
 
 
 def test_a_bus_that_is_slow_to_close_is_not_called_hanging() -> None:
@@ -136,10 +134,7 @@ def test_a_bus_that_is_slow_to_close_is_not_called_hanging() -> None:
             release.wait(PATIENCE)
             super().close()
 
-    bus = ServoBus(SlowPort(), [PAN])  # type: ignore[arg-type]
-    bus.connect()
-    thread = BusThread(bus, 100.0, lambda _: None)
-    thread.start()
+    thread = started(SlowPort())
     threading.Timer(0.3, release.set).start()
     thread.stop(timeout=0.05)
     assert thread.unconfirmed == () and thread.bus.requests.closed
@@ -147,10 +142,10 @@ def test_a_bus_that_is_slow_to_close_is_not_called_hanging() -> None:
 
 def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
     port = FakePort()
-    bus = connected(port)
-    BusThread(bus, 100.0, ignore).stop()
-    bus.connect()
-    thread = BusThread(bus, 100.0, ignore)
+    first = made(port)
+    first.stop()
+    first.bus.connect()
+    thread = BusThread(first.bus, 100.0, lambda _: None)
     thread.start()
     thread.call(lambda bus: bus.switching_torque(None, True)).result(PATIENCE)
     thread.stop()
