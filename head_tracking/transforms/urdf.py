@@ -13,9 +13,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from xml.etree import ElementTree
 
 from head_tracking.transforms.exceptions import RobotModelError
-from head_tracking.transforms.robot_model import RobotModel
+from head_tracking.transforms.robot_model import Joint, JointType, RobotModel
 from head_tracking.transforms.transform import Transform
 
 _parses_in_child = False
@@ -85,7 +86,22 @@ def with_fixed_root(model: RobotModel, frame: str, T_frame_root: Transform) -> R
     Raises:
         RobotModelError: the model has a link of this name.
     """
-    return _parse("with_fixed_root", model.urdf, model.root, frame, T_frame_root)
+    name = f"{frame}_{model.root}_joint"
+    document = ElementTree.fromstring(model.urdf)
+    element = ElementTree.SubElement(document, "joint", name=name, type="fixed")
+    ElementTree.SubElement(element, "parent", link=frame)
+    ElementTree.SubElement(element, "child", link=model.root)
+    xyz, rpy = T_frame_root.translation, T_frame_root.rotation.as_rpy()
+    ElementTree.SubElement(
+        element, "origin", xyz=" ".join(map(repr, xyz)), rpy=" ".join(map(repr, rpy))
+    )
+    ElementTree.SubElement(document, "link", name=frame)
+    return RobotModel(
+        model.name,
+        [*model.links, frame],
+        [*model.joints.values(), Joint(name, JointType.FIXED, frame, model.root, T_frame_root)],
+        ElementTree.tostring(document, encoding="unicode"),
+    )
 
 
 def _parse(function: str, *arguments: Any) -> RobotModel:

@@ -73,22 +73,6 @@ def parse_robot_model(urdf: str) -> RobotModel:
     )
 
 
-def with_fixed_root(urdf: str, root: str, frame: str, T_frame_root: Transform) -> RobotModel:
-    """See `urdf.with_fixed_root`."""
-    document = ElementTree.fromstring(urdf)
-    joint = ElementTree.SubElement(document, "joint", name=f"{frame}_{root}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=frame)
-    ElementTree.SubElement(joint, "child", link=root)
-    ElementTree.SubElement(
-        joint,
-        "origin",
-        xyz=" ".join(map(repr, T_frame_root.translation)),
-        rpy=" ".join(map(repr, T_frame_root.rotation.as_rpy())),
-    )
-    ElementTree.SubElement(document, "link", name=frame)
-    return parse_robot_model(ElementTree.tostring(document, encoding="unicode"))
-
-
 def _expand(path: Path) -> str:
     try:
         return str(xacro.process_file(str(path)).toxml())
