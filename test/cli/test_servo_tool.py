@@ -345,6 +345,12 @@ def test_torque_on_outside_the_limits_needs_confirmation(
     assert servo.register("Torque Enable") == (code == DONE)
 
 
+def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench: Tool) -> None:
+    bench.turn_by_hand(7, 5000)
+    assert bench.run("set", "7", "Torque Enable", "1") == REFUSED
+    assert bench[7].register("Torque Enable") == 0
+
+
 def test_common_options_may_come_after_the_command(bench: Tool) -> None:
     assert bench.run("set", "7", "Temperature Limit", "60", "--yes") == DONE
     assert bench[7].register("Temperature Limit") == 60

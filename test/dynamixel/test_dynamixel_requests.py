@@ -216,6 +216,13 @@ def test_an_epoch_counts_every_stop_of_many_threads() -> None:
     assert sorted(numbers) == list(range(1, 2001)) and epoch.value == 2000
 
 
+def test_a_function_that_was_cancelled_is_not_called(rig: FakeRig) -> None:
+    called: list[int] = []
+    assert rig.bus.requests.add(lambda: called.append(1)).cancel()
+    rig.bus.requests.begin_next()
+    assert not called
+
+
 def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> None:
     submit(rig.bus, rig.bus.switching_torque([JOINT], True))
     for _ in range(4):

@@ -70,14 +70,6 @@ def test_published_sync_write_sets_goals_and_speeds() -> None:
     assert b[0].register("Torque Enable") == 0
 
 
-def test_answers_wait_for_the_return_delay() -> None:
-    b = bus()
-    ping = bytes.fromhex("FF FF 01 02 01 FB")
-    assert b.receive(ping, 0)[0].delay == 500_000
-    b[1].set_register("Return Delay Time", 0)
-    assert b.receive(ping, 0)[0].delay == 0
-
-
 def test_bus_needs_a_servo() -> None:
     with pytest.raises(SimulationError):
         SimulatedBus([])

@@ -49,11 +49,6 @@ def test_answers_without_a_return_delay_do_not_collide(
     assert not line.overlaps
 
 
-def test_servos_behind_a_missing_one_are_silent() -> None:
-    answers = bus(1, 3).receive(Packet.sync_read(132, 4, (1, 2, 3)).encode(), 0)
-    assert statuses(answers) == [position(1)]
-
-
 def test_bulk_read_reads_what_each_is_asked() -> None:
     published = "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05"
     answers = bus().receive(bytes.fromhex(published), 0)
@@ -74,12 +69,6 @@ def test_fast_sync_read_is_one_packet() -> None:
         assert data[start : start + 6] == b"\0" + bytes((servo_id,)) + position(servo_id).data
         assert crc16(data[: start + 6]) == int.from_bytes(data[start + 6 : start + 8], "little")
     assert len(data) == 7 + 0x19
-
-
-def test_old_firmware_does_not_support_fast_sync_read() -> None:
-    packet = Packet.sync_read(132, 4, (1, 2), fast=True).encode()
-    assert bus(firmware=44).receive(packet, 0) == []
-    assert len(bus(firmware=45).receive(packet, 0)) == 1
 
 
 def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
