@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import pytest
 from simulated_packets import InstructionPacket, write
@@ -31,44 +30,24 @@ class Bench:
         data = goal.to_bytes(2, "little") + speed.to_bytes(2, "little")
         self.servo.execute(InstructionPacket.write(self.servo.id, 30, data), self.now)
 
-    def path(self, goal: int, speed: int, seconds: float) -> list[tuple[float, float]]:
-        """Move; return the angles of encoder and link [rad] in each millisecond."""
-        self.go(goal, speed)
-        path: list[tuple[float, float]] = []
-        for _ in range(round(1e3 * seconds)):
-            self.run(0.001)
-            path.append((self.servo.encoder_position, self.servo.true_position))
-        return path
-
-    def run(
-        self, seconds: float, look: Callable[[SimulatedServo], float] | None = None
-    ) -> list[float]:
+    def run(self, seconds: float, what: str = "true_ticks") -> list[float]:
+        """Let time pass; return an attribute of the servo at every millisecond."""
         seen = []
-        end = self.now + round(seconds * SECOND)
-        while self.now < end:
+        for _ in range(round(seconds * 1e3)):
             self.now += MS
             self.servo.advance(self.now)
-            if look is not None:
-                seen.append(look(self.servo))
+            seen.append(getattr(self.servo, what))
         return seen
 
 
-def bench(position: float = 512.0) -> Bench:
-    return Bench(SimulatedServo(1, position=position))
-
-
-def ticks(servo: SimulatedServo) -> float:
-    return servo.true_ticks
-
-
-def velocity(servo: SimulatedServo) -> float:
-    return servo.true_velocity
+def bench(**options: float) -> Bench:
+    return Bench(SimulatedServo(1, **options))
 
 
 def test_step_at_full_speed_arrives_without_ringing() -> None:
     b = bench()
     b.go(610, 0)
-    path = b.run(0.5, ticks)
+    path = b.run(0.5)
     assert max(path) < 610 + 3  # overshoot: under a degree
     assert path[150] > 512 + 0.9 * 98  # 90 % within 150 ms
     assert abs(path[-1] - 610) <= 1.0  # the default margin
@@ -83,7 +62,7 @@ def test_moving_speed_is_kept(speed: int, direction: int) -> None:
     b = bench()
     b.go(512 + direction * 400, speed)
     wanted = speed * AX_12.speed_unit
-    speeds = b.run(0.4, velocity)
+    speeds = b.run(0.4, "true_velocity")
     assert max(abs(v) for v in speeds) <= wanted * 1.05 + 0.01
     steady = speeds[250:350]
     assert sum(steady) / len(steady) == pytest.approx(direction * wanted, rel=0.05)
@@ -134,10 +113,10 @@ def test_wheel_mode_turns_without_end() -> None:
     b = bench()
     b.write("CCW Angle Limit", 0)
     b.write("Moving Speed", 512)
-    travelled = sum(v * 0.001 for v in b.run(5.0, velocity))
+    travelled = sum(v * 0.001 for v in b.run(5.0, "true_velocity"))
     assert travelled > 2 * math.pi
     b.write("Moving Speed", 1024 + 512)
-    assert b.run(1.0, velocity)[-1] < -1.0
+    assert b.run(1.0, "true_velocity")[-1] < -1.0
 
 
 def test_motion_does_not_depend_on_the_calls_of_advance() -> None:
@@ -160,21 +139,16 @@ def test_time_at_rest_is_skipped() -> None:
     assert b.servo.true_ticks == pytest.approx(600, abs=1.5)
 
 
-# play, friction and supply
-
-
-DEGREE = math.pi / 180.0
-
-
 @pytest.mark.parametrize("degrees", [0.0, 2.0])
 def test_link_play_shifts_the_link_by_half_to_either_side(
     degrees: float,
 ) -> None:
-    b = Bench(SimulatedServo(1, position=512.0, link_play=degrees * DEGREE))
-    (shaft, link) = b.path(600, 100, 1.5)[-1]
-    assert shaft - link == pytest.approx(0.5 * degrees * DEGREE, abs=1e-9)
-    (shaft, link) = b.path(430, 100, 2.5)[-1]
-    assert link - shaft == pytest.approx(0.5 * degrees * DEGREE, abs=1e-9)
+    b = bench(link_play=math.radians(degrees))
+    for goal, sign in ((600, 1.0), (430, -1.0)):
+        b.go(goal, 100)
+        b.run(2.5)
+        play = sign * (b.servo.encoder_position - b.servo.true_position)
+        assert play == pytest.approx(0.5 * math.radians(degrees), abs=1e-9)
 
 
 @pytest.mark.parametrize("volts", [9.6, 12.0])
@@ -182,9 +156,11 @@ def test_torque_falls_with_the_supply(volts: float) -> None:
     """The heaviest load that it still lifts is in proportion to its supply."""
 
     def lifts(share: float) -> bool:
-        b = Bench(SimulatedServo(1, position=512.0, supply_voltage=volts))
+        b = bench(supply_voltage=volts)
         b.servo.push(-share * b.servo.model.stall_torque * volts / b.servo.model.nominal_voltage)
-        return b.path(600, 0, 0.3)[-1][0] > 0.0
+        b.go(600, 0)
+        b.run(0.3)
+        return b.servo.encoder_position > 0.0
 
     assert lifts(0.9)
     assert not lifts(1.05)
