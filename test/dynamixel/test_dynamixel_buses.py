@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -174,17 +173,18 @@ def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
 def test_a_stop_is_carried_out_where_the_port_is_not_free(other_stop: bool) -> None:
     buses, ports = make(PAN, TILT)
     hold(buses)
-    begun = threading.Event()
+    begun, end = threading.Event(), threading.Event()
 
     def occupy(_: ServoBus) -> None:
         begun.set()
-        time.sleep(0.1 if other_stop else 0.5)
+        end.wait(0.5 if other_stop else PATIENCE)  # as long as a STOP may take; too long
 
     other = threading.Thread(target=buses.threads[1].at_once, args=(occupy, 1.0))
     other.start()
     assert begun.wait(PATIENCE)
     problems = buses.relax_now(0.5 if other_stop else 0.02)
     assert not problems[PAN.joint_name] and bool(problems[TILT.joint_name]) is not other_stop
+    end.set()
     join(other)
     for thread in buses.threads:
         thread.bus.step()
