@@ -98,7 +98,7 @@ def test_stop_does_not_wait_for_commands_that_hang(robot: _Robot, client: httpx.
 @contextmanager
 def visited(browser: Any, port: int, script: str = "") -> Iterator[Any]:
     """The page in a browser that has seen nothing before, in which a script ran first."""
-    with browser.new_context() as context:
+    with browser.new_context(viewport={"width": 700, "height": 600}) as context:
         tab = context.new_page()
         tab.set_default_timeout(1e3 * PATIENCE)
         tab.add_init_script(script)

@@ -108,12 +108,6 @@ def test_position_of_a_detection_by_its_size(scene):
     assert math.hypot(*point(found[-1])) == pytest.approx(0.3 * CAMERA.fx / 60, rel=0.01)
 
 
-def test_a_warning_without_depth_and_size(scene):
-    world = scene()
-    assert world.show(array(detection("a", 80, 80, 40))) == []
-    assert world.warnings
-
-
 def test_a_detection_with_an_id_is_followed_everywhere(scene):
     """The larger one is followed, and still so when the other one is larger, or it jumps."""
     world = scene(distance=2.0)

@@ -126,10 +126,6 @@ def swinging(now):
     return 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.1
 
 
-def still(now):
-    return 2.0, 0.8, 0.1
-
-
 TARGET = ("torso_link", swinging)
 FUTURE = Obstacle(Reason.FUTURE, "head_pan_joint")
 NOT_MEASURED = Obstacle(Reason.NOT_MEASURED, "head_pan_joint")
@@ -229,12 +225,12 @@ def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, rate, jum
 def test_point_head_restarts_after_a_jump_of_the_clock(make):
     head = make(PointHeadNode, simulated=True)
     wait_for(lambda: head.log and any("ready to point" in text for text in head.log))
-    head.target = ("torso_link", still)
+    head.target = LEFT
     wait_for(lambda: head.errors and head.errors[-1] < 0.02)
     head.target = None
     head.offset -= 100.0
     head.until_logged("the clock jumped back by")
-    head.target = ("torso_link", lambda now: (2.0, -0.8, 0.1))
+    head.target = RIGHT
     wait_for(lambda: head.positions[0] < -0.3)
 
 

@@ -94,7 +94,7 @@ def viewer(robot, tmp_path_factory) -> Any:
 
 @pytest.fixture(scope="module")
 def opened(viewer, browser) -> Any:
-    return open_page(browser, viewer.page.port, 700, 600)
+    return open_page(browser, viewer.page.port, 600, 500)
 
 
 @pytest.fixture

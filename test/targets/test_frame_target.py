@@ -69,8 +69,3 @@ def test_an_unknown_frame_and_no_frame_are_errors(buffer):
         target(buffer, "gripper").newest(SECOND)
     with pytest.raises(TransformException, match="set the parameter `frame`"):
         target(buffer, "").newest(SECOND)
-
-
-def test_an_offset_needs_three_numbers():
-    with pytest.raises(ValueError, match="x, y and z"):
-        FrameTargetParameters(offset=(1.0, 2.0))
