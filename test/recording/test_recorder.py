@@ -1,6 +1,7 @@
 """Everything that a robot says, in a file."""
 
 import math
+import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ from std_msgs.msg import Header, String
 from waiting import wait_for
 
 from head_tracking.recording.recorder import Recorder, RecorderParameters
+from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
@@ -165,6 +167,28 @@ def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, kinectbot
     with file.open("rb") as stream:
         assert read_recording(stream).seen[-1].joints[PAN] == 0.4
     assert recorder.start().done  # the next one begins
+
+
+def test_what_a_crash_leaves_can_be_read(node, recorder, kinectbot, tmp_path):
+    description = node.create_publisher(String, "robot_description", LATCHED)
+    description.publish(String(data=kinectbot.urdf))
+    states = node.create_publisher(JointState, "joint_states", 10)
+    file = start(recorder, node, 2)
+    generator = np.random.default_rng(1)
+
+    def left() -> Recording | None:
+        noise = list(generator.normal(size=1000))
+        states.publish(JointState(name=["wheel"] * 1000, position=noise))
+        states.publish(JointState(name=[PAN], position=[0.3]))
+        with shutil.copy(file, tmp_path / "left").open("rb") as stream:
+            try:
+                return read_recording(stream)
+            except RecordingError:  # its first chunk is not whole yet
+                return None
+
+    recording = wait_for(left)
+    assert recording.seen[-1].joints[PAN] == 0.3
+    assert "cut off" in recording.notice
 
 
 def test_pictures_are_compressed_and_depths_left_out(node, recorder):

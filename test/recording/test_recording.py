@@ -38,17 +38,6 @@ def test_pictures_of_the_last_minute_are_kept_five_a_second():
     assert last_minute.recording().pictures == ()
 
 
-def test_a_recording_begins_with_its_first_picture_unless_that_comes_late():
-    for first, is_shown in ((1.0, True), (3.0, False)):
-        last_minute = LastMinute(60.0)
-        last_minute.add(seen(0.0))
-        last_minute.add(seen(first))
-        last_minute.add_picture(b"picture")
-        recording = last_minute.recording()
-        assert (recording.picture_at(0.0) is not None) is is_shown
-        assert [moment.time for moment in recording.moments] == ([] if is_shown else [first])
-
-
 def test_a_jump_back_in_time_starts_anew():
     last_minute = LastMinute(60.0)
     last_minute.add(seen(100))

@@ -6,7 +6,10 @@ import subprocess
 import sys
 import time
 
+import rclpy
 from ros_domain import own_domain
+
+from head_tracking.ros.kit.spinning import start_ros
 
 PROGRAM = """
 import sys
@@ -38,3 +41,14 @@ def test_a_program_says_often_that_it_is_there():
                 assert hears.recv(1 << 16).startswith(b"RTPS")
                 heard.append(time.monotonic())
     assert heard[-1] - heard[-4] < 3.0  # s; by default that is three times as long
+
+
+def test_a_users_own_settings_of_fast_dds_are_left_alone(monkeypatch, tmp_path):
+    mine = tmp_path / "mine.xml"
+    mine.write_text("<?xml version='1.0'?><dds><profiles/></dds>")
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(mine))
+    monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE", raising=False)
+    start_ros(["program"])
+    rclpy.try_shutdown()
+    assert os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(mine)
+    assert "FASTDDS_DEFAULT_PROFILES_FILE" not in os.environ

@@ -102,12 +102,6 @@ def test_position_of_a_detection_with_depth(scene):
     assert found[-1].header.frame_id == "camera"
 
 
-def test_position_of_a_detection_by_its_size(scene):
-    world = scene(object_size=0.3)
-    found = world.show(array(detection("", 159.5, 119.5, 60)))
-    assert math.hypot(*point(found[-1])) == pytest.approx(0.3 * CAMERA.fx / 60, rel=0.01)
-
-
 def test_a_detection_with_an_id_is_followed_everywhere(scene):
     """The larger one is followed, and still so when the other one is larger, or it jumps."""
     world = scene(distance=2.0)

@@ -96,13 +96,6 @@ def test_what_is_known_or_others_own_is_no_mistake(started, text):
     node.destroy_node()
 
 
-def test_a_mistake_on_the_command_line_is_named_too(started):
-    node = started("", "-p", "head_tracker:rat:=3.0")()
-    with pytest.raises(UnknownParametersError, match=r"command line: /head_tracker .*rat .is rate"):
-        check_parameters([node])
-    node.destroy_node()
-
-
 def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
     make = started("head_tracker: {ros__parameters: {servo_learning: 3, camera_learning: 7}}")
     with pytest.raises(ParameterError) as error:

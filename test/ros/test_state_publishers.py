@@ -215,9 +215,3 @@ def test_in_the_loop_the_model_is_that_of_the_buffer(world):
     buffer.set_model(parse_robot_model(ARM.replace('"upper"', '"arm"')))
     assert loop.joints_read(2, {"shoulder": Sample(0.6)})["elbow"].position == 1.2
     assert buffer.lookup_transform("base", "arm").stamp == 2
-
-
-@pytest.mark.parametrize("zero", ["up", math.nan, 1e300])
-def test_a_zero_that_is_no_number_or_no_position_is_an_error(world, zero):
-    with pytest.raises(ValueError):
-        world.make(JointStatePublisherNode, {"zeros.elbow": zero})

@@ -56,16 +56,6 @@ def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens"
     return heard()
 
 
-@pytest.mark.parametrize(("level", "shown"), [(2, Level.ERROR), (255, Level.STALE)])
-def test_diagnostics_of_any_level_are_shown(threads, viewer, level, shown):
-    stranger = Node("camera")
-    publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
-    assert diagnosed(publisher, viewer.robot, level).level is shown
-    assert threads.failure is None
-    assert told(viewer)["failing"] == {}
-    stranger.destroy_node()
-
-
 def test_no_message_ends_the_page(threads, viewer):
     """Random messages on all topics; the values are as bad as their types allow."""
     bus, rnd, stranger = BusStandIn(), random.Random(4), Node("stranger")

@@ -51,11 +51,6 @@ class Sent:
         """The status by the server's topic."""
         return int(self._handle.status)
 
-    @property
-    def over(self) -> bool:
-        """Whether it has ended."""
-        return bool(self._result.done())
-
     def ended(self, patience: float = 15.0) -> tuple[int, Any]:
         """Waits for the end: status and result."""
         wait_for(self._result.done, patience)

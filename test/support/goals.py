@@ -62,7 +62,6 @@ class HeldGoal:
     """A goal whose client is the test.
 
     Attributes:
-        feedbacks: what it was told on the way.
         status: how it ended; empty: not yet.
         answer: its result.
     """
@@ -70,11 +69,10 @@ class HeldGoal:
     def __init__(self, request: Any) -> None:
         self.request = request
         self.on_cancel = lambda: None
-        self.feedbacks: list[Any] = []
         self.status, self.answer = "", None
 
     def feedback(self, message: Any) -> None:
-        self.feedbacks.append(message)
+        pass
 
     def end(self, end: MotionEnd, result: Any) -> None:
         assert not self.status, "ended twice"

@@ -143,12 +143,6 @@ class World:
         servo.advance(self.now)
         return joint.position(servo.true_ticks)
 
-    def push(self, joint_name: str, torque: float) -> None:
-        """Loads a joint from outside until the next call [N m]."""
-        _, servo = self._servos[joint_name]
-        servo.advance(self.now)
-        servo.push(torque)
-
     def impede(self, joint_name: str, share: float) -> None:
         """Brakes a joint by this share of its servo's torque until the next call."""
         _, servo = self._servos[joint_name]

@@ -39,14 +39,6 @@ def test_a_source_that_publishes_once_takes_over_until_its_timeout():
     assert mux.select(2.1) == "low"
 
 
-def test_a_source_that_falls_silent_gives_way_at_once(mux):
-    feed(mux, "high", 0.0, 1.0)
-    mux.offer("low", 1.5)
-    assert mux.select(1.5) == "high"
-    assert mux.select(1.51) == "low"
-    assert mux.select(2.1) is None
-
-
 def test_a_person_can_pin_a_source(mux):
     feed(mux, "high", 0.0, 1.0)
     feed(mux, "low", 0.0, 1.0)
