@@ -12,7 +12,6 @@ import rclpy
 from head_under_test import Head
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
-from ros_domain import own_domain
 
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.spinning import NodeThreads
@@ -56,9 +55,3 @@ def threads() -> Iterator[NodeThreads]:
             yield threads
     finally:
         rclpy.try_shutdown()
-
-
-@pytest.fixture
-def domain() -> Iterator[str]:
-    with own_domain() as domain:
-        yield domain

@@ -17,27 +17,19 @@ from head_tracking.ros.kit import spinning
 actions = pytest.importorskip("control_msgs.action")
 
 
-@pytest.fixture
-def served(monkeypatch, threads):
-    """A client and the goals that its server has begun, without the executor of events."""
+def test_goals_end_once_from_any_thread(monkeypatch, threads):
+    """Without the executor of events."""
     monkeypatch.setattr(spinning, "events_executor_works", lambda context: False)
-    server, asks = Node("serves"), rclpy.create_node("asks")
-    begun = []
-    serve_goals(
-        server,
-        actions.PointHead,
-        "~/goals",
-        lambda goal: "too fast" if goal.max_velocity > 9.0 else "",
-        begun.append,
-    )
+    server, asks, begun = Node("serves"), rclpy.create_node("asks"), []
+
+    def refusal(goal):
+        return "too fast" if goal.max_velocity > 9.0 else ""
+
+    serve_goals(server, actions.PointHead, "~/goals", refusal, begun.append)
     threads.start(server)
     threads.start(asks)
     assert type(server.executor).__name__ != "EventsExecutor"
-    return Client(asks, actions.PointHead, "/serves/goals"), begun
-
-
-def test_goals_end_once_from_any_thread(served):
-    client, begun = served
+    client = Client(asks, actions.PointHead, "/serves/goals")
     assert not client.send(actions.PointHead.Goal(max_velocity=10.0)).accepted
     result = actions.PointHead.Result()
     for end, status in (

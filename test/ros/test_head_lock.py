@@ -3,16 +3,16 @@
 import json
 import subprocess
 import sys
-import threading
 import time
+from contextlib import closing
 
 import pytest
 import rclpy
 from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rig import Bench
 from std_msgs.msg import String
-from waiting import eventually, join, wait_for
+from waiting import eventually, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
@@ -83,29 +83,11 @@ def test_the_domain_is_read_as_ros_does(monkeypatch, text):
 
 
 @pytest.fixture
-def node(domain, monkeypatch):
+def node(tmp_path, monkeypatch):
+    """Make nodes, each of a process of its own for all that DDS knows."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    made = []
-
-    def make():
-        """Return a node of a process of its own, for all that DDS knows."""
-        context = Context()
-        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-        executor = rclpy.executors.SingleThreadedExecutor(context=context)
-        node = Node("head_claim", context=context)
-        executor.add_node(node)
-        thread = threading.Thread(target=executor.spin)
-        thread.start()
-        made.append((node, executor, context, thread))
-        return node
-
-    yield make
-    for node, executor, context, thread in made:
-        executor.shutdown()
-        join(thread)
-        node.destroy_node()
-        context.try_shutdown()
+    with closing(Bench(tmp_path)) as bench:
+        yield lambda: bench.meet("").node
 
 
 def refused(claim):
