@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import threading
 import time
 from contextlib import closing
 
@@ -36,6 +37,21 @@ def lock(tmp_path):
 def sleep(seconds):
     time.sleep(seconds)
     return False
+
+
+def test_a_simulated_head_ends_for_a_real_one(lock):
+    simulated, real = lock(simulated=True), lock()
+    simulated.acquire(sleep)
+    assert not simulated.is_wanted
+    waiting = threading.Thread(target=real.acquire, args=(sleep,))
+    waiting.start()
+    wait_for(lambda: simulated.is_wanted)
+    assert waiting.is_alive()
+    with pytest.raises(RefusedError):
+        lock(simulated=True).acquire(sleep)
+    simulated.release()
+    waiting.join(10.0)
+    assert len(real.descriptors) == 2
 
 
 def test_a_real_head_that_waits_too_long_is_refused(lock):
