@@ -280,7 +280,7 @@ def test_a_fault_is_named_soon(name: str, model: ServoModel, phase: float) -> No
 
 def drained(rig: Rig) -> None:
     def drain() -> None:
-        rig.volts -= CYCLE * 0.4
+        rig.volts -= CYCLE * 0.8
 
     rig.each_cycle.append(drain)
 
@@ -290,7 +290,7 @@ def strained(rig: Rig) -> None:
 
     def warm() -> None:
         rig[1].push(0.8)
-        rig[1].temperature = 55.0 + 0.05 * rig.time
+        rig[1].temperature = 60.0 + 0.05 * rig.time
 
     rig.still = True
     rig.each_cycle.append(warm)

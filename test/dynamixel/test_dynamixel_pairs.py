@@ -101,9 +101,8 @@ def test_narrowed_limits_move_both_goals(name: str, relaxed: bool) -> None:
     assert pair.apart < APART and pair.goals_apart < APART
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_limits_that_leave_a_pair_no_position_are_refused(name: str) -> None:
-    pair = Pair(name)
+def test_limits_that_leave_a_pair_no_position_are_refused() -> None:
+    pair = Pair("AX-12")
     model, joint = pair.joint.model, pair.bus.joint("j")
     highest = model.position_limits[1]
     pair.bus.close()
@@ -125,9 +124,8 @@ def test_limits_that_leave_a_pair_no_position_are_refused(name: str) -> None:
     assert pair.powered == 0
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back(name: str) -> None:
-    pair = Pair(name)
+def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back() -> None:
+    pair = Pair("XM430-W350")
     pair.send(0.2)
     second, limit = pair.servos[1], pair.joint.model.position_limits[1]
     second.set_register("ID", 99)

@@ -42,7 +42,7 @@ def servos() -> list[SimulatedServo]:
     return [SimulatedServo(1), SimulatedServo(2, XM430), SimulatedServo(3, XM430)]
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(
     STEPS,
     st.sampled_from((9_600, 57_600, 1_000_000, 4_500_000)),

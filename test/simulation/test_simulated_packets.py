@@ -57,7 +57,7 @@ def test_packet_behind_a_truncated_one_is_found(kind: type[InstructionPacket]) -
 
 
 @both
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(st.lists(PARAMETERS, max_size=8))
 def test_parser_never_raises_and_recovers(
     kind: type[InstructionPacket], chunks: list[bytes]
@@ -70,7 +70,7 @@ def test_parser_never_raises_and_recovers(
 
 
 @both
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(st.data())
 def test_parser_finds_all_packets_for_any_split(
     kind: type[InstructionPacket], data: st.DataObject
