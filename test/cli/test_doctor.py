@@ -5,13 +5,14 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from random import Random
 
 import pytest
 from simulated_device import Bench, as_device
 
-from head_tracking.cli.doctor import network
+from head_tracking.cli.doctor import configured, network
 from head_tracking.cli.doctor.__main__ import main
 from head_tracking.cli.doctor.findings import Finding, Grade, show
 from head_tracking.cli.doctor.network import Received, Times, check_clocks, check_targets
@@ -96,8 +97,14 @@ class Head:
         return found
 
 
+read_once = cache(configured.load_robot_model)
+
+
 @pytest.fixture
-def head(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Head:
+def head(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Head:
+    monkeypatch.setattr(configured, "load_robot_model", read_once)
     return Head(tmp_path, capsys)
 
 
