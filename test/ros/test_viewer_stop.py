@@ -195,6 +195,23 @@ def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
     assert pointer.asked == []
 
 
+def test_two_choices_of_a_mode_leave_one_controller_enabled(start, tracked):
+    """The second one comes while the first one waits for an answer."""
+    _, tracker, robot = tracked
+    pointer, go_on = start(ControllerStandIn("point_head", on=False)), threading.Event()
+    switch = pointer.switch
+    pointer.switch = lambda on: go_on.wait(PATIENCE) and switch(on)
+    wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
+    with ThreadPoolExecutor(2) as browsers:
+        browsers.submit(robot.modes.set_mode, Mode.POINT)
+        wait_for(lambda: pointer.asked == [True], PATIENCE)
+        second = browsers.submit(robot.modes.set_mode, Mode.TRACK)
+        time.sleep(0.3)  # in which it may overtake the first one
+        go_on.set()
+        assert second.result(PATIENCE).done
+    wait_for(lambda: (tracker.on, pointer.on) == (True, False), PATIENCE)
+
+
 def test_stop_does_not_wait_for_other_requests(start, page):
     """All else that the page asks for goes through one thread; that may hang."""
     bus = start(BusStandIn())

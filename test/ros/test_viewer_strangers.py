@@ -131,7 +131,7 @@ def gone_soon(monkeypatch) -> None:
     monkeypatch.setattr("head_tracking.page.robot._GONE", 1.0, raising=False)
 
 
-def test_frames_of_people_who_are_gone_are_left_out(gone_soon, viewer):
+def test_frames_of_people_who_are_gone_are_left_out_and_a_flood_is_limited(gone_soon, viewer):
     robot, stamps = viewer.robot, iter(range(1, 10**9))
     place = Transform((1.0, 0.0, 1.0), Rotation.identity())
     robot.buffer.set_transform(0, "base_link", "wall", place, static=True)
@@ -149,6 +149,9 @@ def test_frames_of_people_who_are_gone_are_left_out(gone_soon, viewer):
     assert not {"person_0", "person_4"} & offered
     robot.buffer.set_transform(2 * 10**9, "base_link", "person_1", place)  # comes back
     assert seen() == {"wall", "person_1", "person_3"}
+    for number in range(1000):
+        robot.buffer.set_transform(10**9, "base_link", f"flood_{number}", place)
+    assert 100 < len(robot.observe().frames) < 300
 
 
 def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(viewer):
@@ -169,6 +172,30 @@ def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(v
     wait_for(lambda: levels() == {"hanging: first": Level.STALE, "arm: second": Level.OK}, PATIENCE)
     for node in nodes.values():
         node.destroy_node()
+
+
+def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
+    bus, stranger = BusStandIn(), Node("stranger")
+    threads.start(bus)
+    publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    wait_for(lambda: "servo_bus" in viewer.robot.graph.nodes, PATIENCE)
+    pairs = [KeyValue(key=f"{number}", value="y" * 2000) for number in range(400)]
+    first = DiagnosticStatus(name="stranger: 0", message="x" * 10**5, values=pairs)
+    parts = [DiagnosticStatus(name=f"stranger: {number}") for number in range(1, 600)]
+    nodes = [DiagnosticStatus(name=f"node_{number}: part") for number in range(600)]
+
+    def health() -> dict[str, Any]:
+        publisher.publish(DiagnosticArray(status=[first, *parts, *nodes]))
+        bus.diagnose("it is there")
+        return {one.name: one for one in viewer.robot.topics.health()}
+
+    wait_for(lambda: {"servo_bus: head_pan_joint", "stranger: 0"} <= health().keys(), PATIENCE)
+    found = health()
+    assert len(found) < 300
+    assert len(found["stranger: 0"].message) < 2000
+    assert len(found["stranger: 0"].values) < 300
+    assert len(json.dumps(told(viewer))) < 10**6
+    stranger.destroy_node()
 
 
 def test_a_request_with_wrong_fields_is_refused(viewer):
