@@ -13,7 +13,7 @@ from head_tracking.gaze import Ray
 from head_tracking.parameters import parameter
 from head_tracking.tracking.multiple_model import ACCELERATION, Bearing, Bearings
 
-_HISTORY = 1.0  # s; a point may be older than the latest one by this
+_HISTORY = 1.0  # s; a point may be older than now, and than the latest one, by this
 _FUTURE = 0.5  # s; larger differences between clocks are errors
 _FEWEST = 8  # points that are kept whatever their age
 _NEAR = 0.45  # of `jump_threshold`: a point is used if it is so near to the prediction,
@@ -289,7 +289,7 @@ class TargetEstimator:
             return Verdict.NOT_FINITE
         if stamp > now + _FUTURE:
             return Verdict.FUTURE
-        if now - stamp > self.parameters.target_timeout:
+        if now - stamp > max(self.parameters.target_timeout, _HISTORY):
             return Verdict.TOO_OLD
         stamps = self._stamps
         if not stamps:
@@ -335,7 +335,9 @@ class TargetEstimator:
         away = self._angle(ray, Ray(*estimate.bearing(stamp), ray.distance))
         threshold = self.parameters.jump_threshold
         spread = max(estimate.deviation(0, stamp), estimate.deviation(1, stamp))
-        spread = max(_LIKELY * spread, self._off)
+        usual = self._stamps[index - 1] - self._stamps[index - 2] if index > 1 else math.inf
+        turned = 0.5 * ACCELERATION * min(stamp - estimate.stamp, usual) ** 2
+        spread = max(_LIKELY * math.hypot(spread, turned), self._off)
         if away <= min(_NEAR * threshold + spread, _WIDEST * threshold):
             if self._is_gap(stamp):
                 self._begin([(stamp, ray)], self._snapshots[-1])

@@ -130,7 +130,7 @@ def test_the_order_in_which_points_come_makes_no_difference():
 def test_points_too_old_from_the_future_or_doubled_are_left_out():
     estimator = fed(circle)
     before, now = estimator.estimate, estimator.estimate.stamp
-    assert estimator.add(now - 0.6, seen(circle(0.0)), now) is Verdict.TOO_OLD
+    assert estimator.add(now - 1.1, seen(circle(0.0)), now) is Verdict.TOO_OLD
     assert estimator.add(now + 5.0, seen(circle(0.0)), now) is Verdict.FUTURE
     assert estimator.add(now, seen(circle(0.0)), now) is Verdict.DOUBLED
     assert estimator.estimate is before
@@ -436,3 +436,16 @@ def test_who_walks_on_after_a_gap_is_believed_at_the_second_point():
         for dt in (0.0, 1 / 15)
     ]
     assert found == [Verdict.NEW_TARGET, Verdict.TAKEN]
+
+
+def test_a_slow_detector_sees_a_person_who_starts_to_walk():
+    """5 points a second, 600 ms late: the second point of the motion is far from the first."""
+    estimator = TargetEstimator(EstimatorParameters())
+    rnd = random.Random(3)
+    for k in range(20):
+        estimator.add(k / 5, Ray(rnd.gauss(0.0, 0.003), 0.0, 2.0), k / 5 + 0.6)
+    found = [
+        estimator.add(4.0 + dt, Ray(pan, 0.0, 2.0), 4.6 + dt)
+        for dt, pan in ((0.0, 0.01), (0.2, 0.09))
+    ]
+    assert found == [Verdict.TAKEN, Verdict.TAKEN]

@@ -26,7 +26,7 @@ _TOPICS: Final = {
 }
 _SKEW: Final = (0.010, 0.100)  # s: amber, red; includes the transport time
 _AHEAD: Final = (0.020, 0.002)  # s that a message may be received before it was sent: red, amber
-_OLD: Final = (0.3, 1.0)  # s; the default of target_timeout is 1 s
+_OLD: Final = (0.3, 1.0)  # s; older points are refused
 _OTHER_CLOCK: Final = 1e7  # s
 
 
