@@ -55,11 +55,15 @@ def test_an_invalid_first_model_is_reported_until_another_is_received(make, kine
     head.until("tracking")
 
 
-def test_a_fixed_frame_that_moves_with_the_head_is_refused(make):
-    head = make(fixed_frame="camera_link")
-    head.until("idle", Reason.INVALID_MODEL, "fixed_frame", "camera_link")
+@pytest.mark.parametrize(
+    ("name", "frame"), [("fixed_frame", "camera_link"), ("pointing_frame", "torso_link")]
+)
+def test_a_frame_that_the_head_can_not_use_is_refused(make, name, frame):
+    """A fixed frame that moves with the head, and a pointing frame that does not."""
+    head = make(**{name: frame})
+    head.until("idle", Reason.INVALID_MODEL, frame)
     head.target = LEFT
-    head.until_logged("fixed_frame")
+    head.until_logged(frame)
     assert head.commands == 0
 
 

@@ -2,6 +2,7 @@
 
 import math
 import random
+import threading
 
 import pytest
 from action_client import ABORTED, SUCCEEDED, Client
@@ -13,6 +14,7 @@ from waiting import wait_for
 from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.obstacle import Obstacle, Reason
+from head_tracking.ros.head import head_actions
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit.joint_owners import control_message
 from head_tracking.ros.kit.topics import LATCHED
@@ -175,6 +177,33 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     assert (held.status, held.answer.error_code) == ("succeeded", 0), held.answer.error_string
     assert pointed.true == pytest.approx((-0.3, 0.0), abs=0.03)
     assert max(speeds) < 0.4  # rad/s
+
+
+@pytest.mark.parametrize("what", ["the check", "the highest speed"])
+def test_the_cycle_goes_on_while_a_trajectory_is_examined(pointed, monkeypatch, what):
+    control, free = pointed.node.control, []
+    control.is_cautious = True
+
+    def examining(*_):
+        """Let another thread, like that of the bus, use the head meanwhile."""
+
+        def use():
+            free.append(control.lock.acquire(timeout=5.0))
+            if free[-1]:
+                control.lock.release()
+
+        cycle = threading.Thread(target=use)
+        cycle.start()
+        cycle.join()
+        return 0.1
+
+    if what == "the check":
+        monkeypatch.setattr(head_actions, "checked_waypoints", examining)
+    else:
+        monkeypatch.setattr(head_actions.JointTrajectory, "peak_speed", property(examining))
+    pointed.node.actions.follow(goals.HeldGoal(following((0.2, (0.1, 0.1)))))
+    assert free
+    assert all(free)
 
 
 def test_goals_and_targets_pass_the_same_check(pointed):

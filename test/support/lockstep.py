@@ -41,6 +41,7 @@ class World:
 
     Attributes:
         now: the time [ns].
+        offset: of the clock of the nodes from `now` [ns].
         buffer: the frames of the robot.
         heard: the messages of topics that `record` was called for.
     """
@@ -48,7 +49,7 @@ class World:
     period = _CYCLE * 1e-9
 
     def __init__(self, model: RobotModel) -> None:
-        self.now = _START
+        self.now, self.offset = _START, 0
         self.buffer = Buffer()
         self.buffer.core.set_model(model)
         self.loop = ControlLoop(self.buffer.core)
@@ -68,6 +69,11 @@ class World:
     def seconds(self) -> float:
         """The time since the start."""
         return (self.now - _START) * 1e-9
+
+    @property
+    def stamp(self) -> int:
+        """The time on the clock of the nodes [ns]."""
+        return self.now + self.offset
 
     def at(self, when: int, what: Callable[[], object]) -> None:
         """Does something at a time [ns]."""
@@ -175,14 +181,14 @@ class World:
             servo.advance(self.now)
             position = joint.position(servo.register("Present Position"))
             measured[joint.joint_name] = JointState(position)
-        stamp = self.now
+        stamp = self.stamp
 
         def update() -> None:
             states = self.loop.joints_read(stamp, measured)
             self.loop.update(measured)
             self.loop.publish(measured, stamp, states)
 
-        self.at(stamp + _READ, update)
+        self.at(self.now + _READ, update)
 
 
 class _Clock:
@@ -192,7 +198,7 @@ class _Clock:
         self._world = world
 
     def now(self) -> Time:
-        return Time(nanoseconds=self._world.now, clock_type=ClockType.ROS_TIME)
+        return Time(nanoseconds=self._world.stamp, clock_type=ClockType.ROS_TIME)
 
 
 class _Publisher:

@@ -74,6 +74,20 @@ def test_the_model_keeps_its_frames_from_being_overwritten(buffer):
     assert buffer.lookup_transform("base_link", "camera_link") == before
 
 
+def test_frames_that_joints_move_are_found_also_after_they_were_attached_elsewhere(buffer):
+    def carried() -> set[str]:
+        names = ("base_link", "camera_link", "nowhere", "tool", "ball")
+        return {name for name in names if buffer.is_moved_by(name, tuple(HEAD))}
+
+    buffer.set_transform(SECOND, "base_link", "tool", moved(1.0), static=True)
+    buffer.set_transform(SECOND, "tool", "ball", moved(1.0))
+    assert carried() == {"camera_link"}
+    buffer.set_transform(SECOND, "camera_link", "tool", moved(1.0), static=True)
+    assert carried() == {"camera_link", "tool", "ball"}
+    buffer.set_transform(2 * SECOND, "base_link", "ball", moved(1.0))
+    assert carried() == {"camera_link", "tool"}
+
+
 def test_a_new_model_replaces_the_old_one(buffer, turtlebot):
     buffer.set_model(turtlebot)
     assert "hair_link" not in buffer.frames()
