@@ -22,7 +22,7 @@ def calm(head):
 
 @pytest.mark.parametrize(
     ("frequency", "late", "most"),
-    [(0.2, 0.0, 0.006), (0.5, 0.0, 0.015), (1.0, 0.0, 0.045), (0.5, 0.1, 0.03)],
+    [(0.2, 0.0, 0.006), (1.0, 0.0, 0.045), (0.5, 0.1, 0.03)],
 )
 def test_an_oscillating_target_is_followed(head, calm, frequency, late, most):
     outcome = run(head, sine(frequency), replace(calm, delay=late))
@@ -120,15 +120,10 @@ def to_and_fro(t):
     ("path", "servo", "law"),
     [
         (sine(1.0), slow, "position"),
-        (sine(1.0), soft, "predictive"),
         (sine(4.0), heavy, "speed"),
-        (sine(4.0), soft, "position"),
-        (to_and_fro, heavy, "position"),
         (to_and_fro, heavy, "predictive"),
-        (to_and_fro, slow, "predictive"),
         (to_and_fro, soft, "speed"),
-        (lambda t: around(4.0), heavy, "predictive"),
-        (lambda t: around(4.0), slow, "speed"),
+        (lambda t: around(4.0), slow, "predictive"),
     ],
 )
 def test_servos_that_do_follow_are_not_taken_for_stalled(head, path, servo, law):
@@ -150,7 +145,7 @@ def test_servos_that_are_held_are_stalled_within_two_seconds(head, law):
     assert {state for now, state in states.items() if now > 1_002.0} == {TargetState.STALLED}
 
 
-@pytest.mark.parametrize("until", [0.8, 1.3, 1.45])
+@pytest.mark.parametrize("until", [0.8, 1.45])
 def test_servos_that_are_let_go_turn_to_the_target_and_not_beyond(head, until):
     conditions = Conditions(duration=4.0, servos=lambda start: Deaf(ax12()(start), until))
     recording = run(head, lambda t: around(0.2 + 0.2 * t), conditions).recording

@@ -60,17 +60,16 @@ def run(head, path, turns, watched, conditions=ON_HEAD):
     return watched
 
 
-@pytest.mark.parametrize("law", ["predictive", "position"])
 @pytest.mark.parametrize(
-    ("turns", "joint", "said"),
+    ("law", "turns", "joint", "said"),
     [
-        (((-1, 0), (0, 1)), 0, "head_pan_joint turns in"),
-        (((1, 0), (0, -1)), 1, "head_tilt_joint turns in"),
-        (((-1, 0), (0, -1)), 0, "head_pan_joint and head_tilt_joint turn in"),
-        (((0, 1), (1, 0)), 0, "swapped"),
-        (((0, -1), (1, 0)), 0, "swapped"),
-        (((0, 1), (-1, 0)), 0, "swapped"),
-        (((0, -1), (-1, 0)), 0, "swapped"),
+        ("position", ((-1, 0), (0, 1)), 0, "head_pan_joint turns in"),
+        ("predictive", ((1, 0), (0, -1)), 1, "head_tilt_joint turns in"),
+        ("predictive", ((-1, 0), (0, -1)), 0, "head_pan_joint and head_tilt_joint turn in"),
+        ("predictive", ((0, 1), (1, 0)), 0, "swapped"),
+        ("predictive", ((0, -1), (1, 0)), 0, "swapped"),
+        ("predictive", ((0, 1), (-1, 0)), 0, "swapped"),
+        ("predictive", ((0, -1), (-1, 0)), 0, "swapped"),
     ],
 )
 def test_it_is_named_and_the_head_stops(head, law, turns, joint, said):
@@ -103,8 +102,7 @@ def test_it_goes_on_when_it_is_enabled_anew_and_says_it_again(head):
     assert faults[0] == faults[1] != ""
 
 
-@pytest.mark.parametrize("gain", [1.0, 2.0, 3.0])
-@pytest.mark.parametrize("spell", [0.5, 9.0])
+@pytest.mark.parametrize(("gain", "spell"), [(1.0, 9.0), (3.0, 0.5), (3.0, 9.0)])
 def test_a_target_that_runs_from_the_head_is_not_taken_for_that(head, gain, spell):
     """It needs 150 ms to react; it runs for so long [s], and from its first moment on."""
     watched, late, fled = Watched(head), deque(), [0.0]
@@ -121,12 +119,9 @@ def test_a_target_that_runs_from_the_head_is_not_taken_for_that(head, gain, spel
     assert watched.named is None
 
 
-@pytest.mark.parametrize("change", [{"stamp_error": 0.09}, {"stamp_error": -0.08}])
-def test_wrong_stamps_hide_it_from_nobody(head, change):
-    watched = run(
-        head, circle, ((0, 1), (1, 0)), Watched(head), replace(ON_HEAD, field=(2.0, 2.0), **change)
-    )
-    assert watched.tracker.fault
+def test_wrong_stamps_hide_it_from_nobody(head):
+    conditions = replace(ON_HEAD, field=(2.0, 2.0), stamp_error=0.09)
+    assert run(head, circle, ((0, 1), (1, 0)), Watched(head), conditions).tracker.fault
 
 
 @pytest.fixture

@@ -29,16 +29,14 @@ def run(head, path, conditions):
     return watched, ClosedLoop(path, conditions).run(watched).recording
 
 
-@pytest.mark.parametrize(
-    ("path", "late"), [(still, -0.15), (still, 0.2), (swing, 0.05), (swing, 0.4), (circle, 0.2)]
-)
+@pytest.mark.parametrize(("path", "late"), [(still, -0.15), (swing, 0.4), (circle, 0.2)])
 def test_the_error_is_found(head, path, late):
     conditions = replace(ON_HEAD, duration=5.0, stamp_error=late, field=(3.0, 3.0), seed=7)
     watched, _ = run(head, path, conditions)
     assert watched.applied[-1] == pytest.approx(late, abs=0.015)
 
 
-@pytest.mark.parametrize(("bearing", "late"), [(0.3, 0.15), (0.8, 0.3), (0.8, 0.45)])
+@pytest.mark.parametrize(("bearing", "late"), [(0.3, 0.15), (0.8, 0.45)])
 def test_a_still_face_that_is_seen_late_is_not_overshot(head, bearing, late):
     """Its points move with the head at first; no speed of its own explains that."""
     conditions = replace(ON_HEAD, duration=4.0, delay=late, stamp_error=late, field=(2.2, 1.5))
@@ -49,8 +47,8 @@ def test_a_still_face_that_is_seen_late_is_not_overshot(head, bearing, late):
     assert math.degrees(np.abs(off[settled]).max()) < 1.0
 
 
-@pytest.mark.parametrize("late", [-0.1, 0.25])
-def test_a_delay_that_is_given_is_right_from_the_first_point_on(head, late):
+def test_a_delay_that_is_given_is_right_from_the_first_point_on(head):
+    late = 0.25
     conditions = replace(ON_HEAD, delay=0.25, field=(3.0, 3.0), duration=4.0)
     watched = Watched(head)
     watched.tracker.learn(LearningParameters(camera_delay=late))
@@ -83,13 +81,7 @@ def test_a_correction_beyond_the_timeout_does_not_end_tracking(head):
 
 
 @pytest.mark.parametrize(
-    ("path", "points", "delay"),
-    [
-        (swing, 8.0, 0.4),
-        (swing, 30.0, 0.1),
-        (sine(1.0, 0.3), 5.0, 0.1),
-        (sine(1.0, 0.3), 30.0, 0.1),
-    ],
+    ("path", "points", "delay"), [(swing, 8.0, 0.4), (sine(1.0, 0.3), 30.0, 0.1)]
 )
 def test_no_error_is_believed_where_there_is_none(head, path, points, delay):
     conditions = replace(ON_HEAD, duration=12.0, points=points, delay=delay, seed=3)
@@ -117,12 +109,11 @@ def test_the_error_is_found_on_a_fast_swing(head):
     assert watched.applied[-1] == pytest.approx(0.2, abs=0.02)
 
 
-@pytest.mark.parametrize(("path", "late"), [(still, -0.08), (circle, 0.09), (sine(0.5), -0.08)])
-def test_wrong_stamps_that_jitter_cost_little(head, path, late):
+def test_wrong_stamps_that_jitter_cost_little(head):
     jitter = replace(ON_HEAD, duration=10.0, stamp_jitter=0.0115, seed=2)
     usual, wrong = (
-        run(head, path, replace(jitter, stamp_error=error))[1].between(6.0).rms
-        for error in (0.0, late)
+        run(head, circle, replace(jitter, stamp_error=error))[1].between(6.0).rms
+        for error in (0.0, 0.09)
     )
     assert wrong < 1.5 * usual + 0.005
 
@@ -151,14 +142,13 @@ def test_points_from_the_future_do_not_pile_up(head):
     assert len(tracker.camera.waiting) < 100
 
 
-@pytest.mark.parametrize(("moment", "error"), [(0.5, -0.08), (0.8, 0.12)])
-def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head, moment, error):
+def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head):
     watched = Watched(head)
     step, seen = watched.step, watched.target_seen
     asked = []
 
     def recentring(now):
-        if now - 1_000.0 > moment and not asked:
+        if now - 1_000.0 > 0.8 and not asked:
             asked.append(now)
             watched.tracker.recenter()
         return step(now)
@@ -167,7 +157,7 @@ def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head, mome
         return None if asked else seen(*args, **moving)
 
     watched.step, watched.target_seen = recentring, before
-    conditions = replace(ON_HEAD, stamp_error=error, duration=6.0)
+    conditions = replace(ON_HEAD, stamp_error=0.12, duration=6.0)
     positions = ClosedLoop(still, conditions).run(watched).recording.positions
     assert watched.tracker.state is TargetState.IDLE
     assert np.abs(positions[-1]).max() < 0.05
