@@ -262,12 +262,10 @@ def start(tmp_path):
     [
         ({"version": "3.9"}, "python3 is Python 3.9; head_tracking needs 3.10 to 3.13"),
         ({"version": "3.14"}, "python3 is Python 3.14; head_tracking needs 3.10 to 3.13"),
-        ({"version": "3.15"}, "HEAD_TRACKING_PYTHON=python3.12"),
         ({"HEAD_TRACKING_PYTHON": "python-of-nowhere"}, "python-of-nowhere"),
         ({"ROS_DISTRO": "humble"}, "ROS 2 Humble is sourced, but"),
         ({"ROS_DISTRO": "jazzy"}, "(ImportError: no rclpy here)"),
         ({"machine": "Linux aarch64"}, "this is Linux aarch64"),
-        ({"machine": "Linux armv7l"}, "this is Linux armv7l"),
         ({"has_venv": False}, "apt install python3-venv"),
     ],
 )
@@ -276,9 +274,7 @@ def test_an_unsupported_machine_is_refused_with_the_reason(start, circumstances,
     assert not (start.checkout / ".venv").exists()
 
 
-@pytest.mark.parametrize(
-    ("distribution", "version"), [("humble", "3.10"), ("kilted", "3.12"), ("lyrical", "3.14")]
-)
+@pytest.mark.parametrize(("distribution", "version"), [("humble", "3.10"), ("lyrical", "3.14")])
 def test_another_ros_is_accepted_with_one_line(start, distribution, version):
     message = start(ROS_DISTRO=distribution, version=version, has_ros=True).splitlines()
     assert distribution.capitalize() in message[0]
@@ -304,11 +300,9 @@ def test_an_environment_of_another_program_is_not_changed(start):
     ("words", "lists"),
     [
         ("--sim", set()),
-        ("--sim --viewer", {"viewer", "vision"}),
         ("--viewer --mode point --sim", {"viewer", "vision"}),
         ("--port /dev/ttyUSB0 --viewer", {"viewer"}),
         ("--port /dev/ttyUSB0 --target face", {"vision"}),
-        ("--target=ball --sim", {"vision"}),
     ],
 )
 def test_a_complete_environment_gets_the_libraries_of_the_options(start, words, lists):

@@ -100,7 +100,7 @@ def random_transform(rnd: random.Random) -> Transform:
     )
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_long_histories_end_as_in_tf2(seed):
     """A tree in motion over three caches, with pauses, late samples and hand-overs."""
     rnd = random.Random(seed)
@@ -142,7 +142,7 @@ def test_the_sequences_of_a_real_tf2():
         return made
 
     rnd = random.Random(1)
-    for _ in range(2000):
+    for _ in range(500):
         real, buffer = tf2_py.BufferCore(Duration(seconds=10)), TransformBuffer()
         for _ in range(rnd.randrange(20)):
             parent, child = rnd.sample(FRAMES, 2)

@@ -37,7 +37,7 @@ def assert_alike(buffer: TransformBuffer, naive: NaiveBuffer, target, source, st
     assert np.allclose(point, (expected @ (0.3, -0.2, 0.5, 1.0))[:3], atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_lookups_in_moving_robots_are_those_of_the_reference(seed):
     rnd = random.Random(seed)
     model = parse_robot_model(random_urdf(seed))
@@ -112,7 +112,7 @@ def random_operation(rnd: random.Random, buffer: TransformBuffer) -> None:
 def test_random_sequences_raise_transform_exceptions_only():
     rnd = random.Random(2026)
     refused = 0
-    for _ in range(600):
+    for _ in range(300):
         buffer = TransformBuffer()
         # eight sequences of operations on a buffer that the ones before have left behind
         for _ in range(8):
@@ -123,4 +123,4 @@ def test_random_sequences_raise_transform_exceptions_only():
                     refused += 1
                 except RobotModelError:
                     raise AssertionError("a model of the test itself is bad") from None
-    assert refused > 4_000
+    assert refused > 2_000

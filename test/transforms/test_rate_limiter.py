@@ -18,7 +18,7 @@ def test_a_stream_at_the_same_frequency_passes_whole_however_it_jitters():
     assert accepted(RateLimiter(20.0), stamps) == 400
 
 
-@pytest.mark.parametrize("rate", [21, 30, 50, 100, 1000])
+@pytest.mark.parametrize("rate", [21, 50, 1000])
 def test_faster_streams_are_thinned_to_the_frequency(rate):
     stamps = [100 + index / rate for index in range(10 * rate)]
     assert accepted(RateLimiter(20.0), stamps) == pytest.approx(200, abs=2)

@@ -21,11 +21,6 @@ vectors = st.tuples(*[st.floats(-10, 10)] * 3)
 transforms = st.builds(Transform.from_xyz_rpy, vectors, vectors)
 
 
-@given(rotations, points)
-def test_apply_is_the_matrix(a, p):
-    assert np.allclose(a @ p, a.as_matrix() @ np.array(p), atol=1e-9)
-
-
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
 def test_matrix_round_trip_at_half_a_turn(axis):
     half_turn = Rotation.from_axis_angle(axis, math.pi)
@@ -59,19 +54,6 @@ def test_rpy_turns_about_fixed_axes_in_order():
     assert turned == pytest.approx((0, 0, 1))
 
 
-def between(a, b, ratio):
-    ends = [Transform((0, 0, 0), rotation) for rotation in (a, b)]
-    return ends[0].interpolate(ends[1], ratio).rotation
-
-
-@given(rotations, rotations, st.floats(0, 1))
-def test_slerp_turns_at_constant_speed_the_short_way(a, b, ratio):
-    whole = (a.inverse() @ b).angle()
-    found = between(a, b, ratio)
-    assert math.hypot(*found) == pytest.approx(1.0, abs=1e-12)
-    assert (a.inverse() @ found).angle() == pytest.approx(ratio * whole, abs=1e-7)
-
-
 def test_a_quaternion_from_outside_is_normalised():
     rotation = Rotation.from_quaternion_xyzw((0.0, 0.0, 1e-7, 1.0))
     assert math.hypot(*rotation) == pytest.approx(1.0, abs=1e-15)
@@ -98,14 +80,6 @@ def test_the_inverse_undoes(a):
 @given(transforms)
 def test_matrix_round_trip(a):
     assert np.allclose(Transform.from_matrix(a.as_matrix()).as_matrix(), a.as_matrix(), atol=1e-9)
-
-
-@given(transforms, transforms)
-def test_interpolation_ends_and_middle(a, b):
-    assert np.allclose(a.interpolate(b, 0.0).as_matrix(), a.as_matrix(), atol=1e-9)
-    assert np.allclose(a.interpolate(b, 1.0).as_matrix(), b.as_matrix(), atol=1e-9)
-    middle = np.array(a.interpolate(b, 0.5).translation)
-    assert np.allclose(middle, (np.array(a.translation) + np.array(b.translation)) / 2)
 
 
 def test_a_transform_takes_points_from_source_to_target():

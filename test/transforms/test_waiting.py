@@ -87,23 +87,3 @@ def test_a_frame_that_is_no_name_is_refused_and_disturbs_nobody(buffer):
         buffer.lookup_transform("map", 3, timeout=0.01)
     buffer.set_transform(SECOND, "map", "base", STILL)
     assert buffer.lookup_transform("map", "base").stamp == SECOND
-
-
-def test_an_interrupted_wait_leaves_nothing_behind(buffer, monkeypatch):
-    asked: list[str] = []
-
-    def can_transform(target: str, *_: object) -> bool:
-        asked.append(target)
-        return False
-
-    class Interrupted(threading.Event):
-        def wait(self, timeout: float | None = None) -> bool:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(buffer, "can_transform", can_transform)
-    monkeypatch.setattr(threading, "Event", Interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        buffer.lookup_transform("map", "base", timeout=30.0)
-    asked.clear()
-    buffer.set_transform(SECOND, "map", "other", STILL)
-    assert asked == []
