@@ -9,11 +9,11 @@ import signal
 import subprocess
 import sys
 from functools import cache
+from html import escape
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from xml.etree import ElementTree
 
 from head_tracking.transforms.exceptions import RobotModelError
 from head_tracking.transforms.robot_model import Joint, JointType, RobotModel
@@ -87,20 +87,20 @@ def with_fixed_root(model: RobotModel, frame: str, T_frame_root: Transform) -> R
         RobotModelError: the model has a link of this name.
     """
     name = f"{frame}_{model.root}_joint"
-    document = ElementTree.fromstring(model.urdf)
-    element = ElementTree.SubElement(document, "joint", name=name, type="fixed")
-    ElementTree.SubElement(element, "parent", link=frame)
-    ElementTree.SubElement(element, "child", link=model.root)
     xyz, rpy = T_frame_root.translation, T_frame_root.rotation.as_rpy()
-    ElementTree.SubElement(
-        element, "origin", xyz=" ".join(map(repr, xyz)), rpy=" ".join(map(repr, rpy))
+    # without an XML parser: it would take memory of the control process
+    before, end, after = model.urdf.rpartition("</")  # of the root
+    added = (
+        f'<joint name="{escape(name)}" type="fixed"><parent link="{escape(frame)}"/>'
+        f'<child link="{escape(model.root)}"/>'
+        f'<origin xyz="{" ".join(map(repr, xyz))}" rpy="{" ".join(map(repr, rpy))}"/></joint>'
+        f'<link name="{escape(frame)}"/>'
     )
-    ElementTree.SubElement(document, "link", name=frame)
     return RobotModel(
         model.name,
         [*model.links, frame],
         [*model.joints.values(), Joint(name, JointType.FIXED, frame, model.root, T_frame_root)],
-        ElementTree.tostring(document, encoding="unicode"),
+        before + added + end + after,
     )
 
 
