@@ -103,12 +103,14 @@ def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
 
 VIEWER = NodeSpec("viewer", process=PAGE)
 
+CAMERA = simulated_camera("everything", rate=15.0)
+"""What the page shows of a simulated head whose target needs no camera."""
+
 
 def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
     """Return the nodes that the page can start; a camera only if the head is simulated."""
-    camera = simulated_camera("everything", rate=15.0)
     targets = (*TARGETS["fictitious"], *TARGETS["face"])
-    specs = (*MODES.values(), *targets, *([camera] if simulated else []))
+    specs = (*MODES.values(), *targets, *([CAMERA] if simulated else []))
     return {spec.name: spec for spec in specs}
 
 

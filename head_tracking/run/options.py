@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 from head_tracking.command_line import (
@@ -18,6 +19,7 @@ from head_tracking.page import MISSING, installed
 from head_tracking.parameter_files import ParameterFileError, read
 from head_tracking.programs import COMMANDS, has_ros
 from head_tracking.run.node_sets import (
+    CAMERA,
     HEAD,
     LEFT_OUT,
     MODES,
@@ -156,8 +158,9 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
             "fictitious" if options.sim and options.mode == "track" else "none"
         )
     targets, scene = options.target
-    if options.sim and scene:
-        targets = (simulated_camera(scene), *targets)
+    shows_camera = options.viewer and find_spec("cv2") is not None
+    if options.sim and (scene or shows_camera):
+        targets = (simulated_camera(scene) if scene else CAMERA, *targets)
     port = {} if options.port is None else {"port_name": options.port}
     overrides = {
         "robot_state_publisher": {

@@ -16,6 +16,7 @@ _X0, _X1, _Y0, _Y1, _Z0, _Z1 = -2.5, 3.5, -2.5, 2.5, -0.9, 1.7
 
 _SCALE = 220  # pixels per metre
 _SOFT = 41  # pixels of a shadow's edge
+_COARSE = 8  # pixels of the coarse brightness towards the edges
 _OAK, _WHITE = (92, 128, 168), (232, 236, 238)
 _BOOKS = (
     (70, 80, 150),
@@ -99,9 +100,12 @@ class _Surface:
     def corners(self, least: float = 0.72, reach: float = 0.5) -> None:
         """Darken towards the edges."""
         height, width = self.texture.shape[:2]
-        y, x = np.arange(height)[:, None] / _SCALE, np.arange(width) / _SCALE
-        edge = np.minimum(np.minimum(x, width / _SCALE - x), np.minimum(y, height / _SCALE - y))
-        self.light(least + (1 - least) * (1 - np.exp(-edge / (0.5 * reach))))
+        rows, columns = height // _COARSE, width // _COARSE
+        y = np.linspace(0.0, height / _SCALE, rows, dtype=np.float32)[:, None]
+        x = np.linspace(0.0, width / _SCALE, columns, dtype=np.float32)
+        edge = np.minimum(np.minimum(x, x[::-1]), np.minimum(y, y[::-1]))
+        light = least + (1 - least) * (1 - np.exp(-edge / (0.5 * reach)))
+        self.light(cv2.resize(light, (width, height)))
 
     def picture(self, x: float, y: float, width: float, height: float, hue: Colour) -> None:
         """Paint a framed landscape."""

@@ -37,27 +37,21 @@ def face(path: Path, looks: Looks | None = None) -> Board:
         looks: appearance of the person.
     """
     appearance = looks or Looks()
-    # drawn now: to draw one while the camera runs would delay an image
-    standing = person(appearance)
-    stride = [person(appearance, step=step) for step in range(STEPS)]
 
     def image(time: float) -> Texture:
-        if math.dist(path(time), path(time + 0.1)) < 0.015:
-            return standing
-        return stride[int(time / _PACE * STEPS) % STEPS]
+        stands = math.dist(path(time), path(time + 0.1)) < 0.015
+        return person(appearance, None if stands else int(time / _PACE * STEPS) % STEPS)
 
     return Board(image, PERSON_WIDTH, path, FACE_CENTRE)
 
 
 def sitter(place: Vector3, looks: Looks) -> Board:
     """Return a person on a chair, who turns the head from time to time."""
-    left, ahead, right = (person(looks, turn=turn, sits=True) for turn in (-1.0, 0.0, 1.0))
 
     def image(time: float) -> Texture:
         glance = time % _GLANCE
-        if glance % 3.5 >= 1.2:
-            return ahead
-        return right if glance < 3.5 else left
+        turn = 0.0 if glance % 3.5 >= 1.2 else 1.0 if glance < 3.5 else -1.0
+        return person(looks, turn=turn, sits=True)
 
     return Board(image, PERSON_WIDTH, lambda time: place, FACE_CENTRE)
 

@@ -113,6 +113,8 @@ def test_a_node_that_could_not_start_can_be_requested_again(bench):
 def test_the_page_is_restarted(bench):
     run = bench.start("head_tracking", "--sim", "--viewer", "--ros-args", "-p", "viewer:port:=0")
     run.read_until("the robot is at http")
+    has_camera = find_spec("cv2") is not None
+    wait_for(lambda: bool(child(run, "vision")) is has_camera)
     page = restarted(run, "page", child(run, "page"))
     wait_for(lambda: run.output.count("the robot is at http") == 2)
     run.process.kill()

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
+from dataclasses import replace
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -17,6 +18,7 @@ from head_tracking.dynamixel import Goal
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.control import Composition
+from head_tracking.run.node_sets import CAMERA
 from head_tracking.run.options import parse_arguments
 
 
@@ -33,6 +35,8 @@ class Robot(Talker):
     def _start(self, arguments: list[str], ros_args: list[str], resources: ExitStack) -> None:
         gc.collect()  # a node that ends later takes /rosout from one of the same name
         plan = parse_arguments(arguments)
+        # a run has the camera of a page in another process; here it would delay all nodes
+        plan = replace(plan, nodes=tuple(node for node in plan.nodes if node != CAMERA))
         rclpy.init(
             args=[*plan.ros_arguments, "--ros-args", *ros_args, "--"],
             signal_handler_options=SignalHandlerOptions.NO,

@@ -104,14 +104,14 @@ def test_a_missing_file_and_a_broken_xacro_name_the_file(tmp_path):
 
 def test_a_model_can_be_put_into_the_world(kinectbot):
     T_world_base = Transform.from_xyz_rpy((0, 0, 0.0325), (0, 0, 0.4))
-    model = with_fixed_root(kinectbot, "world", T_world_base)
-    assert model.root == "world"
-    assert model.children("world") == ("base_link",)
-    found = model.transform("world", "base_link", {})
+    model = with_fixed_root(kinectbot, '<"world">', T_world_base)
+    assert model.root == '<"world">'
+    assert model.children('<"world">') == ("base_link",)
+    found = model.transform('<"world">', "base_link", {})
     assert np.allclose(found.as_matrix(), T_world_base.as_matrix(), atol=1e-12)
     again = parse_robot_model(model.urdf)
     assert again.links == model.links
-    assert again.joints["world_base_link_joint"] == model.joints["world_base_link_joint"]
+    assert again.joints == model.joints
 
 
 def test_a_second_world_is_refused(kinectbot):
