@@ -108,16 +108,17 @@ def test_ros_arguments_remap_and_set_parameters(bench, kinectbot):
     assert run.end(signal.SIGINT) == 0, run.output
 
 
-def test_ros_arguments_set_parameters_in_a_namespace(bench):
+def test_ros_arguments_set_parameters_in_a_namespace(bench, kinectbot):
+    """The file of the user has a world frame only where one is named."""
     words = ("servo_bus:update_rate:=40.0", "robot_state_publisher:frame_prefix:=left_")
     rules = [word for rule in words for word in ("-p", rule)]
-    bench.start(
-        "head_tracking", "--sim", "--target", "none", "--ros-args", "-r", "__ns:=/left", *rules
-    )
+    model = own_model(bench, kinectbot)
+    bench.start("head_tracking", "--sim", *model, "--ros-args", "-r", "__ns:=/left", *rules)
     person = bench.meet("/left")
     person.wait_for_joints()
     assert person.get("servo_bus", "update_rate") == 40.0
-    assert "left_base_link" in person.call("robot_state_publisher/frames").message.split()
+    assert root_frame(person) == "left_base_link"
+    assert JOINTS[0] in person.latched("robot_description", String)
 
 
 @pytest.mark.parametrize(
@@ -129,12 +130,6 @@ def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench,
     assert run.end() == 1
     assert rule.split(":")[0] in run.last_line
     assert "Traceback" not in run.output
-
-
-def test_a_model_of_the_user_has_a_world_frame_only_if_it_is_named(bench, kinectbot):
-    bench.start("head_tracking", "--sim", *own_model(bench, kinectbot))
-    assert JOINTS[0] in bench.person.latched("robot_description", String)
-    assert root_frame(bench.person) == "base_link"
 
 
 def test_a_run_continues_with_a_closed_pipe_and_a_full_disk(bench):
@@ -306,21 +301,15 @@ def test_a_simulated_run_does_not_turn_a_real_head(bench):
     assert real.end(signal.SIGINT) == 0, real.output
 
 
-def test_a_simulated_run_does_not_turn_a_real_head_that_comes_later(bench):
+def test_the_first_of_simulated_runs_continues_and_does_not_turn_a_real_head_that_comes(bench):
     bench.start("head_tracking", "--sim")
-    wait_for(lambda: bench.person.state("head_tracker") == "tracking")
-    real = real_head(bench)
-    time.sleep(3.0)
-    assert bench.servos.torque == [0, 0]
-    assert real.end(signal.SIGINT) == 0, real.output
-
-
-def test_of_two_simulated_runs_the_first_continues(bench):
-    first = bench.start("head_tracking", "--sim")
     wait_for(lambda: bench.person.state("head_tracker") == "tracking")
     second = bench.start("head_tracking", "--sim")
     second.read_until("servo_bus")
     assert bench.person.state("head_tracker") == "tracking"
     beside = bench.start("head_tracking", "--sim", "--duration", "1", "--allow-others")
     assert beside.end() == 0, beside.output
-    assert first.end(signal.SIGINT) == 0, first.output
+    real = real_head(bench)
+    time.sleep(3.0)
+    assert bench.servos.torque == [0, 0]
+    assert real.end(signal.SIGINT) == 0, real.output

@@ -99,19 +99,14 @@ def test_vision_is_restarted_in_the_same_state(bench):
 
 @needs_opencv
 @pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
-def test_a_node_that_could_not_start_can_be_requested_again(bench):
+def test_a_node_that_could_not_start_can_be_requested_again_and_the_page_is_restarted(bench):
     ros = ("--ros-args", "-p", "viewer:port:=0", "-p", "visual_target:max_distance:=-1.0")
-    bench.start("head_tracking", "--sim", "--viewer", *ros)
+    run = bench.start("head_tracking", "--sim", "--viewer", *ros)
     answer = bench.person.call("node_starter/visual_target")
     assert not answer.success and "max_distance" in answer.message
     assert not bench.person.call("node_starter/visual_target").success
     for _ in range(2):
         assert bench.person.call("node_starter/simulated_camera").success
-
-
-@pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
-def test_the_page_is_restarted(bench):
-    run = bench.start("head_tracking", "--sim", "--viewer", "--ros-args", "-p", "viewer:port:=0")
     run.read_until("the robot is at http")
     has_camera = find_spec("cv2") is not None
     wait_for(lambda: bool(child(run, "vision")) is has_camera)
