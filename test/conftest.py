@@ -10,6 +10,7 @@ import hypothesis
 import pytest
 from browser import NoBrowser, open_browser
 
+from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, load_robot_model
 
 # a shell's background jobs ignore it, and so would every program that the tests start
@@ -63,6 +64,13 @@ def kinectbot() -> RobotModel:
 @pytest.fixture(scope="session")
 def turtlebot() -> RobotModel:
     return load_robot_model(ROOT / "urdf" / "turtlebot.urdf.xacro")
+
+
+@pytest.fixture(scope="session")
+def head(kinectbot: RobotModel) -> PanTiltHead:
+    return PanTiltHead(
+        kinectbot, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
+    )
 
 
 @pytest.fixture(params=["kinectbot", "turtlebot"])

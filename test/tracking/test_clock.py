@@ -55,11 +55,9 @@ def test_time_that_goes_by_is_nothing(clocks, watch, simulated):
 @pytest.mark.parametrize(
     ("jump", "simulated", "words"),
     [
-        (3600.0, False, "forward by 3600.0 s"),
         (-7.5, False, "back by 7.5 s"),
         (0.3, False, "forward by 0.3 s"),
         (-9999.0, True, "back by 9999.0 s"),
-        (30.0, True, "forward by 30.0 s"),
     ],
 )
 def test_a_clock_that_is_set_is_noticed(clocks, watch, jump, simulated, words):
@@ -92,7 +90,7 @@ def test_a_thread_that_is_interrupted_between_two_looks_has_seen_no_jump(clocks)
         assert watch.check(simulated=False) == ""
 
 
-@pytest.mark.parametrize("speed", [0.1, 1.0, 5.0])
+@pytest.mark.parametrize("speed", [0.1, 5.0])
 def test_simulated_time_in_pieces_is_no_jump(clocks, watch, speed):
     for _ in range(30):
         clocks.now += 0.1 * speed
@@ -173,21 +171,6 @@ def test_after_a_jump_the_head_holds_and_tracks_again(law, jump):
         rig.look(swinging(k))
         assert HEAD.miss(swinging(k), *rig.positions) < (0.3 if law == "speed" else 0.06)
     assert rig.farthest < 5.0 * DT
-
-
-@pytest.mark.parametrize("jump", [-3600.0, -1.0, 30.0])
-def test_what_was_switched_off_stays_off_and_nothing_moves(jump):
-    rig = Rig("predictive")
-    for k in range(60):
-        rig.look(swinging(k))
-    rig.obey(rig.tracker.enable(False, rig.now))
-    rig.look(swinging(60))
-    rig.now += jump
-    rig.farthest = 0.0
-    for k in range(100):
-        rig.look(swinging(k))
-    assert rig.farthest < 1e-9
-    assert rig.tracker.state is TargetState.DISABLED
 
 
 class AnyOrder(RuleBasedStateMachine):

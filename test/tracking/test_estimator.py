@@ -70,32 +70,6 @@ def test_a_swing_is_predicted_where_a_straight_line_is_far_off():
     assert math.dist(straight, path(estimate.stamp + 0.17)) > 0.03
 
 
-def test_noise_is_averaged_out_for_a_calm_target():
-    still = lambda t: (2.0, 0.0, 0.3)  # noqa: E731
-    errors = [
-        miss(fed(still, seconds, noise=0.004), still, 0.1) for seconds in (2.0, 2.5, 3.0, 3.5, 4.0)
-    ]
-    assert sum(errors) / len(errors) < 0.002
-
-
-def test_it_knows_how_noisy_the_points_are_and_how_sure_it_is():
-    calm = fed(lambda t: (2.0, 0.0, 0.3), noise=0.001).estimate
-    rough = fed(lambda t: (2.0, 0.0, 0.3), noise=0.02).estimate
-    assert 9.0 < rough.bearings[0].variance / calm.bearings[0].variance < 1e4
-    assert rough.deviation(0, rough.stamp) > calm.deviation(0, calm.stamp)
-    assert rough.deviation(0, rough.stamp + 0.3) > rough.deviation(0, rough.stamp)
-    assert rough.speed_deviation(0) > calm.speed_deviation(0)
-    assert rough.age(rough.stamp + 0.3) == pytest.approx(0.3)
-
-
-def test_one_outlier_changes_nothing():
-    estimator = fed(circle)
-    stamp = estimator.estimate.stamp + 1 / RATE
-    before = estimator.estimate
-    assert estimator.add(stamp, seen((5.0, -3.0, 1.0)), stamp) is Verdict.JUMP
-    assert estimator.estimate is before
-
-
 def test_a_target_that_jumped_to_the_wall_and_back_was_never_there():
     estimator = fed(circle)
     start = estimator.estimate.stamp
@@ -106,7 +80,7 @@ def test_a_target_that_jumped_to_the_wall_and_back_was_never_there():
         assert miss(estimator, circle, 0.05) < 0.02
 
 
-@pytest.mark.parametrize("rate", [5, 15, 30, 60, 100, 200])
+@pytest.mark.parametrize("rate", [5, 30, 200])
 def test_a_jump_is_believed_at_every_rate(rate):
     estimator = TargetEstimator(EstimatorParameters())
     for k in range(2 * rate):
@@ -144,22 +118,20 @@ def test_a_target_that_is_not_seen_any_more_comes_to_a_stop():
     assert estimate.ray_at(estimate.stamp + 60.0) == pytest.approx(end)
 
 
-@pytest.mark.parametrize("speed", [0.8, 1.2, 1.6])
-@pytest.mark.parametrize("range_noise", [0.0, 0.05])
-def test_the_distance_of_who_walks_up_to_the_camera_and_stops_stays_right(speed, range_noise):
+def test_the_distance_of_who_walks_up_to_the_camera_and_stops_stays_right():
     rnd, estimator = random.Random(1), TargetEstimator(EstimatorParameters())
     for k in range(50 * RATE):
         t = k / RATE
-        x = max(4.0 - speed * t, 0.4) if t < 40.0 else 0.4 + 0.8 * (t - 40.0)
+        x = max(4.0 - 1.2 * t, 0.4) if t < 40.0 else 0.4 + 0.8 * (t - 40.0)
         ray = seen((x, 0.02 + rnd.gauss(0.0, 0.001), 0.1))
-        distance = ray.distance * math.exp(rnd.gauss(0.0, range_noise))
+        distance = ray.distance * math.exp(rnd.gauss(0.0, 0.05))
         estimator.add(t, ray._replace(distance=distance), t)
         if t % 4.0 < 1.0 or t < 6.0:  # (while a walk begins or ends the distance may lag)
             continue
         assert estimator.estimate.ray_at(t).distance == pytest.approx(ray.distance, rel=0.25)
 
 
-@pytest.mark.parametrize("distance", [0.0, 1e-300, 1e12])
+@pytest.mark.parametrize("distance", [1e-300, 1e12])
 def test_no_distance_makes_the_estimate_infinite(distance):
     estimator = fed(circle)
     for k in range(1, 60):
@@ -192,7 +164,7 @@ def test_what_is_not_finite_is_not_used(value):
     assert estimator.estimate is before
 
 
-@pytest.mark.parametrize("apart", [0.03, 0.06, 0.09])
+@pytest.mark.parametrize("apart", [0.03, 0.09])
 def test_two_points_are_trusted_no_longer_than_they_are_apart(apart):
     estimator = TargetEstimator(EstimatorParameters())
     estimator.add(0.0, Ray(0.0, 0.0, 2.0), 0.0)
@@ -213,9 +185,8 @@ def test_after_a_jump_the_target_is_not_predicted_far_beyond():
 
 
 @pytest.mark.parametrize("gap", [0.3, 0.8, 1.5])
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_after_a_gap_the_prediction_stays_near_the_range_of_the_swing(gap, seed):
-    rnd, estimator, beyond = random.Random(seed), TargetEstimator(EstimatorParameters()), 0.0
+def test_after_a_gap_the_prediction_stays_near_the_range_of_the_swing(gap):
+    rnd, estimator, beyond = random.Random(1), TargetEstimator(EstimatorParameters()), 0.0
     estimator.lead_time, late = 0.18, 0.1
     for k in range(28 * RATE):
         t = k / RATE
@@ -268,7 +239,7 @@ def test_late_points_that_agree_can_confirm_a_jump():
     assert Verdict.NEW_TARGET in verdicts
 
 
-@pytest.mark.parametrize("frequency", [0.0, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("frequency", [0.0, 0.2, 1.0])
 def test_stated_deviations_are_those_of_the_predictions(frequency):
     rnd, estimator = random.Random(7), TargetEstimator(EstimatorParameters())
     estimator.lead_time = ahead = 0.17
@@ -340,7 +311,7 @@ def after_a_gap(*pans, gap=1.0):
 
 @pytest.mark.parametrize(
     ("gap", "first", "second"),
-    [(0.6, 0.3, 0.0), (1.5, 0.3, 0.0), (20.0, 0.3, 0.0), (1.0, 0.5, 0.5)],
+    [(0.6, 0.3, 0.0), (20.0, 0.3, 0.0), (1.0, 0.5, 0.5)],
 )
 def test_after_a_gap_the_second_point_is_the_target(gap, first, second):
     """The first one may be a false detection."""
@@ -357,7 +328,7 @@ def test_a_lone_point_after_a_gap_is_believed_if_nothing_contradicts_it():
     assert estimator.estimate.bearing(now)[0] == pytest.approx(0.5, abs=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_who_walks_up_and_stops_is_not_predicted_behind_the_head(seed):
     rnd, estimator, worst = random.Random(seed), TargetEstimator(EstimatorParameters()), 0.0
     estimator.lead_time = 0.28
@@ -381,7 +352,7 @@ def test_a_fast_start_is_followed_without_a_stop(rate):
         assert abs(estimator.estimate.bearing(t)[0] - path(t)) < 0.45
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_target_that_stops_is_not_predicted_on(seed):
     """The mean error 0.1 s ahead, in the 0.6 s after a stop from 1 rad/s."""
     rnd, estimator = random.Random(seed), TargetEstimator(EstimatorParameters())
@@ -394,7 +365,7 @@ def test_a_target_that_stops_is_not_predicted_on(seed):
     assert sum(missed) / len(missed) < 0.0163
 
 
-@pytest.mark.parametrize("gap", [0.2, 0.3, 0.33, 0.4])
+@pytest.mark.parametrize("gap", [0.2, 0.4])
 def test_two_false_detections_in_a_gap_are_no_motion(gap):
     estimator = TargetEstimator(EstimatorParameters())
     for k in range(30):
@@ -409,7 +380,7 @@ def test_two_false_detections_in_a_gap_are_no_motion(gap):
 def test_a_slow_detector_sees_few_outliers_in_a_person_who_starts_and_stops():
     """Five points a second, 400 ms late; moves of minimum jerk between random places."""
     used = []
-    for seed in range(8):
+    for seed in range(4):
         rnd, estimator = random.Random(seed), TargetEstimator(EstimatorParameters())
         estimator.lead_time = 0.5
         start, goal, began, took = 0.0, 0.0, 0.0, 1.0

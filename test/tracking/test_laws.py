@@ -34,13 +34,6 @@ def law(head):
     return SpeedLaw(head, 0.1)
 
 
-@pytest.mark.parametrize("law", LAWS.values())
-def test_a_law_has_parameters_of_its_own_and_a_description(law, head):
-    assert law(head, 0.02).parameters == law.Parameters()
-    assert law(head, 0.02, SpeedLimits(1.0)).limits.max_joint_speed == 1.0
-    assert law.description
-
-
 def test_no_two_parameters_of_the_laws_have_the_same_name():
     kinds = (SpeedLimits, *(law.Parameters for law in LAWS.values()))
     names = [field.name for kind in kinds for field in fields(kind)]
@@ -59,12 +52,6 @@ def test_both_joints_arrive_together_at_speeds_above_zero():
     assert (command.pan_speed, command.tilt_speed) == (2.0, 0.5)
     for goal in ((1.0, 0.3), (0.0, 0.3)):
         assert together((0.0, 0.3), goal, 2.0).tilt_speed > 0
-
-
-def test_the_law_position_goes_to_the_latest_point(head, estimate):
-    law = PositionLaw(head, 0.02, SpeedLimits(max_joint_speed=2.0))
-    command, gaze = law.follow(estimate((1.0, 1.0, 0.5)), READING, 0.0)
-    assert command == together(READING.positions, (gaze.pan, gaze.tilt), 2.0)
 
 
 def test_the_law_position_goes_along_the_limit_to_a_target_out_of_reach(head, estimate):

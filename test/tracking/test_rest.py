@@ -27,26 +27,6 @@ def test_not_while_anything_moves_or_is_off(velocity, off, speed):
     assert rest.goal is None
 
 
-def test_it_is_harder_to_leave_than_to_stay():
-    rest = settle(Rest(), Reference(0.3))
-    settle(rest, Reference(0.3 + 0.9 * BAND, 0.03), 0.3, 0.4)
-    assert rest.goal == 0.3
-    rest = settle(Rest(), Reference(0.3))
-    settle(rest, Reference(0.3 + 1.5 * BAND), 0.3, 0.04)
-    assert rest.goal is None
-
-
-def test_noise_widens_the_band_but_not_for_ever():
-    noisy, wild = Reference(0.3, noise=0.003), Reference(0.3, noise=0.1)
-    for reference, inside, outside in ((noisy, 0.012, 0.014), (wild, 0.015, 0.017)):
-        rest = settle(Rest(), reference)
-        settle(rest, Reference(0.3 + inside, noise=reference.noise), 0.3, 0.04)
-        assert rest.goal is not None
-        rest = settle(Rest(), reference)
-        settle(rest, Reference(0.3 + outside, noise=reference.noise), 0.3, 0.04)
-        assert rest.goal is None
-
-
 def test_a_joint_that_stopped_short_is_helped_step_by_step():
     rest = settle(Rest(), Reference(0.3))
     rest.correct(0.29, 0.25, BAND)
@@ -61,7 +41,7 @@ def test_a_joint_that_stopped_short_is_helped_step_by_step():
 
 
 @pytest.mark.parametrize("dead_band", [0.0, BAND])
-@pytest.mark.parametrize("place", [0.3, 0.301, 0.3024, 0.3026, 0.304])
+@pytest.mark.parametrize("place", [0.3, 0.3024, 0.3026])
 def test_a_coarse_encoder_never_makes_it_hunt(place, dead_band):
     rest = settle(Rest(), Reference(place))
     goals = []
@@ -72,40 +52,3 @@ def test_a_coarse_encoder_never_makes_it_hunt(place, dead_band):
     assert abs(STEP * round(goals[-1] / STEP) - place) <= STEP
     assert len(set(goals)) <= 6
     assert len(set(goals[100:])) == 1
-
-
-def test_a_small_error_is_mended_slowly():
-    rest = settle(Rest(), Reference(0.3))
-    rest.correct(0.298, 0.9, BAND)
-    assert rest.goal == 0.3
-    rest.correct(0.298, 1.3, BAND)
-    assert rest.goal == pytest.approx(0.302)
-    rest.correct(0.302, 5.0, BAND)
-    assert rest.goal == pytest.approx(0.302)  # a step of the encoder to the other side
-
-
-def test_a_place_that_is_better_known_is_aimed_at_again_but_seldom():
-    rest = settle(Rest(), Reference(0.3))
-    goals = []
-    for k in range(300):
-        now = 1.0 + 0.02 * k
-        rest.judge(Reference(0.3 + 0.8 * BAND), 0.0, 0.0, 0.3, BAND, now)
-        rest.correct(rest.goal, now, BAND)
-        goals.append(rest.goal)
-    assert goals[-1] == pytest.approx(0.3 + 0.8 * BAND, abs=0.5 * BAND)
-    assert len(set(goals)) <= 5
-
-
-@pytest.mark.parametrize("drift", [-0.01, -0.005, 0.005, 0.01])
-def test_a_joint_at_rest_follows_a_reference_that_drifts(drift):
-    rest = settle(Rest(), Reference(0.3))
-    goals, off = [], []
-    for k in range(400):
-        now = 0.3 + 0.02 * k
-        wanted = 0.3 + drift * 0.02 * k
-        rest.judge(Reference(wanted, drift, noise=0.002), 0.0, 0.0, 0.3, BAND, now)
-        rest.correct(rest.goal, now, BAND)
-        goals.append(rest.goal)
-        off.append(abs(rest.goal - wanted))
-    assert max(off[150:]) <= 0.75 * BAND
-    assert len(set(goals)) <= 8 * 5.0

@@ -22,9 +22,3 @@ def test_the_whole_field_is_swept_row_by_row(head):
     assert rows[0] - head.tilt_limits.lower <= 0.36
     assert head.tilt_limits.upper - rows[-1] <= 0.36
     assert all(b - a <= 0.71 for a, b in pairwise(rows))
-
-
-def test_it_stays_on_its_way_until_it_has_arrived(head):
-    sweep = Sweep(head)
-    goal = sweep.goal((0.0, 0.0))
-    assert sweep.goal((goal[0] - 0.1, goal[1])) == goal

@@ -52,7 +52,6 @@ def test_what_is_known_from_an_earlier_run_says_so(head):
     "wrong",
     [
         replace(VALUES, delay=0.3),
-        replace(VALUES, delay=0.17),
         replace(VALUES, delay=0.2, dead_band=0.012),
     ],
 )

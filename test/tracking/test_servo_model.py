@@ -1,7 +1,6 @@
 """What is learned of a servo from its commands and its encoder."""
 
 import math
-import random
 from itertools import pairwise
 
 import pytest
@@ -15,8 +14,8 @@ DT = 0.02
 class Servo:
     """A set-point that moves as commanded, later by a delay, a dead band, an encoder with steps."""
 
-    def __init__(self, delay, resolution=TICK, band=0.0, scale=1.0):
-        self.delay, self.resolution, self.band, self.scale = delay, resolution, band, scale
+    def __init__(self, delay, resolution=TICK, band=0.0):
+        self.delay, self.resolution, self.band = delay, resolution, band
         self.shaft, self.setpoint, self.time = 0.0, 0.0, -1.0
         self.commands = []
 
@@ -27,26 +26,26 @@ class Servo:
         while self.time < time:
             self.time += 0.0005
             speeds = [speed for start, speed in self.commands[-30:] if start <= self.time]
-            self.setpoint += self.scale * (speeds[-1] if speeds else 0.0) * 0.0005
+            self.setpoint += (speeds[-1] if speeds else 0.0) * 0.0005
             low, high = self.setpoint - self.band, self.setpoint + self.band
             self.shaft = min(max(self.shaft, low), high)
         return round(self.shaft / self.resolution) * self.resolution
 
 
-def swing(servo, seconds=6.0, speed=lambda t: 1.5 * math.cos(3.0 * t), at=lambda k: k * DT):
+def swing(servo, seconds=6.0, speed=lambda t: 1.5 * math.cos(3.0 * t)):
     model = ServoModel()
     model.restart(0.0, 0.0)
     t, k = 0.0, 0
     while t < seconds:
         k += 1
-        t = at(k)
+        t = k * DT
         model.measured(t - 0.01, servo.encoder(t - 0.01))
         servo.command(t, speed(t))
         model.command(t, speed(t), math.copysign(10.0, speed(t)))
     return model, t
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.02, 0.04, 0.07, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("delay", [0.0, 0.07, 0.3])
 @pytest.mark.parametrize("resolution", [TICK, 0.0005])
 def test_the_delay_is_learned_and_known_to_be(delay, resolution):
     model, _ = swing(Servo(delay, resolution), 10.0)
@@ -60,23 +59,6 @@ def test_a_dead_band_is_told_from_a_delay(band):
     model, _ = swing(Servo(0.06, 0.0005, band))
     assert model.mean == pytest.approx(0.06, abs=0.008)
     assert model.dead_band == pytest.approx(band, abs=0.003)
-
-
-def test_late_commands_do_not_bias_the_delay():
-    rng = random.Random(3)
-    times = [0.0]
-    for _ in range(400):
-        times.append(times[-1] + DT + (rng.uniform(0.06, 0.15) if rng.random() < 0.1 else 0.0))
-    model, _ = swing(Servo(0.05), 8.0, at=lambda k: times[k])
-    assert model.mean == pytest.approx(0.05, abs=0.01)
-
-
-def test_before_it_has_moved_nothing_is_known():
-    model, _ = swing(Servo(0.1), speed=lambda t: 0.0)
-    fresh = ServoModel()
-    assert fresh.deviation > 0.03
-    assert model.deviation == pytest.approx(fresh.deviation)
-    assert model.mean == pytest.approx(fresh.mean)
 
 
 def test_a_new_mean_is_applied_without_a_jump():
@@ -95,38 +77,12 @@ def test_a_new_mean_is_applied_without_a_jump():
     assert max(steps) < 0.003
 
 
-def test_the_setpoint_comes_to_where_the_servo_is():
-    servo = Servo(0.04, scale=0.97)  # speeds are 3 % slower than commanded
-    model, t = swing(servo, 6.2, speed=lambda t: 1.0 if t < 6.0 else 0.0)
-    assert model.setpoint(t) == pytest.approx(servo.setpoint, abs=0.02)
-
-
-@pytest.mark.parametrize("step", [1e-5, 2e-4])
-def test_one_small_step_of_the_encoder_changes_nothing(step):
-    one, _ = swing(Servo(0.06))
-    servo = Servo(0.06)
-    servo.shaft = step  # between two steps of the encoder
-    other, _ = swing(servo)
-    assert other.dead_band == pytest.approx(one.dead_band, abs=0.001)
-    assert other.mean == pytest.approx(one.mean, abs=0.003)
-
-
 def test_a_held_servo_stays():
     model = ServoModel()
     model.restart(0.0, 0.0)
     model.command(0.0, -1.0, -2.0)
     model.hold(0.1, -0.1)
     assert model.setpoint(3.0) == pytest.approx(-0.1)
-
-
-def test_a_blocked_shaft_tells_no_delay_for_certain():
-    model = ServoModel()
-    model.restart(0.0, 0.0)
-    for k in range(1, 200):
-        model.measured(DT * k - 0.01, 0.0)
-        speed = 1.0 + 0.5 * math.sin(k)
-        model.command(DT * k, speed, 10.0)
-    assert model.deviation > 0.03
 
 
 class LimitedServo(Servo):
@@ -152,21 +108,16 @@ def kinks(t):
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.1])
-@pytest.mark.parametrize("limit", [5.0, 10.0, 20.0])
+@pytest.mark.parametrize("limit", [5.0, 20.0])
 def test_the_acceleration_of_a_weak_shaft_is_found(delay, limit):
     model, _ = swing(LimitedServo(delay, limit), 6.0, speed=kinks)
     assert 0.5 * limit < model.acceleration < 1.6 * limit
 
 
-@pytest.mark.parametrize("delay", [0.02, 0.1, 0.2])
+@pytest.mark.parametrize("delay", [0.02, 0.2])
 def test_a_shaft_that_follows_is_given_more_acceleration(delay):
     model, _ = swing(LimitedServo(delay, 150.0), 6.0, speed=kinks)
     assert model.acceleration > 1.2 * ServoModel().acceleration
-
-
-def test_a_wrong_delay_is_not_taken_for_a_weak_shaft():
-    model, _ = swing(LimitedServo(0.25, 150.0), 8.0, speed=lambda t: 1.5 * math.cos(3.0 * t))
-    assert model.acceleration > 20.0
 
 
 def test_a_shaft_that_was_thrown_off_is_met_where_it_will_be():

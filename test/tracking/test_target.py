@@ -90,8 +90,7 @@ def test_what_came_before_the_clock_jumped_back_does_not_wait_for_ever(placer):
     assert placer.take_refusal() is None
 
 
-@pytest.mark.parametrize("rate", [10, 40, 1000])
-@pytest.mark.parametrize("timeout", [0.0, 1.0, 30.0])
+@pytest.mark.parametrize(("rate", "timeout"), [(10, 0.0), (100, 1.0), (100, 30.0)])
 def test_a_stream_that_waits_for_its_frame_is_told_why_in_time(buffer, rate, timeout):
     placer = TargetPlacer(buffer, "head_pan_link", timeout)
     told = None

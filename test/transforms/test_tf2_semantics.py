@@ -65,14 +65,6 @@ def test_a_quaternion_a_little_off_is_taken_as_in_tf2_and_normalised(buffer):
     assert math.hypot(*rotation) == pytest.approx(1.0, abs=1e-15)
 
 
-def test_a_name_that_keeps_a_slash_cannot_be_asked_for(buffer):
-    buffer.set_transform(SECOND, "b", "//a", moved(1))
-    for target, source in (("/a", "b"), ("b", "/a")):
-        with pytest.raises(InvalidArgumentException):
-            buffer.lookup_transform(target, source)
-        assert not buffer.can_transform(target, source)
-
-
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
