@@ -22,7 +22,7 @@ from head_tracking.run.status_line import StatusLine
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, table
 
-_TIMEOUT = 10.0  # s for the robot's model
+_TIMEOUT = 10.0  # s for the robot's model, and for the first target
 _FEWEST_SAMPLES = 10
 _TARGET_QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -96,8 +96,11 @@ def main() -> int:
 
 def _report(client: Client, options: argparse.Namespace) -> int:
     recording = TrackRecording(client)
-    start, line = time.monotonic(), StatusLine(sys.stderr)
+    began, line = time.monotonic(), StatusLine(sys.stderr)
+    start = began
     while not client.stop() and (elapsed := time.monotonic() - start) < options.duration:
+        if not recording.targets and time.monotonic() - began < _TIMEOUT:
+            start = time.monotonic()  # the report begins with the first target
         progress = f"recording: {elapsed:.0f} of {options.duration:g} s"
         line.show([progress, f"{recording.targets} targets"])
         client.stop.wait(0.2)
