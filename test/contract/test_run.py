@@ -108,10 +108,13 @@ def test_ros_arguments_remap_and_set_parameters(bench, kinectbot):
     assert run.end(signal.SIGINT) == 0, run.output
 
 
-def test_ros_arguments_set_parameters_in_a_namespace(bench, kinectbot):
+def test_a_head_runs_in_a_namespace_and_with_prefixed_frames(bench, kinectbot):
     """The file of the user has a world frame only where one is named."""
-    words = ("servo_bus:update_rate:=40.0", "robot_state_publisher:frame_prefix:=left_")
-    rules = [word for rule in words for word in ("-p", rule)]
+    prefix = (
+        "robot_state_publisher:frame_prefix:=left_",
+        "head_tracker:camera_link:=left_camera_link",
+    )
+    rules = [word for rule in ("servo_bus:update_rate:=40.0", *prefix) for word in ("-p", rule)]
     model = own_model(bench, kinectbot)
     bench.start("head_tracking", "--sim", *model, "--ros-args", "-r", "__ns:=/left", *rules)
     person = bench.meet("/left")
@@ -119,6 +122,7 @@ def test_ros_arguments_set_parameters_in_a_namespace(bench, kinectbot):
     assert person.get("servo_bus", "update_rate") == 40.0
     assert root_frame(person) == "left_base_link"
     assert JOINTS[0] in person.latched("robot_description", String)
+    person.keep_looking(2.0, 1.0, 1.0, lambda: person.pan > 0.3, "left_base_link")
 
 
 @pytest.mark.parametrize(

@@ -7,28 +7,20 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rig import JOINTS
 from waiting import repeating, wait_for
 
-PREFIXED = """
-/**/robot_state_publisher:
-  ros__parameters: {{frame_prefix: "{prefix}"}}
-/**/head_tracker:
-  ros__parameters: {{camera_link: "{prefix}camera_link"}}
-"""
-
 
 class Head:
     """A simulated run in a namespace, and who talks to it."""
 
-    def __init__(self, bench, name, prefix):
-        self.name, self.frame = name, f"{prefix}base_link"
-        parameters = bench.folder / f"{name}.yaml"
-        parameters.write_text(PREFIXED.format(prefix=prefix))
-        words = ("--target", "none", "--params", str(parameters), "--ros-args", "-r")
-        self.program = bench.start("head_tracking", "--sim", *words, f"__ns:=/{name}")
+    def __init__(self, bench, name):
+        self.name = name
+        self.program = bench.start(
+            "head_tracking", "--sim", "--target", "none", "--ros-args", "-r", f"__ns:=/{name}"
+        )
         self.person = bench.meet(f"/{name}")
         self.target = (2.0, 0.0)
 
     def publish(self):
-        self.person.look_at(*self.target, 1.0, self.frame)
+        self.person.look_at(*self.target, 1.0)
 
     @property
     def pan(self):
@@ -46,10 +38,9 @@ class Head:
         return self.pan
 
 
-@pytest.fixture(params=["", "prefixed"], ids=["same frames", "frame_prefix"])
-def heads(request, bench):
-    names = ("left", "right")
-    found = [Head(bench, name, f"{name}_robot_" if request.param else "") for name in names]
+@pytest.fixture
+def heads(bench):
+    found = [Head(bench, name) for name in ("left", "right")]
     for head in found:
         head.person.wait_for_joints()
     with repeating(*(head.publish for head in found), period=0.05):
@@ -86,11 +77,6 @@ def test_two_heads_are_independent(heads):
     wait_for(lambda: right.pan < -0.3)
     assert left.pan < -0.3
     assert not right.person.stopped
-
-    # frames
-    for head in heads:
-        frames = head.person.call("robot_state_publisher/frames").message.split()
-        assert head.frame in frames
 
     # diagnostics
     def told():
