@@ -11,14 +11,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped
 from lockstep import World
 from rclpy.time import Time
-from runs import around, circle
+from runs import around, circle, tracker
 
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
-from head_tracking.tracking import (
-    LAWS,
-    TargetState,
-    Tracker,
-)
+from head_tracking.tracking import TargetState
 
 WIDE = (5.0, 3.0)  # rad: a head that turns the wrong way keeps its target in view
 ON_HEAD = Conditions(duration=2.0, noise=0.002, delay=0.1, on_head=True, field=WIDE)
@@ -32,8 +28,7 @@ class Watched:
     """A tracker; what its joints did and what it said is kept."""
 
     def __init__(self, head, law="predictive"):
-        steered = LAWS[law](head, 0.02)
-        self.tracker = Tracker(head, steered)
+        self.tracker = tracker(head, law)
         self.target_seen = self.tracker.target_seen
         self.joints, self.named, self.commands = [], None, []
 

@@ -41,12 +41,6 @@ def test_no_two_parameters_of_the_laws_have_the_same_name():
     assert all(parameter_info(field).description for kind in kinds for field in fields(kind))
 
 
-@pytest.mark.parametrize("make", LAWS.values())
-def test_a_law_stops_the_head_where_it_is(make, head):
-    command = make(head, 0.02).stop(READING)
-    assert (command.pan, command.tilt) == READING.positions
-
-
 def test_both_joints_arrive_together_at_speeds_above_zero():
     command = together((0.0, 0.0), (1.0, -0.25), 2.0)
     assert (command.pan_speed, command.tilt_speed) == (2.0, 0.5)
@@ -65,13 +59,6 @@ def test_names_and_defaults_of_the_law_speed_are_the_tutorials(law):
     assert (p.k_pan, p.k_tilt) == (1.5, 1.5)
     assert (p.pan_threshold, p.tilt_threshold) == (0.01, 0.01)
     assert law.limits.lead_target_angle == 0.5
-
-
-def test_the_law_speed_aims_at_the_latest_point(law, head, estimate):
-    command, gaze = law.follow(estimate((1.0, 0.2, 0.2)), JointReading(0.0, (0.0, 0.0)), 0.0)
-    exact = head.gaze((1.0, 0.2, 0.2), 0.0, 0.0)
-    assert (gaze.pan, gaze.tilt) == pytest.approx((exact.pan, exact.tilt))
-    assert command.pan_speed == pytest.approx(1.5 * gaze.pan)
 
 
 def test_a_target_out_of_reach_stops_the_law_speed_where_it_was(law, estimate):

@@ -118,8 +118,8 @@ def test_no_target_without_a_distance(kinectbot):
 @pytest.mark.parametrize("what", ["face", "colour", "marker", "nearest"])
 def test_an_empty_room_has_no_targets(kinectbot, what):
     view = View(scene("empty"), kinectbot, SMALL, noise=6.0)
-    seen = watch(tracker(what), view, "", 30)
-    assert seen.sightings == [None] * 30
+    seen = watch(tracker(what), view, "", 15)
+    assert seen.sightings == [None] * 15
 
 
 # colour

@@ -30,7 +30,7 @@ def plain(colour=(10, 200, 60)):
 @pytest.mark.parametrize("name", SCENES)
 def test_a_room_fills_every_picture_with_colours_and_depths(name):
     renderer = Renderer(make_scene(name, np.random.default_rng(1)), SMALL)
-    for pan, tilt in itertools.product((0.0, 1.2, -2.5, 3.1), (0.0, -0.9, 1.2)):
+    for pan, tilt in itertools.product((0.0, -2.5), (0.0, -0.9, 1.2)):
         seen = renderer.render(turned(pan, tilt), 1.0)
         assert seen.picture.shape == (240, 320, 3)
         # at the joints between walls a row of pixels can stay free
