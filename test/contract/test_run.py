@@ -288,32 +288,20 @@ def test_keys_stop_and_resume_a_run_in_the_foreground(bench, monkeypatch):
 # other heads
 
 
-def real_head(bench):
-    head = bench.run_bus()
-    bench.person.wait_for_node("servo_bus")
-    return head
-
-
-def test_a_simulated_run_does_not_turn_a_real_head(bench):
-    real = real_head(bench)
-    simulated = bench.start("head_tracking", "--sim")
-    simulated.read_until("servo_bus")  # it refuses, or ends when it discovers the head
-    assert "Traceback" not in simulated.output
-    time.sleep(2.0)
-    assert bench.servos.torque == [0, 0]
-    assert bench.servos.true == (0.0, 0.0)
-    assert real.end(signal.SIGINT) == 0, real.output
-
-
-def test_the_first_of_simulated_runs_continues_and_does_not_turn_a_real_head_that_comes(bench):
-    bench.start("head_tracking", "--sim")
+def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_turns_that(bench):
+    first = bench.start("head_tracking", "--sim")
     wait_for(lambda: bench.person.state("head_tracker") == "tracking")
     second = bench.start("head_tracking", "--sim")
     second.read_until("servo_bus")
     assert bench.person.state("head_tracker") == "tracking"
     beside = bench.start("head_tracking", "--sim", "--duration", "1", "--allow-others")
     assert beside.end() == 0, beside.output
-    real = real_head(bench)
-    time.sleep(3.0)
+    real = bench.run_bus()
+    assert first.end() == 1, first.output
+    later = bench.start("head_tracking", "--sim")
+    later.read_until("servo_bus")  # it refuses, or ends when it discovers the head
+    assert "Traceback" not in first.output + later.output
+    time.sleep(2.0)
     assert bench.servos.torque == [0, 0]
+    assert bench.servos.true == (0.0, 0.0)
     assert real.end(signal.SIGINT) == 0, real.output
