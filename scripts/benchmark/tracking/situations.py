@@ -312,6 +312,10 @@ def _families() -> list[Situation]:
         for trouble in ("5 a second, 400 ms late", "8 a second, 300 ms late")
         for name in TRACKS
     ]
+    found += [
+        Situation("slow", f"person: {trouble}", people(30.0, replace(WEBCAM, **CAMERAS[trouble])))
+        for trouble in ("5 a second, 400 ms late", "8 a second, 300 ms late")
+    ]
     return found + list(_table(long, web))
 
 
