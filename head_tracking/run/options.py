@@ -158,9 +158,11 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
             "fictitious" if options.sim and options.mode == "track" else "none"
         )
     targets, scene = options.target
-    shows_camera = options.viewer and find_spec("cv2") is not None
-    if options.sim and (scene or shows_camera):
-        targets = (simulated_camera(scene) if scene else CAMERA, *targets)
+    page = [VIEWER] if options.viewer else []
+    if options.sim and scene:
+        targets = (simulated_camera(scene), *targets)
+    elif options.sim and options.viewer and find_spec("cv2") is not None:
+        page.append(CAMERA)  # last: nothing else waits for it
     port = {} if options.port is None else {"port_name": options.port}
     overrides = {
         "robot_state_publisher": {
@@ -171,7 +173,6 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     }
     head = MODES[options.mode]
     left_out = {head.name if name == HEAD else name for name in options.without}
-    page = [VIEWER] if options.viewer else []
     nodes = [
         replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
         for node in (*ROBOT, head, *targets, *page)
