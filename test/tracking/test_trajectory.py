@@ -109,7 +109,7 @@ def test_the_peak_speed_is_that_of_the_path(position, velocity, duration):
     )
     end = NOW + duration + 1.0
     fastest = max(
-        abs(point.velocity) for k in range(200) for point in made.at(NOW + (end - NOW) * k / 200)
+        abs(point.velocity) for k in range(2000) for point in made.at(NOW + (end - NOW) * k / 2000)
     )
     assert made.peak_speed == pytest.approx(fastest, rel=0.05)
 
