@@ -314,10 +314,8 @@ class Bearings(NamedTuple):
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
         still = Motion(0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
-        near, far = (
-            Prediction(scores, variance + (_SPEED * lead) ** 2, (), still) for lead in leads
-        )
-        unknown = Bearing((), variance, near, far, (0.0, 0.0), ())
+        none = Prediction(scores, 0.0, (), still)
+        unknown = Bearing((), variance, none, none, (0.0, 0.0), ())
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points, leads)
 
     def restarted(self, points: tuple[float, float], leads: tuple[float, float]) -> Bearings:
