@@ -10,7 +10,6 @@ that was sent is the echo of an adapter that joins both directions.
 
 from __future__ import annotations
 
-import termios
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
@@ -53,15 +52,15 @@ from head_tracking.dynamixel.reading import (
     single_read_group,
 )
 from head_tracking.dynamixel.serial_port import (
+    LOST,
     SerialDevice,
     check_baud_rate,
+    open_serial,
     serial_ports,
 )
 from head_tracking.dynamixel.waiting import LONGEST, LateReplies, ReplyTimeout
 
-_LOST: Final = (OSError, termios.error)
 _CHUNK: Final = 4096
-_WRITE_TIMEOUT: Final = 0.1  # s
 _QUIET: Final = 0.0005  # s of silence after which the line is free
 _GAP: Final = 0.02  # s to wait, before an instruction, for a gap between packets of another program
 _REPLY: Final = 256  # bytes of the longest reply to another program that is searched for
@@ -100,7 +99,7 @@ class DynamixelPort:
         baud_rate: int = 1_000_000,
         *,
         reply_timeout: float | None = None,
-        open_device: Callable[[str, int], SerialDevice] = SerialDevice,
+        open_device: Callable[[str, int], SerialDevice] = open_serial,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         check_baud_rate(baud_rate)
@@ -219,7 +218,7 @@ class DynamixelPort:
             for instruction in instructions[len(found) + 1 :]:
                 self._late.add(instruction, self._wire_free)
             found += [cause] * (len(group.ids) - len(found))
-        except _LOST as cause:
+        except LOST as cause:
             raise self._lost(cause) from cause
         if asked is not group:
             first = group.address - asked.address
@@ -299,7 +298,7 @@ class DynamixelPort:
             if patience and (self._suspect_until or line.read(_CHUNK, self.clock())):
                 self._wait_for_gap(patience)
             self._send(sync_write_packet(protocol, address, data))
-        except _LOST as cause:
+        except LOST as cause:
             raise self._lost(cause) from cause
 
     def find_all(self) -> dict[int, tuple[int, int]]:
@@ -319,7 +318,7 @@ class DynamixelPort:
                     if len(status.data) == 3:
                         number = int.from_bytes(status.data[:2], "little")
                         found[status.id] = (number, status.data[2])
-        except _LOST as cause:
+        except LOST as cause:
             raise self._lost(cause) from cause
         return found
 
@@ -335,7 +334,7 @@ class DynamixelPort:
             if not acknowledged:
                 return 0
             status = self._receive(instruction, sent)
-        except _LOST as cause:
+        except LOST as cause:
             raise self._lost(cause) from cause
         self._check(status, instruction)
         return status.error
@@ -344,7 +343,7 @@ class DynamixelPort:
         """Write a packet; return when its last byte will have been sent, s."""
         line = self._line or self._open_line()
         self._sent.append(packet)
-        line.write(packet, _WRITE_TIMEOUT)
+        line.write(packet)
         free, now = self._wire_free, self.clock()
         free = (now if now > free else free) + len(packet) * self._seconds_per_byte
         self._wire_free = free

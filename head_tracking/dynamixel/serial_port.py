@@ -7,11 +7,10 @@ can jump, for at least 34 ms; it accepts echoes and late replies as replies.
 from __future__ import annotations
 
 import errno
-import grp
 import math
 import os
 import select
-import termios
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +28,16 @@ from head_tracking.dynamixel.exceptions import (
     PortPermissionError,
 )
 
+try:
+    from termios import error as TerminalError
+except ImportError:  # Windows
+    TerminalError = OSError  # type: ignore[assignment,misc]
+
+LOST: Final = (OSError, TerminalError)
+"""What a device raises that has been unplugged."""
+
+_WRITE_TIMEOUT: Final = 0.1  # s
+_POLL: Final = 0.0002  # s
 _SELECTABLE: Final = 1024  # select() accepts lower descriptors only
 BAUD_RATES: Final = (
     9_600, 19_200, 38_400, 57_600, 115_200, 200_000, 230_400, 250_000, 400_000, 460_800, 500_000,
@@ -39,12 +48,12 @@ BAUD_RATES: Final = (
 
 
 class SerialDevice:
-    """An open, non-blocking serial device. Times are those of `time.monotonic`, in s.
+    """An open serial device of any system. Times are those of `time.monotonic`, in s.
 
-    All methods raise OSError or termios.error when the device has been unplugged.
+    All methods raise one of `LOST` when the device has been unplugged.
 
     Args:
-        port_name: Device, such as /dev/ttyUSB0.
+        port_name: Device, such as /dev/ttyUSB0 or COM3.
         baud_rate: Bits per second.
 
     Attributes:
@@ -55,32 +64,62 @@ class SerialDevice:
     """
 
     def __init__(self, port_name: str, baud_rate: int) -> None:
-        self._serial = serial.Serial(baudrate=baud_rate, timeout=0, exclusive=True)
+        self._serial = serial.Serial(
+            baudrate=baud_rate, timeout=0, write_timeout=_WRITE_TIMEOUT, exclusive=True
+        )
         self._serial.port = port_name
-        self._writable, self._readable = select.poll(), select.poll()
         try:
             self._serial.open()
-            self.adapter: Adapter = prepare_adapter(
-                port_name, lambda: self._serial.set_low_latency_mode(True)
-            )
-            self._descriptor: int = self._serial.fileno()
-            self._writable.register(self._descriptor, select.POLLOUT)
-            self._readable.register(self._descriptor, select.POLLIN)
+            self.adapter = self._prepare()
             self.discard_input()
-        except (OSError, ValueError, termios.error) as cause:
+        except (ValueError, *LOST) as cause:
             self.close()
             raise port_error(port_name, cause) from cause
 
+    def _prepare(self) -> Adapter:
+        return Adapter()
+
     def discard_input(self) -> None:
         """Discard the bytes received so far."""
-        termios.tcflush(self._descriptor, termios.TCIFLUSH)
+        self._serial.reset_input_buffer()
 
-    def write(self, data: bytes, timeout: float) -> None:
+    def write(self, data: bytes) -> None:
         """Write all bytes.
 
         Raises:
-            TimeoutError: The device accepted no data for `timeout` seconds.
+            OSError: The device accepted no data for 0.1 s.
         """
+        self._serial.write(data)
+
+    def read(self, limit: int, deadline: float) -> bytes:
+        """Return up to `limit` bytes; wait for the first one until the deadline, s.
+
+        Bytes that have arrived are returned even if this thread runs only after the deadline.
+        """
+        # a new timeout of pyserial would configure the adapter anew, which takes long on Windows
+        while not (arrived := self._serial.in_waiting) and time.monotonic() < deadline:
+            time.sleep(_POLL)
+        data: bytes = self._serial.read(min(limit, arrived))
+        return data
+
+    def close(self) -> None:
+        """Close the device, also one that has been unplugged."""
+        with suppress(*LOST):
+            self._serial.close()
+
+
+class LinuxDevice(SerialDevice):
+    """A serial device of Linux, by its system calls: pyserial needs five times as long."""
+
+    def _prepare(self) -> Adapter:
+        self._descriptor: int = self._serial.fileno()
+        self._writable, self._readable = select.poll(), select.poll()
+        self._writable.register(self._descriptor, select.POLLOUT)
+        self._readable.register(self._descriptor, select.POLLIN)
+        return prepare_adapter(self._serial.port, lambda: self._serial.set_low_latency_mode(True))
+
+    def write(self, data: bytes) -> None:
+        """See `SerialDevice`."""
         try:
             written = os.write(self._descriptor, data)
         except BlockingIOError:
@@ -89,16 +128,13 @@ class SerialDevice:
             try:
                 written += os.write(self._descriptor, data[written:])
             except BlockingIOError:
-                if not self._writable.poll(timeout * 1e3):
+                if not self._writable.poll(_WRITE_TIMEOUT * 1e3):
                     raise TimeoutError(
-                        errno.ETIMEDOUT, f"it accepted no data for {timeout:.2f} s"
+                        errno.ETIMEDOUT, f"it accepted no data for {_WRITE_TIMEOUT} s"
                     ) from None
 
     def read(self, limit: int, deadline: float) -> bytes:
-        """Return up to `limit` bytes; wait for the first one until the deadline, s.
-
-        Bytes that have arrived are returned even if this thread runs only after the deadline.
-        """
+        """See `SerialDevice`."""
         wait = (deadline - time.monotonic()) * 1e3
         if not self._readable.poll(int(wait) if wait > 0.0 else 0) and (
             wait <= 0.0 or not self._wait(deadline)
@@ -119,10 +155,10 @@ class SerialDevice:
             return bool(self._readable.poll(math.ceil(rest * 1e3)))
         return bool(select.select((self._descriptor,), (), (), rest)[0])
 
-    def close(self) -> None:
-        """Close the device, also one that has been unplugged."""
-        with suppress(OSError, termios.error):
-            self._serial.close()
+
+def open_serial(port_name: str, baud_rate: int) -> SerialDevice:
+    """Open a device in the best way that this system has."""
+    return (LinuxDevice if sys.platform == "linux" else SerialDevice)(port_name, baud_rate)
 
 
 def check_baud_rate(baud_rate: int) -> None:
@@ -152,7 +188,7 @@ def port_error(port_name: str, cause: Exception) -> PortError:
         return PortBusyError(port_name)
     if number in (errno.EACCES, errno.EPERM) and not Path(port_name).is_file():
         try:
-            group = grp.getgrgid(os.stat(port_name).st_gid).gr_name
+            group = Path(port_name).group()
         except (OSError, KeyError):
             group = "dialout"
         return PortPermissionError(port_name, group)

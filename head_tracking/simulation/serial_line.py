@@ -255,7 +255,7 @@ class SimulatedLine:
         self._line.receive(self._clock.now)
         self._received = b""
 
-    def write(self, data: bytes, timeout: float = 0.0) -> None:
+    def write(self, data: bytes) -> None:
         """Write all bytes, without waiting."""
         self._check()
         self._line.send(data, self._clock.now, self._baud_rate)

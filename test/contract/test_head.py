@@ -51,6 +51,19 @@ head = Head(sys.argv[1], load_robot_model(robot_file("kinectbot")), reply_timeou
 """
 
 
+ANOTHER_SYSTEM = """
+import select, signal, sys
+import lxml, numpy, serial.tools.list_ports, subprocess, xacro, yaml  # they have what they need
+for name in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):
+    sys.modules[name] = None
+for name in ("epoll", "poll"):
+    delattr(select, name)
+for name in ("SIGHUP", "SIGQUIT", "pthread_sigmask"):
+    delattr(signal, name)
+sys.platform = "win32"
+"""
+
+
 def bearing(point):
     return math.atan2(point[1], point[0] - 0.0115)  # where Kinectbot's pan axis is
 
@@ -80,6 +93,18 @@ def test_the_lines_of_the_documentation_run_without_ros():
         "assert not [m for m in sys.modules if m.endswith('_msgs') and sys.modules[m]]\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=SOURCE, timeout=120)
+
+
+def test_a_head_needs_nothing_that_only_linux_has(servos):
+    looking = f"with head: assert head.look_at({LEFT}).arrived; print(head.statistics.cycles)\n"
+    missing = "try: Head.open('COM9')\nexcept PortMissingError: pass\n"
+    errors = "from head_tracking.dynamixel.exceptions import PortMissingError\n"
+    code = ANOTHER_SYSTEM + PROGRAM + looking + errors + missing
+    program = [sys.executable, "-c", code, servos.name]
+    done = subprocess.run(program, cwd=SOURCE, check=True, timeout=120, stdout=subprocess.PIPE)
+    assert int(done.stdout) > 20
+    assert servos.true[0] == pytest.approx(bearing(LEFT), abs=DEGREE)
+    assert servos.torque == [0, 0]
 
 
 @pytest.mark.parametrize("robot", ["kinectbot", "turtlebot"])

@@ -37,7 +37,7 @@ class ScriptedDevice:
     def discard_input(self) -> None:
         pass
 
-    def write(self, data: bytes, timeout: float) -> None:
+    def write(self, data: bytes) -> None:
         self.sent += data.hex(" ").upper()
         self._rest = self._answer
 

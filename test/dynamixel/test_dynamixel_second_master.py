@@ -65,7 +65,7 @@ class SecondMaster:
         self._line.discard_input()
         self._taken = max(self._taken, self._clock.now)
 
-    def write(self, data: bytes, timeout: float = 0.0) -> None:
+    def write(self, data: bytes) -> None:
         begin, end = self._clock.now, self._clock.now + len(data) * _BYTE
         turn = (begin - self._first) // self._period
         for start, stop in (
@@ -77,7 +77,7 @@ class SecondMaster:
                 self.spoken_over += 1
                 return
         self.heard.append(data)
-        self._line.write(data, timeout)
+        self._line.write(data)
 
     def read(self, limit: int, deadline: float) -> bytes:
         assert self._clock.now < self._first + 60_000_000_000, "waits for ever"
