@@ -493,18 +493,21 @@ class Diagnosis:
     def _check_torque(self, watch: _Watch) -> None:
         """Find a servo that has lost or kept its torque, though its joint is on or relaxed.
 
-        One that was without power for a moment must not move to the old goal.
+        One that was without power for a moment must not move to the old goal. Some switch their
+        torque on when they get power (Startup Configuration).
         """
-        servo = watch.servo
-        if watch.joint.on:
-            try:
-                powered = servo.get("Torque Enable", 1) == 1
-            except CommunicationError:
-                return  # the next cycle asks again
-            if not powered:
+        joint, servo = watch.joint, watch.servo
+        try:
+            torque = servo.get("Torque Enable", 1)
+        except CommunicationError:
+            return  # the next cycle asks again
+        if joint.on:
+            if torque != 1:
                 self._lose_torque(watch)
-        elif not (servo.confirmed or watch.joint.resumes):  # until its other servo returns
-            self._procedures.cut(watch.joint)
+        elif not joint.resumes:  # until its other servo returns
+            servo.confirmed = not torque
+            if torque:
+                self._procedures.cut(joint)
         servo.note_torque()
 
     def _lose_torque(self, watch: _Watch) -> None:
