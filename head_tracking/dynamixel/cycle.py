@@ -308,7 +308,7 @@ class Cycle:
             for servo in joint.servos:
                 servo.interrupt()
             watched = any(servo.has_watchdog for servo in joint.servos)
-            tripped = watched and gap > self._settings.watchdog * 1e9
+            tripped = watched and 0.0 < self._settings.watchdog * 1e9 < gap
             if tripped and joint.on and joint.complete:
                 why = f"the bus stood still for {gap * 1e-9:.1f} s"
                 self._procedures.clear_watchdog(joint, why)

@@ -419,13 +419,15 @@ class Servo:
                 continue
             yield 0.0
             block = table.block(name)
-            yield from self.lock_eeprom(False)
-            self.write(block, value)
-            if name == "Status Return Level":
-                self.acknowledges_writes = self.model.acknowledges_writes(value)
-            yield EEPROM_PAUSE * block.length
-            after = self.get(name)
-            yield from self.lock_eeprom(True)
+            try:
+                yield from self.lock_eeprom(False)
+                self.write(block, value)
+                if name == "Status Return Level":
+                    self.acknowledges_writes = self.model.acknowledges_writes(value)
+                yield EEPROM_PAUSE * block.length
+                after = self.get(name)
+            finally:  # also if the bus is closed meanwhile
+                run(self.lock_eeprom(True))
             if after != value:
                 raise RegisterRefusedError(
                     f"servo {self.id} keeps {after} in {name} instead of {value}"
@@ -454,8 +456,8 @@ class Servo:
             yield from self.verify(table.block("EEPROM Lock"), int(locked))
 
     def arm(self) -> Steps[None]:
-        """Switch its Bus Watchdog on, if it has one."""
-        if self.has_watchdog:
+        """Switch its Bus Watchdog on, if it has one and shall use it."""
+        if self._watchdog and self.has_watchdog:
             units = round(self._watchdog / _WATCHDOG_UNIT)
             yield from self.set_watchdog(max(1, min(127, units)))
 
@@ -480,11 +482,9 @@ class Servo:
 
     @property
     def has_watchdog(self) -> bool:
-        """Whether it stops by itself without packets: its firmware has a Bus Watchdog."""
+        """Whether it can stop by itself without packets: its firmware has a Bus Watchdog."""
         first, known = self.model.watchdog, self.identity
-        if first is None or self._watchdog <= 0.0:
-            return False
-        return known is None or known.firmware_version >= first
+        return first is not None and known is not None and known.firmware_version >= first
 
     def accept(self, reply: Status, clock_offset: int | None = None) -> bool:
         """Record a reading of the feedback block; return False for impossible values.

@@ -313,6 +313,31 @@ def test_a_tripped_watchdog_is_named_and_cleared() -> None:
     assert servo.register("Present Position") == pytest.approx(2048 - 326, abs=10)
 
 
+def test_a_watchdog_that_tripped_in_an_earlier_run_is_cleared_where_this_run_uses_none() -> None:
+    servo = SimulatedServo(1, "XM430-W350")
+    rig = Rig(servo, settings=BusSettings(watchdog=0.0))
+    servo.set_register("Bus Watchdog", 255)
+    assert rig.go(0.3).states["j1"].position == pytest.approx(0.3, abs=0.02)
+    assert servo.register("Bus Watchdog") == 0
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 20])
+def test_a_servo_that_switches_its_torque_on_when_it_gets_power_is_relaxed_after_a_stop(
+    cycles: int,
+) -> None:
+    servo = SimulatedServo(1, "XM430-W350", boot_time=0.02)
+    servo.set_register("Startup Configuration", 1)
+    rig = Rig(servo)
+    rig.go(0.3)
+    assert rig.bus.relax_at_once(1.0) == {"j1": ""}
+    servo.power_off()
+    rig.step(cycles)
+    servo.power_on()
+    assert rig.torque == [1]
+    rig.step(10)
+    assert rig.torque == [0]
+
+
 def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later() -> None:
     servo = SimulatedServo(1, "XM430-W350")
     rig = Rig(servo)

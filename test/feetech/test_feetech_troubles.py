@@ -52,15 +52,21 @@ def test_an_offset_that_overflows_is_refused(offset: int) -> None:
         replace(JOINT, offset=offset)
 
 
-def test_a_memory_that_was_being_written_when_the_bus_closed_is_locked_at_the_next_start() -> None:
-    rig = rig_of(SimulatedServo(1, STS))
+def test_a_memory_that_is_being_written_when_the_bus_is_closed_is_locked() -> None:
+    rig = rig_of(SimulatedServo(1, STS, eeprom_time=0.006))
     submit(rig.bus, rig.bus.writing_eeprom("pan", EepromSettings(return_delay=100.0)))
     for _ in range(20):
         if rig.servos[0].register("EEPROM Lock"):
-            rig.bench.pass_time(0.02)
-            rig.bus.step()
-    rig.bus.close()
+            rig.step()
     assert rig.servos[0].register("EEPROM Lock") == 0
+    assert rig.bus.close() == ()
+    assert rig.servos[0].register("EEPROM Lock") == 1
+
+
+def test_a_memory_that_a_killed_program_was_writing_is_locked_at_the_next_start() -> None:
+    rig = rig_of(SimulatedServo(1, STS))
+    rig.bus.close()
+    rig.servos[0].set_register("EEPROM Lock", 0)
     rig.bus.connect()
     assert rig.servos[0].register("EEPROM Lock") == 1
 

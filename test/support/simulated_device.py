@@ -10,6 +10,7 @@ from head_tracking.dynamixel import (
     Adapter,
     BusEvent,
     BusReading,
+    BusSettings,
     DynamixelPort,
     Epoch,
     EventKind,
@@ -92,7 +93,10 @@ class Bench:
         )
 
     def servo_bus(
-        self, joints: Iterable[JointConfiguration], epoch: Epoch | None = None
+        self,
+        joints: Iterable[JointConfiguration],
+        epoch: Epoch | None = None,
+        settings: BusSettings | None = None,
     ) -> ServoBus:
         return ServoBus(
             self.port,
@@ -101,6 +105,7 @@ class Bench:
             monotonic=self.now,
             pause=self.pass_time,
             epoch=epoch,
+            settings=settings,
         )
 
     def now(self) -> int:
@@ -124,6 +129,7 @@ class Rig:
         servos: the servos, or one simulated bus.
         joints: of the bus; by default one for each id, with half the range of its servo.
         connect: whether the bus is connected.
+        settings: of the bus.
         options: of the `Bench`.
 
     Attributes:
@@ -136,6 +142,7 @@ class Rig:
         *servos: SimulatedServo | SimulatedBus,
         joints: Iterable[JointConfiguration] = (),
         connect: bool = True,
+        settings: BusSettings | None = None,
         **options: Any,
     ) -> None:
         self.bench = Bench(servos[0] if isinstance(servos[0], SimulatedBus) else servos, **options)
@@ -145,7 +152,7 @@ class Rig:
             joint_of(i, model, model.ticks // 4, 3 * model.ticks // 4)
             for i, model in models.items()
         )
-        self.bus = self.bench.servo_bus(self.joints)
+        self.bus = self.bench.servo_bus(self.joints, settings=settings)
         self.events: list[BusEvent] = []
         if connect:
             self.bus.connect()
