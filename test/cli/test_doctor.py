@@ -68,10 +68,10 @@ class Head:
             device.adapter = self.adapter
             write = line.write
 
-            def note(data: bytes, timeout: float) -> None:
+            def note(data: bytes) -> None:
                 self.sent.append(data)
                 if self.baud_rate in (0, baud_rate):
-                    write(data, timeout)
+                    write(data)
 
             line.write = note  # type: ignore[method-assign]
             return device

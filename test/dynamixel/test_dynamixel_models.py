@@ -96,7 +96,7 @@ def test_servos_are_read_with_as_few_packets_as_they_understand(
     rig = Rig(*(SimulatedServo(i, model, firmware=firmware) for i in (1, 2)))
     sent: list[bytes] = []
     write = rig.bench.line.write
-    rig.bench.line.write = lambda data, timeout: (sent.append(data), write(data, timeout))  # type: ignore[method-assign,assignment,func-returns-value]
+    rig.bench.line.write = lambda data: (sent.append(data), write(data))  # type: ignore[method-assign,assignment,func-returns-value]
     rig.bus.step()
     codes = {packet[4 if model.protocol == 1 else 7] for packet in sent}
     assert [_METHODS[Instruction(code)] for code in codes] == [method]
