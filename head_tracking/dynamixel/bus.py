@@ -346,18 +346,12 @@ class ServoBus:
         return tuple(name for name, problem in problems.items() if problem)
 
     def _relax_all(self) -> Mapping[str, str]:
-        """Relax all joints; where that fails, look for lost servos, and try once more."""
+        """Relax all joints; where that fails, try once more after a while."""
         problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
-        if not any(problems.values()):
-            return problems
-        self._pause(_PATIENCE)
-        with suppress(DynamixelError):  # as of a port that is lost
-            lost = [servo for servo in self.servos if servo.lost]
-            found = answering(lost)
-            for servo in lost:
-                if servo.id in found:
-                    servo.note_reply()
-        return run(self._procedures.relax(self._all, disarm=True), self._pause)
+        if any(problems.values()):
+            self._pause(_PATIENCE)
+            problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
+        return problems
 
     def step(self) -> BusReading:
         """Run one cycle; see `Cycle.read` and `Cycle.write`.

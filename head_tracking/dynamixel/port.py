@@ -535,7 +535,7 @@ class DynamixelPort:
 
     def _open_line(self) -> SerialDevice:
         if self._line is None:
-            raise NotConnectedError(f"{self.name} is not open; call open() first")
+            raise NotConnectedError(f"{self.name} is not open; is the adapter plugged in?")
         return self._line
 
     def _lost(self, cause: Exception) -> PortLostError:

@@ -17,8 +17,8 @@ from head_tracking.dynamixel.exceptions import (
     PortLostError,
     PositionError,
     RegisterRefusedError,
-    ReplyTimeoutError,
     ServoError,
+    ServoSetupError,
 )
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.port import DynamixelPort
@@ -129,6 +129,7 @@ def relaxing(
     unplugged now. Returns by id why a servo did not confirm, empty where it did. A servo that did
     not confirm counts as interrupted, so that a cycle in which it answers relaxes it again.
     """
+    servos = sorted(servos, key=lambda servo: servo.lost)  # a silent one costs time
     for servo in servos:
         servo.confirmed, servo.held_by = servo in sure, None
     with suppress(PortLostError, NotConnectedError):  # reported by what follows
@@ -138,8 +139,8 @@ def relaxing(
         yield 0.0
         for servo in servos:
             try:
-                if servo.lost:
-                    raise ReplyTimeoutError("the servo does not answer")
+                if servo.lost and not servo.is_same():
+                    raise ServoSetupError(f"another servo answers as servo {servo.id}")
                 yield from while_held_by(None, [servo], _confirming(servo, disarm))
             except DynamixelError as cause:
                 servo.confirmed = servo in sure and not isinstance(cause, ServoError)

@@ -138,6 +138,16 @@ def test_stop_is_tried_again_where_it_failed(rig: FakeRig, silent: int) -> None:
     assert rig.torque == [0, 0]
 
 
+@pytest.mark.parametrize("other", [False, True])
+def test_stop_asks_also_a_servo_that_was_lost(rig: FakeRig, other: bool) -> None:
+    loosen(rig)
+    rig.step(10)
+    plug_in(rig)
+    rig.pan["Firmware Version"] += other  # of another servo
+    assert bool(rig.bus.relax_at_once(1.0)[PAN.joint_name]) is other
+    assert rig.torque == [0, 0]
+
+
 @pytest.mark.parametrize("silent", [0, 20])
 @pytest.mark.parametrize("lost", [False, True])
 @pytest.mark.parametrize("overtaken", [False, True])

@@ -26,7 +26,7 @@ from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
-INTERLEAVINGS = 4_000
+INTERLEAVINGS = 10_000
 JOINT = PAN.joint_name
 
 
