@@ -526,7 +526,7 @@ class Head:
         After a `stop` the head moves slowly until it has arrived once.
 
         Raises:
-            DynamixelError: a servo has not confirmed; a head that was stopped stays stopped.
+            DynamixelError: a servo has not confirmed; a head that was stopped or relaxed stays so.
             RefusedCommandError: the head is closed, or was stopped or relaxed meanwhile.
         """
         self._require_open()
@@ -539,6 +539,8 @@ class Head:
         except BaseException:
             if stopped and epoch == owners.epoch.value:
                 self.stop()
+            elif self._refusing is HeadState.RELAXED:
+                self._servos.switch_torque(None, False)
             raise
         with control.lock, _refused_if_stopped():
             if control.disabled is not disabled:
