@@ -15,8 +15,8 @@ from head_tracking.command_line import (
     read_by,
     with_negative_values,
 )
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page import MISSING, installed
-from head_tracking.parameter_files import ParameterFileError, read
 from head_tracking.programs import COMMANDS, has_ros
 from head_tracking.run.node_sets import (
     CAMERA,
@@ -112,7 +112,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--params",
         action="append",
-        type=read_by(_parameter_file, ParameterFileError),
+        type=read_by(_parameter_file, HeadTrackingError),
         default=[],
         metavar="FILE",
         help="YAML file with parameters that override the robot's; can be given several times",
@@ -210,6 +210,8 @@ def _robot(text: str) -> str:
 
 
 def _parameter_file(text: str) -> Path:
+    from head_tracking.parameter_files import read  # PyYAML takes 1 MB of the supervisor
+
     read(text)
     return Path(text)
 
