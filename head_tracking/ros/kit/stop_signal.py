@@ -47,8 +47,9 @@ class StopSignal:
 
     @contextmanager
     def while_importing(self) -> Iterator[None]:
-        """End the process at once if it is asked to end in this block: nothing runs yet."""
-        self._importing = True
+        """End the process at once if it is asked to end in this block, or was before."""
+        self._importing = True  # nothing runs yet
+        self._exit_while_importing()
         try:
             yield
         finally:
@@ -62,13 +63,16 @@ class StopSignal:
         """Ask the program to end."""
         self._asked = True
         self._woken.put(None)
-        if self._importing:
-            os._exit(0)
+        self._exit_while_importing()
 
     def check(self) -> None:
         """Raise an EndRequestedError if the program has been asked to end."""
         if self._asked:
             raise EndRequestedError
+
+    def _exit_while_importing(self) -> None:
+        if self._asked and self._importing:
+            os._exit(0)
 
     def wait(self, seconds: float) -> bool:
         """Wait for at most this time; return whether the program has been asked to end."""
