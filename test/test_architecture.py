@@ -128,6 +128,13 @@ def test_a_library_is_imported_by_one_file(library):
     assert users == ONLY_IN[library]
 
 
+def test_the_contract_suite_knows_only_packages():
+    for file in (PACKAGE.parent / "test" / "contract").glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(NAME):
+                assert len(node.module.split(".")) <= 2, f"{file.name} imports {node.module}"
+
+
 def test_timers_of_nodes_run_on_the_steady_clock():
     """A timer on the node's clock would stop for hours after a clock step of hours."""
     calls = {

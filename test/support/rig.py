@@ -36,6 +36,7 @@ from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 from waiting import join, wait_for
 
+from head_tracking import Head
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 SOURCE = Path(__file__).resolve().parents[2]
@@ -203,6 +204,20 @@ class Servos:
 
         wait_for(still, PATIENCE)
         return seen[-1]
+
+
+def swing_until_learned(head: Head, value: str) -> None:
+    """Follow a target that swings, until a head has learned a value."""
+    began = time.time()
+
+    def learns() -> bool:
+        now = time.time()
+        swing = 0.7 * math.sin(1.5 * (now - began))
+        head.follow((2 * math.cos(swing), 2 * math.sin(swing), 0.6), stamp=now)
+        time.sleep(0.02)
+        return head.learned[value].source == "learned"
+
+    wait_for(learns)
 
 
 class Talker:

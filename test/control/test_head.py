@@ -1,0 +1,69 @@
+"""`Head` from within: moments between its steps that a program can hardly hit."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import closing
+from functools import partial
+
+import pytest
+from rig import Servos, swing_until_learned
+
+from head_tracking import Head, HeadState, RefusedCommandError
+from head_tracking.control.dynamixel_backend import DynamixelBackend
+from head_tracking.dynamixel import TorqueError
+from head_tracking.head import head as head_module
+
+
+@pytest.fixture
+def servos(tmp_path) -> Iterator[Servos]:
+    with closing(Servos(tmp_path / "servos")) as servos:
+        yield servos
+
+
+def test_a_head_is_open_when_both_joints_are_measured(servos, kinectbot, monkeypatch):
+    """Replies are lost on a disturbed line; the error would speak of a clock that jumped."""
+    start, servo = DynamixelBackend.start, servos.port.use(lambda bus: bus[2])
+
+    def start_without_tilt(backend):
+        servos.port.use(lambda bus: servo.set_register("ID", 9))
+        restore = partial(servos.port.use, lambda bus: servo.set_register("ID", 2))
+        threading.Timer(0.5, restore).start()
+        start(backend)
+
+    monkeypatch.setattr(DynamixelBackend, "start", start_without_tilt)
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        assert len(head.joints) == 2
+
+
+def test_learned_servo_values_are_saved_for_the_next_run(servos, kinectbot, tmp_path, monkeypatch):
+    adapter = tmp_path / "usb-FTDI_USB_Adapter_A1"
+    adapter.symlink_to(servos.name)
+    monkeypatch.setattr("head_tracking.dynamixel.port.stable_name", lambda _: str(adapter))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    pan, found = "head_pan_joint: delay of its servo", []
+    for run in range(4):
+        with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+            found.append(head.learned[pan].source)
+            if run in (0, 1):
+                swing_until_learned(head, pan)
+            elif run == 2:
+                head.learn("forget")
+    assert found == ["not observable", "saved", "saved", "not observable"]
+
+
+@pytest.mark.parametrize(
+    "command", [lambda head: head.look_at((2.0, 2.0, 0.6)), lambda head: head.resume()]
+)
+def test_a_command_is_refused_if_relax_comes_before_its_torque(monkeypatch, command):
+    confirm = head_module._confirm
+
+    def relaxing_before(switched):
+        monkeypatch.setattr(head_module, "_confirm", confirm)
+        head.relax()
+        raise TorqueError(True, {"head_pan_joint": "relaxed on request"})
+
+    monkeypatch.setattr(head_module, "_confirm", relaxing_before)
+    with Head.simulated() as head:
+        with pytest.raises(RefusedCommandError) as refused:
+            command(head)
+        assert refused.value.state == head.state == HeadState.RELAXED
