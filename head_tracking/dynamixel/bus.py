@@ -402,7 +402,9 @@ class ServoBus:
         Returns:
             What went wrong, by joint; empty where the servos have confirmed.
         """
-        self.requests.obeyed = self.epoch.advance() if epoch is None else epoch
+        if epoch is None:
+            self.epoch.advance()
+        self.requests.obeyed = self.epoch.value
         deadline = self._bus.monotonic() + round(timeout * 1e9)
         self.requests.discard_older()
         steps = self._procedures.relax(self._all)

@@ -202,6 +202,15 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
     assert run.stops > INTERLEAVINGS // 8
 
 
+def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig: FakeRig) -> None:
+    first, second = rig.bus.epoch.advance(), rig.bus.epoch.advance()
+    for epoch in (second, first):  # as the port became free
+        assert set(rig.bus.relax_at_once(1.0, epoch).values()) == {""}
+    run(rig.bus.switching_torque(None, True))
+    rig.step(5)
+    assert rig.torque == [1, 1]
+
+
 def test_an_epoch_counts_every_stop_of_many_threads() -> None:
     epoch = Epoch()
     numbers: list[int] = []
