@@ -368,9 +368,11 @@ class Cycle:
         After a reset of the USB bus two adapters may have exchanged their names.
         """
         found = False
-        for _, servo in self._each_servo():
+        for joint, servo in self._each_servo():
             with suppress(CommunicationError):
                 if not servo.is_same():
+                    text = f"another servo answers as servo {servo.id}; the adapter is not used"
+                    self._bus.note(EventKind.UNUSABLE, joint, text)
                     return False
                 found = True
         return found

@@ -206,7 +206,7 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
     rig.tilt[name] = value  # of another servo with the same id, on another adapter
     rig.port.gone = False
     rig.port.take_log()
-    rig.step(100)
+    assert EventKind.UNUSABLE in rig.events(100)
     assert not rig.bus.statistics().connected
     assert not writes(rig.port.take_log())
     rig.tilt[name] = before
