@@ -60,7 +60,8 @@ def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
     margin = 0
     if "CW Compliance Margin" in model.control_table:
         margin = model.control_table["CW Compliance Margin"].initial or 0
-    state = rig.go(0.3, 30, 2.0).states["j1"]
+    rig.go(-0.3, 15, 2.0)  # speed and load have both signs
+    state = rig.go(0.3, 45, 2.0).states["j1"]
     assert state.position == pytest.approx(0.3, abs=0.012 + margin * model.radians_per_tick)
     assert not rig.bus.servos[0].errors
     assert rig.bus.servos[0].voltage == pytest.approx(servo.supply_voltage, abs=0.11)

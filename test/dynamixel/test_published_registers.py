@@ -96,7 +96,10 @@ initial_step = 2, range = [0, 9]}
 
 def test_every_model_of_the_driver_can_be_simulated() -> None:
     for model in all_models():
-        assert simulated_model(model).number == model.model_number
+        simulated = simulated_model(model)
+        for fact in ("ticks", "center", "radians_per_tick", "endless", "no_load_speed"):
+            assert getattr(simulated, fact) == pytest.approx(getattr(model, fact)), fact
+        assert simulated.number == model.model_number
         names = {register.name for register in model.control_table}
         assert names == {register.name for register in registers_of(model.name, 50)}
 
