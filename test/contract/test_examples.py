@@ -25,11 +25,13 @@ def run(name, *words, text=""):
     return done.stdout
 
 
-def test_every_example_is_short_and_has_a_test_here():
+def test_every_example_is_short_is_in_the_documents_and_has_a_test_here():
     tests = Path(__file__).read_text()
+    page = (SOURCE / "docs/start/without_ros.md").read_text()
     for example in EXAMPLES.glob("*.py"):
         assert len(example.read_text().splitlines()) <= 40, example
         assert f'"{example.name}"' in tests, example
+        assert f"(../../examples/{example.name})" in page, example
 
 
 def test_look_around():
