@@ -92,7 +92,8 @@ class HeadControl(Controller):
         result: of the latest motion, which may have been rejected; None: there was none yet.
         refusal: why the latest target is not used; empty: it is used, or there is none.
         refusals: number of targets that were refused.
-        law: the control law for the joints of all motions but tracking; set with a model.
+        law: the control law for the joints of all motions but tracking, which shares its servo
+            models; set with a model.
         memory: the servo values that earlier runs have learned.
         error: angle between the pointing axis and the target [rad]; None: there is no target.
         held: commanded pan and tilt [rad] at which the head stands; None: not known.
@@ -302,6 +303,8 @@ class HeadControl(Controller):
         if motion is not targets:
             self.frames.forget()
         command = motion.update(joints, now)
+        for joint in self.law.take_contradicted():
+            self.warn(joint, f"{joint}: the saved values of its servo do not fit any more")
         desired = None if motion.result is not None else motion.desired(now)
         if desired is not None:
             self.held = desired[0].position, desired[1].position

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from head_tracking.compatibility import StrEnum
-from head_tracking.gaze import HeadCommand, PointingParameters, together
+from head_tracking.gaze import HeadCommand, PanTiltHead, PointingParameters, together
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
@@ -29,6 +29,7 @@ from head_tracking.tracking import (
     TargetState,
     TargetStateParameters,
     Tracker,
+    TrackingLaw,
     TrajectoryCode,
     Turn,
 )
@@ -332,10 +333,8 @@ class Tracking(TargetMotion):
         super().use(control)
         head, before = control.frames.head, self.tracker
         assert head is not None
-        self._law = self._settings().law
-        law = LAWS[self._law](head, control.period)
+        law = self._new_law(head)
         self.tracker = Tracker(head, law, base=control.frames.base, readings=control.readings)
-        law.expect(control.memory.load())
         self.tune()
         if before is not None:
             control.send(before.reset("another robot_description has come", control.now))
@@ -346,16 +345,20 @@ class Tracking(TargetMotion):
         if tracker is None:
             return
         if settings.law != self._law:
-            self._law = settings.law
-            tracker.law = LAWS[settings.law](tracker.head, self.control.period)
-            tracker.law.expect(self.control.memory.load())
+            tracker.law = self._new_law(tracker.head)
         tracker.law.limits = settings.limits
         tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
         tracker.estimator.parameters = settings.estimator
         tracker.machine.parameters = settings.state
         tracker.learn(settings.learning)
+        self.control.law.learn(settings.learning)
         if settings.learning.servo_learning == Learning.FORGET:
             self.control.memory.forget()
+
+    def _new_law(self, head: PanTiltHead) -> TrackingLaw:
+        """Return the law of the settings; it shares the servo models of the other motions."""
+        self._law, control = self._settings().law, self.control
+        return LAWS[self._law](head, control.period, servos=control.law.servos)
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`."""
@@ -375,8 +378,6 @@ class Tracking(TargetMotion):
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
         self.miss, control.held = step.error, None
-        for joint in tracker.law.take_contradicted():
-            control.warn(joint, f"{joint}: the saved values of its servo do not fit any more")
         return step.command
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
@@ -411,7 +412,7 @@ class Tracking(TargetMotion):
     def save(self) -> None:
         """See `TargetMotion`."""
         if self.tracker is not None:
-            self.control.memory.save(self.tracker.law.to_save)
+            self.control.memory.save(self.control.law.to_save)
 
     def state(self) -> tuple[str, str]:
         """See `TargetMotion`."""

@@ -18,6 +18,7 @@ from head_tracking.tracking.laws import (
     SpeedLaw,
     SpeedLawParameters,
     SpeedLimits,
+    TrackingLaw,
 )
 from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters, ServoValues
 from head_tracking.tracking.report import lag, picture, table
@@ -83,6 +84,7 @@ __all__ = [
     "Trace",
     "Tracker",
     "TrackingJudge",
+    "TrackingLaw",
     "TrackingStep",
     "TrajectoryCode",
     "TrajectoryError",

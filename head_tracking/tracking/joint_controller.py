@@ -280,21 +280,25 @@ class JointController:
     Args:
         name: name of the joint.
         joint: range of the joint.
+        servo: model of its servo.
 
     Attributes:
-        servo: model of its servo.
+        servo: as given.
         motion: planned motion.
     """
 
-    def __init__(self, name: str, joint: JointLimits) -> None:
-        self.servo = ServoModel()
+    def __init__(self, name: str, joint: JointLimits, servo: ServoModel) -> None:
+        self.servo = servo
         self._joint = joint
         self._watch = FollowingWatch(name)
-        self.restart(0.0, joint.clamp(0.0), 0.0)
+        self._begin(0.0, 0.0)
 
     def restart(self, stamp: float, position: float, velocity: float) -> None:
         """Start from a reading [s], [rad], [rad/s]; the estimates of the servo are kept."""
         self.servo.restart(stamp, position, velocity)
+        self._begin(position, velocity)
+
+    def _begin(self, position: float, velocity: float) -> None:
         self.motion = JointMotion(self._joint.clamp(position), velocity)
         self._watch.restart()
         self._stands = False

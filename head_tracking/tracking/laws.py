@@ -99,6 +99,8 @@ class TrackingLaw(ABC):
         period: time between two commands [s].
         limits: speed limits of all laws.
         parameters: parameters of this law, an instance of its class `Parameters`.
+        servos: models of the servos that another law uses as well, by joint; None: its own. Not
+            used by a law that estimates nothing.
 
     Attributes:
         Parameters: dataclass of parameters; their names differ from those of the other laws.
@@ -123,6 +125,7 @@ class TrackingLaw(ABC):
         period: float,
         limits: SpeedLimits | None = None,
         parameters: Any = None,
+        servos: Mapping[str, ServoModel] | None = None,
     ) -> None:
         self.limits = limits or SpeedLimits()
         self.parameters = parameters or self.Parameters()
@@ -308,13 +311,14 @@ class PredictiveLaw(TrackingLaw):
         period: float,
         limits: SpeedLimits | None = None,
         parameters: PredictiveLawParameters | None = None,
+        servos: Mapping[str, ServoModel] | None = None,
     ) -> None:
+        pan, tilt = head.pan_joint, head.tilt_joint
+        self.servos = servos or {pan: ServoModel(), tilt: ServoModel()}
         self._joints = (
-            JointController(head.pan_joint, head.pan_limits),
-            JointController(head.tilt_joint, head.tilt_limits),
+            JointController(pan, head.pan_limits, self.servos[pan]),
+            JointController(tilt, head.tilt_limits, self.servos[tilt]),
         )
-        pan, tilt = self._joints
-        self.servos = {head.pan_joint: pan.servo, head.tilt_joint: tilt.servo}
         super().__init__(head, period, limits, parameters)
 
     def follow(

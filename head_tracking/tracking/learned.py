@@ -39,7 +39,7 @@ class LearningParameters:
         "Time from a command to the motion it causes; 0: estimated while the head moves.",
         unit="s",
         minimum=0.0,
-        maximum=0.15,
+        maximum=0.35,
     )
     servo_dead_band: float = parameter(
         0.0,

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from lockstep import World
+from rclpy.parameter import Parameter
 
 from head_tracking.dynamixel import BusStatistics, BusTiming
 from head_tracking.gaze import PointingParameters
@@ -108,6 +109,37 @@ def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
     speeds = tracked.speeds(0.2)
     assert speeds[0] > 0.7
     assert min(speeds) > 0.5
+
+
+def test_all_motions_and_laws_share_what_is_learned_of_the_servos(track):
+    tracked = track()
+    control, pan = tracked.node.control, "head_pan_joint: delay of its servo"
+
+    def delay():
+        tracked.world.run(1.1)
+        return tracked.world.heard["/diagnostics"][-1][1].status[0], control.law.learned[pan]
+
+    tracked.world.record("/diagnostics")
+
+    def turn(bearing):
+        control.point(tracked.target(bearing), PointingParameters(), lambda motion: None)
+        tracked.world.run(2.0)
+
+    for bearing in (AWAY, -AWAY, AWAY):
+        turn(bearing)
+    shown, learned = delay()
+    assert learned.source == "learned"
+    assert {each.key: each.value for each in shown.values}[pan].startswith(f"{learned.value:.3g} ")
+    for name in ("position", "predictive"):
+        tracked.node.set_parameters([Parameter("law", value=name)])
+    assert delay()[1] == learned
+    tracked.node.set_parameters([Parameter("servo_delay", value=0.3)])
+    turn(-AWAY)
+    assert control.law.delays == (0.3, 0.3)
+    tracked.node.set_parameters(
+        [Parameter("servo_delay", value=0.0), Parameter("servo_learning", value="forget")]
+    )
+    assert delay()[1].source == "not observable"
 
 
 # the summary of a run
