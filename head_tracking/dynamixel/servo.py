@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 from functools import cache
@@ -47,14 +48,15 @@ _LONGEST_SPAN: Final = 25  # bytes; takes about as long as a usual cycle
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
-    """Take all steps at once and return their result."""
-    while True:
-        try:
-            wait = next(steps)
-        except StopIteration as end:
-            return end.value  # type: ignore[no-any-return]
-        if wait > 0.0:
-            pause(wait)
+    """Take all steps at once and return their result; an interrupt ends them at once."""
+    with closing(steps):
+        while True:
+            try:
+                wait = next(steps)
+            except StopIteration as end:
+                return end.value  # type: ignore[no-any-return]
+            if wait > 0.0:
+                pause(wait)
 
 
 class LinkState(Enum):

@@ -63,6 +63,19 @@ def test_a_memory_that_is_being_written_when_the_bus_is_closed_is_locked() -> No
     assert rig.servos[0].register("EEPROM Lock") == 1
 
 
+def test_a_memory_whose_writing_is_interrupted_is_locked() -> None:
+    rig = rig_of(SimulatedServo(1, STS))
+
+    def interrupt(_: float) -> None:
+        assert rig.servos[0].register("EEPROM Lock") == 0
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as kept:  # as an interactive session keeps it
+        run(rig.bus.writing_eeprom("pan", EepromSettings(return_delay=100.0)), interrupt)
+    assert rig.servos[0].register("EEPROM Lock") == 1
+    assert kept.traceback
+
+
 def test_a_memory_that_a_killed_program_was_writing_is_locked_at_the_next_start() -> None:
     rig = rig_of(SimulatedServo(1, STS))
     rig.bus.close()
