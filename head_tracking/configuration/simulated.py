@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from head_tracking.dynamixel import JointConfiguration, ServoCalibration
-from head_tracking.simulation import SimulatedBus, SimulatedPort, SimulatedServo
+from head_tracking.dynamixel import Adapter, JointConfiguration, ServoCalibration
+from head_tracking.simulation import (
+    SimulatedBus,
+    SimulatedLine,
+    SimulatedPort,
+    SimulatedServo,
+    SteadyClock,
+)
 from head_tracking.simulation.models import simulated_model
 
 
@@ -27,6 +33,23 @@ class SimulatedJoints(SimulatedPort):
         """Return the exact position of a joint, rad."""
         joint = self._joints[joint_name]
         return joint.position(self.true_ticks(joint.calibrations[0].id))
+
+
+class SimulatedDevice(SimulatedLine):
+    """Simulated servos for configured joints, in place of a serial device of this process.
+
+    Args:
+        joints: The joints; each starts at position 0.
+        baud_rate: Bits per second.
+    """
+
+    adapter = Adapter()
+
+    def __init__(self, joints: Iterable[JointConfiguration], baud_rate: int) -> None:
+        super().__init__(mounted_servos(joints), SteadyClock(), baud_rate)
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 def mounted_servos(joints: Iterable[JointConfiguration], link_play: float = 0.0) -> SimulatedBus:

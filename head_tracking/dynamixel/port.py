@@ -14,7 +14,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Final
+from typing import Any, Final
 
 from head_tracking.dynamixel.adapter import Adapter, stable_name
 from head_tracking.dynamixel.exceptions import (
@@ -80,6 +80,7 @@ class DynamixelPort:
         baud_rate: Bits per second; factory default: AX 1000000, X and MX 57600.
         reply_timeout: Time that a servo may take to reply, besides the time on the wire, s; None:
             estimate it (`ReplyTimeout`).
+        open_device: Opens a device with the methods of `SerialDevice`, by name and baud rate.
         clock: Monotonic time, s; the clock of the device's deadlines.
 
     Attributes:
@@ -99,7 +100,7 @@ class DynamixelPort:
         baud_rate: int = 1_000_000,
         *,
         reply_timeout: float | None = None,
-        open_device: Callable[[str, int], SerialDevice] = open_serial,
+        open_device: Callable[[str, int], Any] = open_serial,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         check_baud_rate(baud_rate)

@@ -12,7 +12,7 @@ from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from head_tracking.compatibility import StrEnum
 from head_tracking.configuration import ConfiguredHead, configured_head
@@ -27,6 +27,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     TorqueError,
 )
+from head_tracking.dynamixel.serial_port import open_serial
 from head_tracking.exceptions import (
     FrameError,
     HeadTrackingError,
@@ -91,7 +92,6 @@ AX_12_PAIR = configured_head(()).servos
 
 _RATE = 50.0  # cycles per second
 _TIMEOUT = 2.0  # s
-_SIMULATED_REPLY = 0.1  # s: simulated servos share a process with the driver
 _FASTEST = 12.0  # rad/s
 
 
@@ -128,7 +128,7 @@ class Head:
         pointing_frame: the link to point: an optical frame along z, any other along x.
         baud_rate: of the port [bit/s].
         reply_timeout: how long to wait for the reply of a servo [s]; None: from the baud rate.
-        resources: closed after the port.
+        open_device: see `DynamixelPort`.
         calibration: the calibration that `model` includes.
 
     Attributes:
@@ -149,7 +149,7 @@ class Head:
         pointing_frame: str = "camera_link",
         baud_rate: int = 1_000_000,
         reply_timeout: float | None = None,
-        resources: ExitStack | None = None,
+        open_device: Callable[[str, int], Any] = open_serial,
         calibration: Calibration | None = None,
     ) -> None:
         pan, tilt = servos
@@ -172,7 +172,7 @@ class Head:
         self._settings = TrackingSettings()
         self._tracking = Tracking(lambda: self._settings)
         self._bus = ServoBus(
-            DynamixelPort(port, baud_rate, reply_timeout=reply_timeout),
+            DynamixelPort(port, baud_rate, reply_timeout=reply_timeout, open_device=open_device),
             servos,
             epoch=self._owners.epoch,
         )
@@ -199,7 +199,6 @@ class Head:
         self._control.begin()
         self._failure: BaseException | None = None
         self._follower: CameraFollower | None = None
-        self._resources = resources or ExitStack()
         self._signals = ExitStack()
         atexit.register(self._close)
         self._servos.start()
@@ -253,22 +252,18 @@ class Head:
         calibration: str | Path | None = None,
     ) -> Self:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
-        from head_tracking.configuration.simulated import SimulatedJoints  # needs pseudo-terminals
+        from head_tracking.configuration.simulated import SimulatedDevice  # a robot needs none
 
         model, head, known = _load_robot(robot, calibration)
-        servos = servos or head.servos
-        with ExitStack() as resources:
-            made = cls(
-                resources.enter_context(SimulatedJoints(servos)).port_name,
-                model,
-                servos,
-                pointing_frame=pointing_frame or head.pointing_frame,
-                reply_timeout=_SIMULATED_REPLY,
-                resources=resources,
-                calibration=known,
-            )
-            made._resources = resources.pop_all()
-            return made
+        joints = servos or head.servos
+        return cls(
+            "simulated",
+            model,
+            joints,
+            pointing_frame=pointing_frame or head.pointing_frame,
+            open_device=lambda _, baud_rate: SimulatedDevice(joints, baud_rate),
+            calibration=known,
+        )
 
     # Commands
 
@@ -770,7 +765,6 @@ class Head:
         try:
             unconfirmed = self._servos.close()
         finally:
-            self._resources.close()
             self._control.save()
         if unconfirmed:
             raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")

@@ -9,6 +9,7 @@ from head_tracking.simulation.serial_line import (
     SerialLine,
     SimulatedClock,
     SimulatedLine,
+    SteadyClock,
 )
 from head_tracking.simulation.servo import SimulatedServo
 from head_tracking.simulation.write_log import Write, WriteLog
@@ -26,6 +27,7 @@ __all__ = [
     "SimulatedPort",
     "SimulatedServo",
     "SimulationError",
+    "SteadyClock",
     "Write",
     "WriteLog",
 ]

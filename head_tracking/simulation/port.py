@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import os
 import select
 import socket
 import struct
 import threading
 import time
-import tty
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -52,6 +50,8 @@ class PseudoTerminal:
     """
 
     def __init__(self, link: str | None = None) -> None:
+        import tty  # not on Windows
+
         # While the other end is open here, a client that closes it causes no EIO.
         self.descriptor, self._slave = os.openpty()
         self._claim = socket.socket(socket.AF_UNIX)
@@ -69,6 +69,8 @@ class PseudoTerminal:
     @property
     def baud_rate(self) -> int:
         """Baud rate that the program has set, bits per second."""
+        import fcntl  # not on Windows
+
         settings = fcntl.ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2))
         rate: int = struct.unpack_from("I", settings, _SPEED_OFFSET)[0]
         return rate or 38_400

@@ -7,6 +7,7 @@ equal packets of servos with the same id, sent at the same time, are received co
 from __future__ import annotations
 
 import errno
+import time
 from collections import Counter
 from collections.abc import Iterator
 from enum import Enum
@@ -207,17 +208,31 @@ class SimulatedClock:
         """Return the time, s."""
         return self.now * 1e-9
 
-    def pass_until(self, time: float) -> None:
-        """Advance to `time`, s, unless it is in the past."""
-        self.now = max(self.now, round(time * 1e9))
+    def pass_until(self, when: int) -> None:
+        """Advance to a time, ns, unless it is in the past."""
+        self.now = max(self.now, when)
+
+
+class SteadyClock:
+    """The steady clock of this machine, in place of a `SimulatedClock`."""
+
+    @property
+    def now(self) -> int:
+        """The time, ns."""
+        return time.monotonic_ns()
+
+    def pass_until(self, when: int) -> None:
+        """Wait until a time, ns."""
+        while (left := when - self.now) > 0:
+            time.sleep(left * 1e-9)
 
 
 class SimulatedLine:
-    """A serial device in simulated time: waiting advances the clock.
+    """A serial device in this process; in simulated time waiting advances the clock.
 
     Args:
         bus: The servos.
-        clock: The simulated time.
+        clock: The time.
         baud_rate: Bits per second.
         paced: See `SerialLine`.
         latency: Latency timer of the adapter, s.
@@ -230,7 +245,7 @@ class SimulatedLine:
     def __init__(
         self,
         bus: SimulatedBus,
-        clock: SimulatedClock,
+        clock: SimulatedClock | SteadyClock,
         baud_rate: int = 1_000_000,
         *,
         paced: bool = True,
@@ -264,10 +279,8 @@ class SimulatedLine:
         """Return at most `limit` bytes; wait for the first one until the deadline, s."""
         self._check()
         if not self._received:
-            due = self._line.due
-            self._clock.pass_until(deadline if due is None else min(deadline, due * 1e-9))
-            if due is not None and due * 1e-9 <= deadline:
-                self._clock.now = max(self._clock.now, due)
+            due, end = self._line.due, round(deadline * 1e9)
+            self._clock.pass_until(end if due is None else min(due, end))
             self._received = self._line.receive(self._clock.now)
         data, self._received = self._received[:limit], self._received[limit:]
         return data

@@ -95,10 +95,11 @@ def test_the_lines_of_the_documentation_run_without_ros():
 
 
 def test_a_head_needs_nothing_that_only_linux_has(servos):
-    looking = f"with head:\n    while not head.look_at({LEFT}).arrived: pass\n"
+    looking = f":\n    while not head.look_at({LEFT}).arrived: pass\n"
+    heads = f"with head{looking}with Head.simulated() as head{looking}"
     missing = "try: Head.open('COM9')\nexcept PortMissingError: pass\n"
     errors = "from head_tracking.dynamixel import PortMissingError\n"
-    code = ANOTHER_SYSTEM + PROGRAM + looking + errors + missing
+    code = ANOTHER_SYSTEM + PROGRAM + heads + errors + missing
     subprocess.run([sys.executable, "-c", code, servos.name], cwd=SOURCE, check=True, timeout=120)
     assert servos.true[0] == pytest.approx(bearing(LEFT), abs=DEGREE)
     assert servos.torque == [0, 0]
