@@ -16,7 +16,6 @@ from head_tracking.dynamixel.exceptions import (
     NotConnectedError,
     PortLostError,
     PositionError,
-    RegisterRefusedError,
     ServoError,
     ServoSetupError,
 )
@@ -226,7 +225,5 @@ def relax_servos(
 
 def _hold(servo: Servo) -> None:
     if servo.get("Torque Enable"):
-        if servo.model.watchdog is not None:  # a tripped one refuses goals
-            with suppress(RegisterRefusedError):  # older firmware has none
-                run(servo.set_watchdog(0))
+        run(servo.identify(keep_torque=True))
         run(pin(servo, powered=True))
