@@ -493,8 +493,7 @@ class Diagnosis:
     def _check_torque(self, watch: _Watch) -> None:
         """Find a servo that has lost or kept its torque, though its joint is on or relaxed.
 
-        One that was without power for a moment must not move to the old goal. Some switch their
-        torque on when they get power (Startup Configuration).
+        One that was without power for a moment must not move to the old goal.
         """
         joint, servo = watch.joint, watch.servo
         try:

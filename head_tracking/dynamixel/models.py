@@ -209,7 +209,7 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     a, b, c, d, e = map(read.index, wanted)
     lowest, highest = facts.pop("position_limits")
     position_sign, speed_sign, load_sign = (_sign_value(table[name]) for name in wanted[:3])
-    modes = {name: Mode(**row) for name, row in facts.pop("modes", {}).items()}
+    modes = {n: Mode(**row) for n, row in facts.pop("modes", {}).items() if n in table}
     offset = facts.pop("offset", None)
     baud_rates = {int(code): rate for code, rate in facts.pop("baud_rates").items()}
     return ServoModel(

@@ -326,9 +326,9 @@ def test_a_servo_that_switches_its_torque_on_when_it_gets_power_is_relaxed_after
     cycles: int,
 ) -> None:
     servo = SimulatedServo(1, "XM430-W350", boot_time=0.02)
-    servo.set_register("Startup Configuration", 1)
     rig = Rig(servo)
     rig.go(0.3)
+    servo.set_register("Startup Configuration", 1)  # by another program
     assert rig.bus.relax_at_once(1.0) == {"j1": ""}
     servo.power_off()
     rig.step(cycles)

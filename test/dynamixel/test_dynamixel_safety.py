@@ -116,6 +116,7 @@ def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_
         ("XM430-W350", "Operating Mode", 1),
         ("XM430-W350", "Drive Mode", 1),
         ("XM430-W350", "Homing Offset", 1),
+        ("XM430-W350", "Startup Configuration", 1),
         ("STS3215", "Operating Mode", 1),
         ("STS3215", "Position Offset", 1),
     ],

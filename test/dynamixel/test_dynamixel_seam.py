@@ -237,6 +237,7 @@ def test_torque_beyond_the_seam_is_refused_until_the_shaft_is_turned_back(case: 
     [
         ("Operating Mode", 4, None, True),  # extended position
         ("Drive Mode", 4, None, True),  # a profile velocity would be milliseconds
+        ("Startup Configuration", 1, None, True),  # it would go on after a loss of power
         ("Drive Mode", 0, True, True),  # another driver has reversed it
         ("Drive Mode", 1, False, True),
         ("Drive Mode", 0, False, False),
