@@ -127,6 +127,8 @@ class Cycle:
         try:
             if self._connected:
                 self._write()
+            elif self._requests.under_way:  # they fail
+                self._take_steps()
         except PortLostError as cause:
             self._lose_port(cause)
         return reading._replace(events=self._bus.take_events()) if self._bus.events else reading

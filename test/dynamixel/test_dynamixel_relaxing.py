@@ -214,6 +214,21 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
     assert rig.bus.statistics().connected
 
 
+@pytest.mark.parametrize("on", [False, True])
+def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(
+    rig: FakeRig, on: bool
+) -> None:
+    rig.port.gone = True
+    rig.bus.step()
+    rig.bus.relax_at_once(0.1)
+    asked = submit(rig.bus, rig.bus.switching_torque(None, on))
+    rig.step(20)
+    assert isinstance(asked.exception(0.0), TorqueError)
+    rig.port.gone = False
+    rig.step(100)
+    assert rig.torque == [0, 0]
+
+
 # Without a running bus
 
 SERVOS = {1: "AX-12", 2: "XM430-W350", 3: "XL-320", 4: "MX-28"}
