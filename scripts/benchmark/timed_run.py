@@ -13,7 +13,7 @@ import sys
 import time
 from typing import Any
 
-from head_tracking.dynamixel import BusEvent, BusReading
+from head_tracking.dynamixel import BusReading
 from head_tracking.dynamixel.cycle import Cycle
 from head_tracking.run import supervisor
 from head_tracking.run.main import main
@@ -35,10 +35,10 @@ def timed() -> None:
         _Stopwatch.begin = time.perf_counter()
         return read(cycle)
 
-    def timed_write(cycle: Cycle) -> tuple[BusEvent, ...]:
-        events = write(cycle)
+    def timed_write(cycle: Cycle, reading: BusReading) -> BusReading:
+        written = write(cycle, reading)
         durations.append(time.perf_counter() - _Stopwatch.begin)
-        return events
+        return written
 
     Cycle.read, Cycle.write = timed_read, timed_write  # type: ignore[method-assign]
 
