@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing
@@ -457,20 +458,11 @@ class Servo:
         if "EEPROM Lock" in table:
             yield from self.verify(table.block("EEPROM Lock"), int(locked))
 
-    def arm(self) -> Steps[None]:
-        """Switch its Bus Watchdog on, if it has one and shall use it."""
-        if self._watchdog and self.has_watchdog:
-            units = round(self._watchdog / _WATCHDOG_UNIT)
-            yield from self.set_watchdog(max(1, min(127, units)))
-
-    def disarm(self) -> Steps[None]:
-        """Switch its Bus Watchdog off, if it has one; one that has tripped accepts goals again."""
+    def switch_watchdog(self, on: bool) -> Steps[None]:
+        """Switch its Bus Watchdog, if it has one; off also clears one that has tripped."""
         if self.has_watchdog:
-            yield from self.set_watchdog(0)
-
-    def set_watchdog(self, value: int) -> Steps[None]:
-        """Write its Bus Watchdog; raises as `verify` does."""
-        return self.verify(self.model.control_table.block("Bus Watchdog"), value)
+            units = math.ceil(on * self._watchdog / _WATCHDOG_UNIT)
+            yield from self.verify(self.model.control_table.block("Bus Watchdog"), min(127, units))
 
     def read_errors(self) -> IntFlag:
         """Return the errors behind the last error byte; protocol 2.0 needs a read for that."""

@@ -54,7 +54,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     servo.confirmed = False
     if not powered:
         yield from servo.check_settings()
-    yield from servo.disarm()  # a tripped watchdog refuses goals
+    yield from servo.switch_watchdog(False)  # a tripped watchdog refuses goals
     before = servo.get("Present Position")
     if not powered:
         require_straight_path(servo, before)
@@ -73,7 +73,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
             )
         goal = yield from _write_slow_goal(servo, now, allowed)  # it was moving, and would return
         before = now
-    yield from servo.arm()
+    yield from servo.switch_watchdog(True)
     servo.note_torque()
     return goal
 
@@ -160,7 +160,7 @@ def _confirming(servo: Servo, disarm: bool) -> Steps[None]:
         yield from servo.switch_torque(False)
     if disarm:
         yield 0.0
-        yield from servo.disarm()
+        yield from servo.switch_watchdog(False)
 
 
 def while_held_by(request: object | None, servos: Iterable[Servo], steps: Steps[_T]) -> Steps[_T]:
