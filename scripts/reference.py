@@ -105,15 +105,13 @@ def read_interfaces() -> list[Interface]:
     import rclpy
     from rclpy.parameter import Parameter
 
+    from head_tracking.configuration.simulated import SimulatedJoints
     from head_tracking.programs import NODES, node_class
-    from head_tracking.simulation import SimulatedPort, SimulatedServo
 
     nodes = []
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         os.environ |= {"HOME": folder, "ROS_LOG_DIR": folder}
-        servos = [SimulatedServo(1), SimulatedServo(2)]
-        bus = stack.enter_context(SimulatedPort(servos, link=Path(folder) / "bus"))
         rclpy.init(args=["--ros-args", "--log-level", "fatal"])
         stack.callback(rclpy.try_shutdown)
         for name in NODES:
@@ -122,7 +120,7 @@ def read_interfaces() -> list[Interface]:
                 "parameter_overrides": [Parameter(key, value=value) for key, value in values]
             }
             if name == "servo_bus":
-                given["connect"] = lambda _: bus.port_name
+                given["simulate"] = lambda joints: SimulatedJoints(joints).open
             nodes.append(read_interface(name, resolve_name(node_class(name)), given))
     private = {
         f"{node.name}/{topic.removeprefix('~/')}"

@@ -3,53 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from head_tracking.dynamixel import Adapter, JointConfiguration, ServoCalibration
 from head_tracking.simulation import (
     SimulatedBus,
     SimulatedLine,
-    SimulatedPort,
     SimulatedServo,
     SteadyClock,
 )
 from head_tracking.simulation.models import simulated_model
 
+if TYPE_CHECKING:
+    from typing import Self
 
-class SimulatedJoints(SimulatedPort):
-    """The port of simulated servos for configured joints, with the true joint positions.
+
+class SimulatedJoints(SimulatedLine):
+    """Simulated servos for configured joints, in place of a serial device of this process.
 
     Joints start at position 0. Two servos of one joint are coupled.
 
     Args:
         joints: The joints.
-        link_play: Play behind each encoder, rad; see `SimulatedServo`.
-    """
-
-    def __init__(self, joints: Iterable[JointConfiguration], link_play: float = 0.0) -> None:
-        self._joints = {joint.joint_name: joint for joint in joints}
-        super().__init__(mounted_servos(self._joints.values(), link_play), paced=True)
-
-    def true_position(self, joint_name: str) -> float:
-        """Return the exact position of a joint, rad."""
-        joint = self._joints[joint_name]
-        return joint.position(self.true_ticks(joint.calibrations[0].id))
-
-
-class SimulatedDevice(SimulatedLine):
-    """Simulated servos for configured joints, in place of a serial device of this process.
-
-    Args:
-        joints: The joints; each starts at position 0.
-        baud_rate: Bits per second.
     """
 
     adapter = Adapter()
 
-    def __init__(self, joints: Iterable[JointConfiguration], baud_rate: int) -> None:
-        super().__init__(mounted_servos(joints), SteadyClock(), baud_rate)
+    def __init__(self, joints: Iterable[JointConfiguration]) -> None:
+        self._joints = {joint.joint_name: joint for joint in joints}
+        super().__init__(mounted_servos(self._joints.values()), SteadyClock())
 
-    def close(self) -> None:
-        """Do nothing."""
+    def open(self, _: str, baud_rate: int) -> Self:
+        """Return itself, at another baud rate; see `DynamixelPort`."""
+        self._baud_rate = baud_rate
+        return self
+
+    def true_position(self, joint_name: str) -> float:
+        """Return the exact position of a joint, rad."""
+        joint = self._joints[joint_name]
+        servo_id = joint.calibrations[0].id
+        return joint.position(self.use(lambda bus: bus[servo_id].true_ticks))
 
 
 def mounted_servos(joints: Iterable[JointConfiguration], link_play: float = 0.0) -> SimulatedBus:

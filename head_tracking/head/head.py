@@ -252,16 +252,16 @@ class Head:
         calibration: str | Path | None = None,
     ) -> Self:
         """Open a head whose servos are simulated down to the bytes on the wire; see `open`."""
-        from head_tracking.configuration.simulated import SimulatedDevice  # a robot needs none
+        from head_tracking.configuration.simulated import SimulatedJoints  # a robot needs none
 
         model, head, known = _load_robot(robot, calibration)
         joints = servos or head.servos
         return cls(
-            "simulated",
+            "simulated port",
             model,
             joints,
             pointing_frame=pointing_frame or head.pointing_frame,
-            open_device=lambda _, baud_rate: SimulatedDevice(joints, baud_rate),
+            open_device=SimulatedJoints(joints).open,
             calibration=known,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -42,8 +42,7 @@ class Composition:
 
     Args:
         plan: the run.
-        threads: spins the nodes; must be closed before `resources`.
-        resources: receives the simulated servos.
+        threads: spins the nodes.
         stop: ends the start between two nodes.
         start_elsewhere: starts the nodes of other processes; None: all nodes run in this process.
         on_servos: receives the node servo_bus before anything is commanded.
@@ -66,7 +65,6 @@ class Composition:
         self,
         plan: Run,
         threads: NodeThreads,
-        resources: ExitStack,
         stop: StopSignal,
         start_elsewhere: Callable[[NodeSpec], None] | None = None,
         on_servos: Callable[[Any], object] = lambda _: None,
@@ -78,13 +76,13 @@ class Composition:
         self.loop = ControlLoop(self.buffer.core, owners)
         self.simulated: SimulatedJoints | None = None
         self.true_position = self._true_position if plan.simulated else None
-        self._threads, self._resources, self._start_elsewhere = threads, resources, start_elsewhere
+        self._threads, self._start_elsewhere = threads, start_elsewhere
         self._elsewhere: set[str] = set()
         self._on_request = started_on_request(simulated=plan.simulated)
         self._available: dict[str, Any] = {
             "buffer": self.buffer,
             "loop": self.loop,
-            "connect": self._simulate if plan.simulated else None,
+            "simulate": self._simulate if plan.simulated else None,
         }
         for spec in plan.nodes:
             stop.check()
@@ -134,9 +132,9 @@ class Composition:
         node.closing.callback(services.close)
         services.start()
 
-    def _simulate(self, joints: Sequence[JointConfiguration]) -> str:
-        self.simulated = self._resources.enter_context(SimulatedJoints(joints))
-        return self.simulated.port_name
+    def _simulate(self, joints: Sequence[JointConfiguration]) -> Callable[[str, int], Any]:
+        self.simulated = SimulatedJoints(joints)
+        return self.simulated.open
 
     def _true_position(self, joint: str) -> float | None:
         assert self.simulated is not None
@@ -204,7 +202,7 @@ class ControlProcess:
         self._hint: list[str] = []
         self._head: Composition | None = None
 
-    def run(self, threads: NodeThreads, resources: ExitStack, kept: KeptStop | None) -> None:
+    def run(self, threads: NodeThreads, kept: KeptStop | None) -> None:
         """Run until `stop`, or until the duration of the plan is over.
 
         Raises:
@@ -219,7 +217,7 @@ class ControlProcess:
         if kept is not None:
             kept.guard(owners)
         head = self._head = Composition(
-            plan, threads, resources, self._stop, self._others.start, self._report_servos, owners
+            plan, threads, self._stop, self._others.start, self._report_servos, owners
         )
         check_parameters(head.nodes.values())
         head_node = head.nodes.get(plan.head_node)
@@ -292,9 +290,9 @@ def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink
     try:
         plan = parse_arguments(arguments)
         start_ros(plan.ros_arguments)
-        with ExitStack() as resources, closing(threads):
+        with closing(threads):
             kept = KeptStop(plan.arguments) if plan.keeps_stop else None
-            ControlProcess(plan, stop, link, status).run(threads, resources, kept)
+            ControlProcess(plan, stop, link, status).run(threads, kept)
             if kept is not None and threads.exit_code() == 0:
                 kept.forget()
     except EndRequestedError:

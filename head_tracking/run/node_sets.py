@@ -21,7 +21,7 @@ class NodeSpec:
     Attributes:
         name: the node's name.
         needs: constructor arguments that its process provides: "buffer", the transforms of the
-            process; "loop", the control loop; "connect", the port of simulated servos, or None.
+            process; "loop", the control loop; "simulate", which makes simulated servos, or None.
         parameters: values of this run; they override parameter files.
         process: CONTROL, VISION or PAGE.
     """
@@ -45,7 +45,7 @@ class NodeSpec:
 
 
 ROBOT = (
-    NodeSpec("servo_bus", ("connect", "loop")),
+    NodeSpec("servo_bus", ("simulate", "loop")),
     NodeSpec("robot_state_publisher", ("buffer", "loop")),
     NodeSpec("joint_state_publisher", ("loop",)),
 )
@@ -63,9 +63,6 @@ MODES: Mapping[str, NodeSpec] = {
     "track": NodeSpec("head_tracker", ("buffer", "loop")),
     "point": NodeSpec("point_head", ("buffer", "loop")),
 }
-
-# The simulated servos run in a thread of the same process: on a busy machine they answer late.
-SIMULATED_PORT: Mapping[str, Any] = {"reply_timeout": 0.1}
 
 
 def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:

@@ -25,7 +25,6 @@ from head_tracking.run.node_sets import (
     MODES,
     ROBOT,
     SCENES,
-    SIMULATED_PORT,
     TARGETS,
     VIEWER,
     NodeSpec,
@@ -169,7 +168,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
             "robot": options.robot,
             "calibration": str(options.calibration or ""),
         },
-        "servo_bus": SIMULATED_PORT if options.sim else port,
+        "servo_bus": port,
     }
     head = MODES[options.mode]
     left_out = {head.name if name == HEAD else name for name in options.without}

@@ -7,14 +7,16 @@ equal packets of servos with the same id, sent at the same time, are received co
 from __future__ import annotations
 
 import errno
+import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from enum import Enum
-from typing import Final
+from typing import Final, TypeVar
 
 from head_tracking.simulation.bus import Answer, SimulatedBus
 
+_T = TypeVar("_T")
 _GARBLED: Final = 0x55  # bits that change in a byte that another one overlaps partly
 _NOMINAL: Final = 10_000  # ns for a byte on a line without transmission times
 
@@ -258,6 +260,7 @@ class SimulatedLine:
         )
         self._clock, self._baud_rate = clock, baud_rate
         self._received = b""
+        self._lock = threading.Lock()
 
     @property
     def overlaps(self) -> Counter[Overlap]:
@@ -273,7 +276,8 @@ class SimulatedLine:
     def write(self, data: bytes) -> None:
         """Write all bytes, without waiting."""
         self._check()
-        self._line.send(data, self._clock.now, self._baud_rate)
+        with self._lock:
+            self._line.send(data, self._clock.now, self._baud_rate)
 
     def read(self, limit: int, deadline: float) -> bytes:
         """Return at most `limit` bytes; wait for the first one until the deadline, s."""
@@ -284,6 +288,15 @@ class SimulatedLine:
             self._received = self._line.receive(self._clock.now)
         data, self._received = self._received[:limit], self._received[limit:]
         return data
+
+    def use(self, function: Callable[[SimulatedBus], _T]) -> _T:
+        """Call a function with the bus, simulated up to the present; for any thread."""
+        with self._lock:
+            self._line.bus.advance(self._clock.now)
+            return function(self._line.bus)
+
+    def close(self) -> None:
+        """Do nothing."""
 
     def _check(self) -> None:
         if not self.plugged:

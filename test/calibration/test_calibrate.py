@@ -23,11 +23,12 @@ from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
-from head_tracking.configuration.simulated import SimulatedJoints
+from head_tracking.configuration.simulated import mounted_servos
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
 from head_tracking.share import robot_file
+from head_tracking.simulation import SimulatedPort
 from head_tracking.transforms import (
     RobotModel,
     TransformBuffer,
@@ -116,6 +117,7 @@ from head_tracking import Head, vision
 from head_tracking.cli import calibrate
 from head_tracking.scene import film
 from head_tracking.share import robot_file
+from head_tracking.simulation import SimulatedPort
 from head_tracking.transforms import load_robot_model
 model = load_robot_model(robot_file("kinectbot"))
 still = dict.fromkeys(model.joints, 0.0)
@@ -128,14 +130,13 @@ sys.exit(calibrate.main(["camera", "--yes", "--port", sys.argv[1], "--output", s
 
 def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(tmp_path):
     joints, output = configured_head(()).servos, tmp_path / "camera.yaml"
-    with SimulatedJoints(joints) as servos:
+    with SimulatedPort(mounted_servos(joints), paced=True) as servos:
         program = subprocess.Popen(
             ["env", "--default-signal", sys.executable, "-c", ON_A_PORT, servos.port_name, output],
             stderr=subprocess.PIPE,
             text=True,
         )
-        pan = joints[0].joint_name
-        wait_for(lambda: abs(servos.true_position(pan)) > 0.05 or program.poll() is not None)
+        wait_for(lambda: abs(servos.true_ticks(1) - 512) > 10 or program.poll() is not None)
         program.send_signal(signal.SIGHUP)
         _, errors = program.communicate(timeout=60.0)
         torque = servos.use(lambda bus: [bus[id].register("Torque Enable") for id in (1, 2)])

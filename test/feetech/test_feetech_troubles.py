@@ -132,9 +132,9 @@ def test_the_offset_comes_from_the_parameters_of_the_joint() -> None:
     assert configured_joint("pan", controller, motor, none).offset is None
     joint = configured_joint("pan", controller, replace(motor, offset=-85), none)
     assert joint.offset == -85
-    with SimulatedJoints([joint]) as simulated:  # its servo has that memory
-        assert simulated.true_position("pan") == pytest.approx(0.0, abs=1e-9)
-        assert simulated.use(lambda bus: bus[1].register("Position Offset")) == 2048 + 85
+    simulated = SimulatedJoints([joint])  # its servo has that memory
+    assert simulated.true_position("pan") == pytest.approx(0.0, abs=1e-9)
+    assert simulated.use(lambda bus: bus[1].register("Position Offset")) == 2048 + 85
 
 
 # Power (SO-ARM100 issue 132: brown-outs reset servos or misplace them)

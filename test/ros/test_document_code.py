@@ -23,9 +23,10 @@ from program_names import NODES
 from ros_domain import own_domain
 
 from head_tracking.configuration import configured_head
-from head_tracking.configuration.simulated import SimulatedJoints
+from head_tracking.configuration.simulated import mounted_servos
 from head_tracking.run.options import parse_arguments
 from head_tracking.share import robot_parameters
+from head_tracking.simulation import SimulatedPort
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -61,7 +62,7 @@ def servos(code: str, robot: str) -> Iterator[str]:
         yield code
         return
     configured = configured_head(robot_parameters(robot)).servos
-    with SimulatedJoints(configured) as simulated:
+    with SimulatedPort(mounted_servos(configured), paced=True) as simulated:
         yield code.replace(PORT, simulated.port_name)
 
 

@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
-from head_tracking.dynamixel import JointConfiguration, ServoState, servo_model
+from head_tracking.dynamixel import ServoState, servo_model
 from head_tracking.ros.bus import bus_services
 from head_tracking.ros.bus.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
@@ -35,10 +35,8 @@ def test_relaxing_waits_for_no_other_service_and_for_no_other_client(threads, mo
             for key, value in motor.items()
         ]
 
-        def connect(joints: list[JointConfiguration]) -> str:
-            return simulated.port_name
-
-        node = ServoBusNode(connect=connect, namespace="x", parameter_overrides=overrides)
+        overrides.append(Parameter("port_name", value=simulated.port_name))
+        node = ServoBusNode(namespace="x", parameter_overrides=overrides)
         person = Node("person")
         for each in (node, person):
             threads.start(each)
@@ -79,12 +77,10 @@ def test_two_buses_in_one_node(threads):
     for port in ports:
         port.open()
 
-    def connect(joints: list[JointConfiguration]) -> str:
-        return ports[joints[0].id - 1].port_name
-
-    overrides = [Parameter("head_tilt_controller.port_name", value="/dev/ttyUSB1")]
+    names = ("port_name", "head_tilt_controller.port_name")
+    overrides = [Parameter(n, value=p.port_name) for n, p in zip(names, ports, strict=True)]
     loop = ControlLoop(None)
-    node = ServoBusNode(connect, loop, namespace="both", parameter_overrides=overrides)
+    node = ServoBusNode(loop=loop, namespace="both", parameter_overrides=overrides)
     try:
         wait_for(lambda: set(node.status().states) == {PAN, TILT})
         assert node.status().port_name.count("/dev/pts/") == 2
@@ -149,7 +145,7 @@ def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot
     ((before, _, models),) = node.servos_by_port()
     monkeypatch.setattr(bus_thread(robot).bus._port, "stable_name", "/dev/serial/by-id/x")
     ((name, _, same),) = node.servos_by_port()
-    assert (before, name) == (robot.simulated.port_name, "/dev/serial/by-id/x")
+    assert (before, name) == ("simulated port", "/dev/serial/by-id/x")
     assert models == same and set(models) == {1, 2}
 
 

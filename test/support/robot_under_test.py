@@ -42,10 +42,9 @@ class Robot(Talker):
             signal_handler_options=SignalHandlerOptions.NO,
         )
         resources.callback(rclpy.try_shutdown)
-        servos = resources.enter_context(ExitStack())
         self.threads = resources.enter_context(closing(NodeThreads()))
         resources.enter_context(failing_waits(self.threads))
-        self.composition = Composition(plan, self.threads, servos, StopSignal())
+        self.composition = Composition(plan, self.threads, StopSignal())
         self.simulated = self.composition.simulated
         super().__init__(rclpy.create_node("person"))
         self.threads.start(self.node)
@@ -64,7 +63,8 @@ class Robot(Talker):
     def lead_pan(self, position: float) -> None:
         """Let a hand lead the pan joint to a position [rad] within half a second."""
         assert self.simulated is not None
-        self.simulated.lead(1, 512 + position / math.radians(300.0 / 1024), 0.5)
+        ticks = 512 + position / math.radians(300.0 / 1024)
+        self.simulated.use(lambda bus: bus[1].lead(ticks, 0.5))
 
     def goals(self) -> list[Mapping[str, Goal]]:
         """What the run's own nodes tell the servos from now on."""

@@ -33,7 +33,7 @@ PERIOD = 0.02  # s, of a cycle
 
 def as_device(line: SimulatedLine) -> Any:
     """Return a line that takes the place of an open serial device."""
-    line.adapter, line.close = Adapter(), lambda: None  # type: ignore[attr-defined]
+    line.adapter = Adapter()  # type: ignore[attr-defined]
     return line
 
 

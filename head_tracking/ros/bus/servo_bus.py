@@ -39,6 +39,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.dynamixel.configuration import TemperatureParameters, fastest_speed
+from head_tracking.dynamixel.serial_port import open_serial
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus.bus_services import BusServices
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
@@ -70,8 +71,7 @@ class ServoBusNode(ClosingNode):
     """Publishes the measurements of the servos, and receives commands for them.
 
     Args:
-        connect: opens the port for the joints of a bus and returns its name; None: the parameter
-            `port_name`.
+        simulate: returns what opens simulated servos for joints; None: they are on serial ports.
         loop: the control loop of the process; None: a new one.
 
     Raises:
@@ -84,7 +84,7 @@ class ServoBusNode(ClosingNode):
 
     def __init__(
         self,
-        connect: Callable[[Sequence[JointConfiguration]], str] | None = None,
+        simulate: Callable[[Sequence[JointConfiguration]], Callable[[str, int], Any]] | None = None,
         loop: ControlLoop | None = None,
         **options: Any,
     ) -> None:
@@ -106,9 +106,10 @@ class ServoBusNode(ClosingNode):
         buses = [
             ServoBus(
                 DynamixelPort(
-                    name if connect is None else connect(joints),
+                    name if simulate is None else "simulated port",
                     baud_rate,
                     reply_timeout=p.reply_timeout or None,
+                    open_device=open_serial if simulate is None else simulate(joints),
                 ),
                 joints,
                 clock=lambda: int(self.get_clock().now().nanoseconds),
