@@ -42,6 +42,7 @@ class Buffer:
     Attributes:
         core: the buffer without messages.
         registration: the function that transforms each type of message.
+        robots: topic and prefix of the robot of each listener that computes its links: one robot.
     """
 
     def __init__(self, cache_time: Duration | None = None, node: Node | None = None) -> None:
@@ -49,6 +50,7 @@ class Buffer:
             DEFAULT_CACHE_TIME if cache_time is None else cache_time.nanoseconds
         )
         self.registration = TransformRegistration()
+        self.robots: list[tuple[str, str]] = []
         self.clock = Clock() if node is None else node.get_clock()
         threshold = JumpThreshold(
             min_forward=None, min_backward=Duration(seconds=-1), on_clock_change=True

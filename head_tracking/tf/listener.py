@@ -39,7 +39,8 @@ class TransformListener:
     and changes nothing.
 
     Args:
-        buffer: is filled. A buffer of another package, such as tf2_ros, receives `/tf` only.
+        buffer: is filled. A buffer of another package, such as tf2_ros, receives `/tf` only, and so
+            does one in which another listener has another robot, by topic or prefix.
         node: subscribes; an executor must spin it. None: a node and a thread of its own.
         spin_thread: spin the node, with all its callbacks, in a thread of its own.
         qos: of `/tf`.
@@ -78,11 +79,21 @@ class TransformListener:
         # a callback that waits for a transform must not block the callbacks that bring it
         self.group = ReentrantCallbackGroup()
         self._subscriptions: list[Any] = []
+        self._robot = self.node.resolve_topic_name("robot_description"), frame_prefix
+        self._fills_robot = False
         core = getattr(buffer, "core", None)
         if isinstance(core, TransformBuffer) and not static_only:
             self._core = core
-            self._subscribe(String, "robot_description", self._on_description, LATCHED)
-            self._subscribe(JointState, "joint_states", self._on_joints, MEASUREMENT)
+            self._fills_robot = set(buffer.robots) <= {self._robot}
+            if self._fills_robot:
+                buffer.robots.append(self._robot)
+                self._subscribe(String, "robot_description", self._on_description, LATCHED)
+                self._subscribe(JointState, "joint_states", self._on_joints, MEASUREMENT)
+            else:
+                self._log.warning(
+                    f"the buffer computes the robot of {' '.join(buffer.robots[0])}; the one of "
+                    f"{' '.join(self._robot)} is received from {tf_topic} only"
+                )
         if TFMessage is not None:
             if not static_only:
                 self.tf_sub = self._subscribe(TFMessage, tf_topic, self.callback, qos or TF)
@@ -101,6 +112,9 @@ class TransformListener:
         """Unsubscribe from all topics; may be called twice."""
         if self._own_thread is not None:
             self._own_thread.close()
+        if self._fills_robot:
+            self.buffer.robots.remove(self._robot)
+            self._fills_robot = False
         while self._subscriptions:
             self.node.destroy_subscription(self._subscriptions.pop())
         if self._clock_check is not None:

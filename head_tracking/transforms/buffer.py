@@ -156,16 +156,12 @@ class TransformBuffer:
         """Replace the robot model and its frames; joints of both models keep their history."""
         with self._lock:
             if self._model is not None:
-                for link in self._model.links:
+                for link in self._model.children_of_joints:
                     self._edges.pop(link, None)
-                self._names.difference_update(self._model.links)
             self._model = model
-            self._names.update(model.links)
             for joint in model.joints.values():
-                self._authorities.pop(joint.child, None)
                 self._edges[joint.child] = self._edge(model, joint)
-            for edge in self._edges.values():
-                self._names.update((edge.child, edge.parent or edge.child))
+            self._collect_names()
             self._routes.clear()
             self._routes_through.clear()
         self._serve(*self._requests)
@@ -497,7 +493,7 @@ class TransformBuffer:
         """Return the time [ns], and the result of a method of the route at this time."""
         route = self._routes.get((target, source))
         if route is None:
-            if target == source:
+            if target == source and isinstance(source, str):
                 return stamp or self._latest_of(source), method(_NO_PATH, LATEST)
             self._check(target, source)
             route = self._permanent(target, source)
@@ -608,9 +604,13 @@ class TransformBuffer:
             self._authorities.pop(edge.child, None)
             self._forget_routes(edge.child)
         if silent:
-            self._names = model_links.union(
-                *((edge.child, *edge.parents()) for edge in self._edges.values())
-            )
+            self._collect_names()
+
+    def _collect_names(self) -> None:
+        links = () if self._model is None else self._model.links
+        self._names = set(links).union(
+            *((edge.child, *edge.parents()) for edge in self._edges.values())
+        )
 
     def _put(self, edge: Edge) -> None:
         self._edges[edge.child] = edge
@@ -638,7 +638,7 @@ class TransformBuffer:
         done = threading.Event()
         request = self.when(possible, done.set)
         try:
-            done.wait(timeout)
+            done.wait(min(timeout, threading.TIMEOUT_MAX))
         finally:
             is_waiting = self.withdraw(request)
         return not is_waiting

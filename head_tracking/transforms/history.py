@@ -138,6 +138,13 @@ class JointHistory(History[float]):
         super().__init__(cache_time)
         self.joint, self.continuous = joint, False
 
+    def insert(self, stamp: int, value: float) -> bool:
+        """Insert a sample; it replaces the latest one of the same stamp, as of a clock at rest."""
+        if self.stamps and stamp == self.stamps[-1]:
+            self.values[-1] = value
+            return True
+        return super().insert(stamp, value)
+
     def _between(self, older: float, newer: float, ratio: float) -> float:
         difference = newer - older
         if self.continuous:

@@ -156,6 +156,25 @@ def test_a_prefix_is_put_before_the_links(make_node, head):
     listener.unregister()
 
 
+def test_joints_of_a_second_robot_do_not_turn_the_first(make_node, head, urdf):
+    """Its joints have the same names; its frames come from /tf, as in a buffer of tf2."""
+    buffer = Buffer()
+    first = TransformListener(buffer, make_node("first", spin=True))
+    other = rclpy.create_node("listens", namespace="other")
+    second = TransformListener(buffer, other, frame_prefix="right/", spin_thread=True)
+    assert other.count_subscribers("joint_states") == 0
+    assert second.tf_sub.topic_name == "/tf"
+    head.move(0.5, 2)
+    found = buffer.lookup_transform("base_link", "camera_link", Time(seconds=2), PATIENCE)
+    assert turned(found)
+    second.unregister()
+    first.unregister()
+    third = TransformListener(buffer, other, frame_prefix="right/")
+    assert other.count_subscribers("joint_states") == 1
+    third.unregister()
+    other.destroy_node()
+
+
 def test_the_robot_can_be_exchanged(make_node, head, urdf):
     buffer = Buffer()
     listener = TransformListener(buffer)

@@ -98,6 +98,14 @@ def test_a_new_model_replaces_the_old_one(buffer, turtlebot):
     assert not buffer.can_transform("base_link", "left_wheel_link")
 
 
+def test_a_new_model_stays_where_the_old_one_was_put(buffer, kinectbot, turtlebot):
+    """A static transform is published once: nobody would send it again."""
+    buffer.set_transform(0, "world", "base_link", moved(7), static=True)
+    for model in (kinectbot, turtlebot):
+        buffer.set_model(model)
+        assert buffer.lookup_transform("world", "base_link").transform == moved(7)
+
+
 def test_a_joint_without_a_position_is_named(kinectbot):
     buffer = TransformBuffer()
     buffer.set_model(kinectbot)
@@ -203,6 +211,14 @@ def test_all_pairs_of_many_frames_can_be_asked_for():
             for b, source in enumerate(names):
                 x, *_ = buffer.lookup_transform(target, source).transform
                 assert x == pytest.approx(b - a)
+
+
+def test_joint_states_of_a_clock_at_rest_take_no_memory():
+    history = JointHistory()
+    for index in range(100):
+        history.insert(0, float(index))
+    assert history.at(0) == 99.0
+    assert len(history.stamps) == len(history.values) == 1
 
 
 def test_what_is_older_than_the_cache_takes_no_memory():

@@ -1,5 +1,6 @@
 """Waiting for what is not known yet, from other threads."""
 
+import math
 import threading
 
 import pytest
@@ -44,6 +45,26 @@ def test_both_halves_of_a_full_lookup_are_waited_for(buffer):
     join(timer)
 
 
+def test_a_wait_may_be_without_end(buffer):
+    timer = later(buffer.set_transform, SECOND, "map", "base", STILL)
+    assert buffer.can_transform("map", "base", timeout=math.inf)
+    join(timer)
+
+
+def test_an_interrupted_wait_leaves_nothing_behind(buffer, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    asked: list[str] = []
+    monkeypatch.setattr(buffer, "can_transform", lambda *frames: asked.append(frames))
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(threading.Event, "wait", interrupted)
+        buffer.lookup_transform("map", "base", timeout=1.0)
+    asked.clear()
+    buffer.set_transform(SECOND, "map", "base", STILL)
+    assert asked == []
+
+
 def test_a_lookup_in_vain_ends_with_the_error_that_says_why(buffer):
     with pytest.raises(LookupException):
         buffer.lookup_transform("map", "base", timeout=0.01)
@@ -85,5 +106,7 @@ def test_a_frame_that_is_no_name_is_refused_and_disturbs_nobody(buffer):
         buffer.when(lambda: buffer.can_transform(3, "base"), lambda: None)
     with pytest.raises(TypeError):
         buffer.lookup_transform("map", 3, timeout=0.01)
+    with pytest.raises(TypeError):
+        buffer.lookup_transform(3, 3)
     buffer.set_transform(SECOND, "map", "base", STILL)
     assert buffer.lookup_transform("map", "base").stamp == SECOND
