@@ -30,18 +30,31 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
         "mode": lambda of: modes.set_mode(Mode(str(of["mode"])), str(of.get("frame", ""))),
         "look": lambda of: _look(robot, live, of),
         "path": lambda of: _follow_path(robot, of),
-        "aim": lambda of: joints.move(
-            {str(name): finite(value) for name, value in dict(of["joints"]).items()}
-        ),
+        "aim": lambda of: joints.move(_positions(of)),
         "centre": lambda _: modes.centre(),
-        "torque": lambda of: joints.set_torque(str(of.get("controller", "")), of["on"] is True),
+        "torque": lambda of: joints.set_torque(str(of.get("controller", "")), _on(of)),
         "recover": lambda _: robot.services.trigger("recover"),
         "set": lambda of: tuning.set(str(of["node"]), str(of["name"]), of["value"]),
         "reset": lambda _: tuning.reset(),
         "preset": lambda of: tuning.choose(str(of["name"])),
-        "record": lambda of: recorder.start() if of["on"] is True else recorder.stop(),
+        "record": lambda of: recorder.start() if _on(of) else recorder.stop(),
         "calibrate": lambda of: live.calibration.begin(float(of["size"]), str(of.get("topic", ""))),
     }
+
+
+def _positions(of: Fields) -> dict[str, float]:
+    """Return the positions of one or more joints [rad or m]; raise ValueError for none."""
+    positions = {str(name): finite(value) for name, value in dict(of["joints"]).items()}
+    if not positions:
+        raise ValueError("joints is empty: give one or more.")
+    return positions
+
+
+def _on(of: Fields) -> bool:
+    """Return a switch of a request; raise ValueError if it is neither true nor false."""
+    if not isinstance(of["on"], bool):
+        raise ValueError(f"on must be true or false, not {of['on']!r}.")
+    return of["on"]
 
 
 def _look(robot: Robot, live: Live, of: Fields) -> Outcome:

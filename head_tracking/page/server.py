@@ -77,8 +77,8 @@ class PageParameters:
     port: int = parameter(8080, "Port to listen on.", minimum=0, maximum=65535, fixed=True)
     token: str = parameter(
         "",
-        "What a browser on another machine must present to open the page; empty: a new one each "
-        "time, which is logged. Not needed on 127.0.0.1.",
+        "What a browser on another machine must present to open the page; empty: a new one for "
+        "each run, which is logged. Not needed on 127.0.0.1.",
         fixed=True,
     )
     max_browsers: int = parameter(

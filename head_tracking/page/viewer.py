@@ -24,6 +24,9 @@ class ViewerNode(ClosingNode):
     Args:
         buffer: fed by another node of this process; None: by this node.
 
+    Attributes:
+        settled: parameters with which another one takes its place: browsers find it, and are known.
+
     Raises:
         HeadTrackingError: NiceGUI is missing, or the address can't be listened on.
     """
@@ -48,6 +51,7 @@ class ViewerNode(ClosingNode):
             self.closing.close()
             raise
         self.closing.callback(self.page.close)
+        self.settled = {"port": self.page.port, "token": self.page.token}
         self._log_address(page.host, local=is_loopback(page.host))
 
     def create_subscription(

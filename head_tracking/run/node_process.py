@@ -48,12 +48,13 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
             return
         if hasattr(node, "enabled"):
             node.enabled = enabled
+        report(spec["name"], node, enabled)  # before others can discover it
         threads.start(node)
-        report(spec["name"], node, enabled)
 
     def report(name: str, node: Any, enabled: bool) -> None:
         running[name] = node, enabled
-        link.send(node=name, problem="", enabled=enabled)
+        settled = getattr(node, "settled", {})
+        link.send(node=name, problem="", enabled=enabled, parameters=settled)
 
     def update() -> None:
         while not requested.empty():

@@ -125,11 +125,12 @@ class RestartedProcess:
         return self.running
 
     def on_report(self, report: Mapping[str, Any]) -> None:
-        """Record whether a node has started, and whether it is enabled."""
+        """Record whether a node has started, and the state in which it is to be restarted."""
         name = report["node"]
         if not report["problem"]:
             self._started_once.add(name)
             self.nodes[name]["enabled"] = report["enabled"]
+            self.nodes[name]["parameters"] |= report["parameters"]
         elif name not in self._started_once:
             self.nodes.pop(name, None)
             _print(report["problem"])

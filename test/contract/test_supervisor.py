@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import signal
 import time
 from importlib.util import find_spec
@@ -100,7 +101,8 @@ def test_vision_is_restarted_in_the_same_state(bench):
 @needs_opencv
 @pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
 def test_a_node_that_could_not_start_can_be_requested_again_and_the_page_is_restarted(bench):
-    ros = ("--ros-args", "-p", "viewer:port:=0", "-p", "visual_target:max_distance:=-1.0")
+    rules = "viewer:port:=0", "viewer:host:=0.0.0.0", "visual_target:max_distance:=-1.0"
+    ros = ("--ros-args", *(word for rule in rules for word in ("-p", rule)))
     run = bench.start("head_tracking", "--sim", "--viewer", *ros)
     answer = bench.person.call("node_starter/visual_target")
     assert not answer.success and "max_distance" in answer.message
@@ -110,8 +112,10 @@ def test_a_node_that_could_not_start_can_be_requested_again_and_the_page_is_rest
     run.read_until("the robot is at http")
     has_camera = find_spec("cv2") is not None
     wait_for(lambda: bool(child(run, "vision")) is has_camera)
+    bench.person.get("viewer", "port")
     page = restarted(run, "page", child(run, "page"))
     wait_for(lambda: run.output.count("the robot is at http") == 2)
+    assert len(set(re.findall(r"http://\S+token=\S+", run.output))) == 1  # as open browsers know it
     run.process.kill()
     wait_for(lambda: has_ended(page))
 

@@ -198,9 +198,18 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
     stranger.destroy_node()
 
 
+WRONG = [
+    ("look", '{"u": 0.5, "v": 0.5, "stamp": 1e400}'),
+    ("look", '{"point": [1, 2]}'),
+    ("aim", '{"joints": {}}'),
+    ("record", '{"on": 1}'),
+    ("torque", '{"on": null}'),
+]
+
+
 def test_a_request_with_wrong_fields_is_refused(viewer):
-    address = f"http://127.0.0.1:{viewer.page.port}/head/do/look"
-    for body in ('{"u": 0.5, "v": 0.5, "stamp": 1e400}', '{"point": [1, 2]}'):
+    address = f"http://127.0.0.1:{viewer.page.port}/head/do/"
+    for command, body in WRONG:
         headers = {"X-Head-Tracking": "page"}
-        answer = httpx.post(address, content=body, headers=headers, timeout=PATIENCE)
-        assert answer.status_code == 400
+        answer = httpx.post(address + command, content=body, headers=headers, timeout=PATIENCE)
+        assert answer.status_code == 400, (command, body)
