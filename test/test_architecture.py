@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import head_tracking
+from head_tracking.tracking import TrackingLaw
 
 NAME = "head_tracking"
 PACKAGE = Path(head_tracking.__file__).parent
@@ -147,6 +148,11 @@ def test_timers_of_nodes_run_on_the_steady_clock():
         and package_of(path) != "page"
     }
     assert calls == {"ros/kit/spinning.py": {"clock"}, "tf/listener.py": {"clock"}}
+
+
+def test_the_table_of_laws_can_import_a_law_from_its_own_file():
+    base = f"{TrackingLaw.__module__.removeprefix(f'{NAME}.').replace('.', '/')}.py"
+    assert f"{NAME}.tracking.laws" not in {*imported(base), TrackingLaw.__module__}
 
 
 def test_the_simulator_shares_nothing_with_the_driver():

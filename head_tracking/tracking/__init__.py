@@ -10,6 +10,7 @@ from head_tracking.tracking.estimator import (
 from head_tracking.tracking.fictitious_target import FictitiousTarget, FictitiousTargetParameters
 from head_tracking.tracking.following import FollowingWatch, stalled
 from head_tracking.tracking.joint_readings import JointReading, JointReadings
+from head_tracking.tracking.law import SpeedLimits, TrackingLaw
 from head_tracking.tracking.laws import (
     LAWS,
     PositionLaw,
@@ -17,8 +18,6 @@ from head_tracking.tracking.laws import (
     PredictiveLawParameters,
     SpeedLaw,
     SpeedLawParameters,
-    SpeedLimits,
-    TrackingLaw,
 )
 from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters, ServoValues
 from head_tracking.tracking.report import lag, picture, table

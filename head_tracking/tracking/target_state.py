@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from head_tracking.compatibility import StrEnum
 from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead, at_goal
 from head_tracking.parameters import parameter
-from head_tracking.tracking.laws import inside
+from head_tracking.tracking.law import inside
 from head_tracking.tracking.search import Sweep
 
 _ON_TARGET = 0.035  # rad: 2 degrees

@@ -15,7 +15,7 @@ from head_tracking.tracking.estimator import (
 from head_tracking.tracking.following import FollowingWatch, stalled
 from head_tracking.tracking.head_camera import HeadCamera
 from head_tracking.tracking.joint_readings import JointReading, JointReadings
-from head_tracking.tracking.laws import TrackingLaw
+from head_tracking.tracking.law import TrackingLaw
 from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters
 from head_tracking.tracking.target import HeadBase
 from head_tracking.tracking.target_state import (
