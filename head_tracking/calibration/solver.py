@@ -172,7 +172,7 @@ def solve(
             f"the deviation of the corners is {noise:.1f} px; the maximum is {_MOST_NOISE:.0f}: "
             "the images are blurred, the target moves, or the marker is not flat",
         )
-    unsteady = fit.unsteadiness()
+    unsteady = fit.unsteadiness(robust=False)
     if unsteady > _UNSTEADY:
         raise CalibrationError(
             Reason.INCONSISTENT,
@@ -541,10 +541,15 @@ class _Fit:
         fit._poses = self._poses * np.repeat((1.0, factor), 3)
         return fit
 
-    def unsteadiness(self) -> float:
-        """Return the deviation of the readings relative to the stated one."""
-        middles = np.median(np.abs(self._readings), axis=1)
-        return float(middles.max()) / 0.6745 / self._reading
+    def unsteadiness(self, *, robust: bool = True) -> float:
+        """Return the deviation of the readings relative to the stated one.
+
+        Args:
+            robust: whether to use the median; a camera that is loose on one side only hides there.
+        """
+        if robust:
+            return float(np.median(np.abs(self._readings), axis=1).max()) / 0.6745 / self._reading
+        return float(self._readings.std(axis=1).max()) / self._reading
 
     def deviations(self, free: Sequence[int], held: Sequence[int]) -> Array:
         """Return the standard deviations of the parameters; of those that are not free, the priors.

@@ -111,6 +111,21 @@ def test_inconsistent_views_are_refused(geometry, spread, reasons):
     assert refusal.value.reason in reasons
 
 
+def test_a_camera_that_is_loose_on_one_side_is_refused(geometry):
+    """Most of the views agree; none of the others is an outlier by itself."""
+    views = random_head(geometry, 7006, 0.5).views
+    shifts = np.zeros((5, 2))
+    shifts[:, 0] = np.random.default_rng(7006).uniform(-12.0, 12.0, 5)
+    left = min(view.pan for view in views)
+    loose = [
+        view._replace(corners=view.corners + shifts[min(round(5.0 * (view.pan - left)), 4)])
+        for view in views
+    ]
+    with pytest.raises(CalibrationError) as refusal:
+        solve(geometry, CAMERA, loose, SIZE)
+    assert refusal.value.reason is Reason.INCONSISTENT
+
+
 @pytest.mark.parametrize(
     ("points", "turn", "reason"),
     [
