@@ -242,22 +242,10 @@ class SimulatedPort:
                 self._wake()
         return result
 
-    def true_ticks(self, servo_id: int) -> float:
-        """Return the true angle of a link in fractional ticks; see `SimulatedServo`."""
-        return self.use(lambda bus: bus[servo_id].true_ticks)
-
     @property
     def overlaps(self) -> Counter[Overlap]:
         """Number of collisions; see `SerialLine`."""
         return self._line.overlaps
-
-    def push(self, servo_id: int, torque: float) -> None:
-        """Apply an external torque to a shaft; see `SimulatedServo.push`."""
-        self.use(lambda bus: bus[servo_id].push(torque))
-
-    def lead(self, servo_id: int, ticks: float, duration: float) -> None:
-        """Move a shaft by hand; see `SimulatedServo.lead`."""
-        self.use(lambda bus: bus[servo_id].lead(ticks, duration))
 
     def _wake(self) -> None:
         os.write(self._wake_writer, b"w")

@@ -136,7 +136,11 @@ def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(tmp_path):
             stderr=subprocess.PIPE,
             text=True,
         )
-        wait_for(lambda: abs(servos.true_ticks(1) - 512) > 10 or program.poll() is not None)
+
+        def turns():
+            return abs(servos.use(lambda bus: bus[1].true_ticks) - 512) > 10
+
+        wait_for(lambda: turns() or program.poll() is not None)
         program.send_signal(signal.SIGHUP)
         _, errors = program.communicate(timeout=60.0)
         torque = servos.use(lambda bus: [bus[id].register("Torque Enable") for id in (1, 2)])

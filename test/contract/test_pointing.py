@@ -28,7 +28,7 @@ def running(module_bench):
 def bench(running):
     """The head looks ahead."""
     person = running.person
-    running.servos.port.push(1, 0.0)
+    running.servos.port.use(lambda bus: bus[1].push(0.0))
     assert person.call("torque_enable", True).success
     assert person.set("point_head", "max_velocity", 5.0).successful
     assert person.call("point_head/enable", True).success
@@ -93,11 +93,12 @@ def test_an_unreachable_target_is_refused_and_nothing_moves(bench, person, targe
 
 
 def test_a_blocked_head_does_not_report_arrival(bench, person):
-    bench.servos.port.lead(1, 512, 60.0)  # a hand holds it, stronger than the servo
+    # a hand holds it, stronger than the servo
+    bench.servos.port.use(lambda bus: bus[1].lead(512, 60.0))
     person.look_at(1, -0.3, 0, "head_pan_link")
     person.complaint("point_head")
     assert person.state("point_head") != "arrived"
-    bench.servos.port.lead(1, 512, 0.1)
+    bench.servos.port.use(lambda bus: bus[1].lead(512, 0.1))
 
 
 def test_the_speed_can_be_lowered_while_it_runs(person):

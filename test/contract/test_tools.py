@@ -110,7 +110,7 @@ def test_calibration_is_led_by_hand_and_written_to_a_file(bench):
         for tick, prompt in ((512, "zero"), (300, "lowest"), (700, "highest")):
             terminal.waits_for(prompt)
             bench.servos.turn_by_hand(1, (tick - 512) * TICK)
-            wait_for(lambda: abs(bench.servos.port.true_ticks(1) - tick) < 10)  # noqa: B023
+            wait_for(lambda: abs(bench.servos.ticks[0] - tick) < 10)  # noqa: B023
             bench.servos.at_rest()
             terminal.type("\n")
         wait_for(file.exists)

@@ -87,8 +87,8 @@ def test_two_buses_in_one_node(threads):
         node._on_joint_commands(JointState(name=[PAN, TILT], position=[math.nan, math.inf]))
         assert loop.owners.of([PAN, TILT]) == {PAN: "", TILT: ""}  # what is refused claims nothing
         node._on_joint_commands(JointState(name=[PAN, TILT], position=[0.2, -0.2]))
-        wait_for(lambda: ports[0].true_ticks(1) > 512 + 35)
-        wait_for(lambda: ports[1].true_ticks(2) < 512 - 35)
+        wait_for(lambda: ports[0].use(lambda bus: bus[1].true_ticks) > 512 + 35)
+        wait_for(lambda: ports[1].use(lambda bus: bus[2].true_ticks) < 512 - 35)
     finally:
         node.destroy_node()
         for port in ports:

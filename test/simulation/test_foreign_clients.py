@@ -26,7 +26,8 @@ def arrive(port: SimulatedPort, goals: dict[int, int]) -> bool:
     """Return whether the servos come to these ticks."""
 
     def is_there() -> bool:
-        return all(abs(port.true_ticks(servo) - goal) < 20 for servo, goal in goals.items())
+        here = port.use(lambda bus: {servo: bus[servo].true_ticks for servo in goals})
+        return all(abs(here[servo] - goal) < 20 for servo, goal in goals.items())
 
     return eventually(is_there)
 

@@ -183,14 +183,19 @@ class Servos:
         return [self.register(servo, "Torque Enable") for servo in (1, 2)]
 
     @property
+    def ticks(self) -> tuple[float, float]:
+        """Where pan and tilt really are [ticks]."""
+        return self.port.use(lambda bus: (bus[1].true_ticks, bus[2].true_ticks))
+
+    @property
     def true(self) -> tuple[float, float]:
         """Where pan and tilt really are [rad]."""
-        pan, tilt = (TICK * (self.port.true_ticks(servo) - 512) for servo in (1, 2))
-        return pan, tilt
+        pan, tilt = self.ticks
+        return TICK * (pan - 512), TICK * (tilt - 512)
 
     def turn_by_hand(self, servo: int, position: float) -> None:
         """Lead a shaft to a position [rad] within half a second."""
-        self.port.lead(servo, 512 + position / TICK, 0.5)
+        self.port.use(lambda bus: bus[servo].lead(512 + position / TICK, 0.5))
 
     def at_rest(self) -> tuple[float, float]:
         """Wait until both shafts have stood still for 0.3 s; where [rad]."""
