@@ -16,7 +16,7 @@ from head_tracking.gaze import PointingParameters
 from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.run.run_monitor import RunMonitor
-from head_tracking.tracking import Target
+from head_tracking.tracking import ServoValues, Target
 from head_tracking.transforms import RobotModel, parse_robot_model
 
 SECOND = 1_000_000_000  # ns
@@ -111,35 +111,50 @@ def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
     assert min(speeds) > 0.5
 
 
-def test_all_motions_and_laws_share_what_is_learned_of_the_servos(track):
-    tracked = track()
-    control, pan = tracked.node.control, "head_pan_joint: delay of its servo"
+PAN_DELAY = "head_pan_joint: delay of its servo"
 
-    def delay():
-        tracked.world.run(1.1)
-        return tracked.world.heard["/diagnostics"][-1][1].status[0], control.law.learned[pan]
 
-    tracked.world.record("/diagnostics")
-
-    def turn(bearing):
-        control.point(tracked.target(bearing), PointingParameters(), lambda motion: None)
+def turn_to_and_fro(tracked, times=3):
+    for k in range(times):
+        target = tracked.target(AWAY * (-1) ** k)
+        tracked.node.control.point(target, PointingParameters(), lambda motion: None)
         tracked.world.run(2.0)
 
-    for bearing in (AWAY, -AWAY, AWAY):
-        turn(bearing)
-    shown, learned = delay()
+
+def test_all_motions_and_laws_share_what_is_learned_of_the_servos(track):
+    tracked = track()
+    law = tracked.node.control.law
+
+    def shown():
+        tracked.world.run(1.1)
+        status = tracked.world.heard["/diagnostics"][-1][1].status[0]
+        return {each.key: each.value for each in status.values}[PAN_DELAY]
+
+    tracked.world.record("/diagnostics")
+    turn_to_and_fro(tracked)
+    learned = law.learned[PAN_DELAY]
     assert learned.source == "learned"
-    assert {each.key: each.value for each in shown.values}[pan].startswith(f"{learned.value:.3g} ")
+    assert shown().startswith(f"{learned.value:.3g} ")
     for name in ("position", "predictive"):
         tracked.node.set_parameters([Parameter("law", value=name)])
-    assert delay()[1] == learned
+    assert law.learned[PAN_DELAY] == learned
     tracked.node.set_parameters([Parameter("servo_delay", value=0.3)])
-    turn(-AWAY)
-    assert control.law.delays == (0.3, 0.3)
+    turn_to_and_fro(tracked, 1)
+    assert law.delays == (0.3, 0.3)
     tracked.node.set_parameters(
         [Parameter("servo_delay", value=0.0), Parameter("servo_learning", value="forget")]
     )
-    assert delay()[1].source == "not observable"
+    assert shown().endswith("not observable, frozen")
+
+
+def test_saved_values_that_do_not_fit_are_dropped_with_a_warning_in_any_motion(track, monkeypatch):
+    tracked, warned = track(), []
+    control = tracked.node.control
+    monkeypatch.setattr(control, "warn", lambda subject, text: warned.append(subject))
+    control.law.expect({"head_pan_joint": ServoValues(0.3, 0.015, 0.0)})
+    turn_to_and_fro(tracked)
+    assert warned == ["head_pan_joint"]
+    assert control.law.learned[PAN_DELAY].source == "learned"
 
 
 # the summary of a run
