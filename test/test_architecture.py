@@ -184,3 +184,18 @@ def test_exported_names_exist_once():
         assert len(exported) == len(set(exported))
         for member in exported:
             assert hasattr(package, member), f"{name} exports {member}, which is not there"
+
+
+def test_a_class_name_has_one_meaning():
+    """The simulator has its own codec and registers: those classes are the same things again."""
+    places: dict[str, set[str]] = {}
+    for path in MODULES:
+        for node in MODULES[path]:
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, set()).add(path)
+    twice = {name: found for name, found in places.items() if len(found) > 1}
+    assert twice.pop("Status") == twice.pop("Instruction") == {
+        "dynamixel/protocol.py", "simulation/packets.py"
+    }  # fmt: skip
+    assert twice.pop("Register") == {"dynamixel/control_table.py", "simulation/models.py"}
+    assert twice == {}

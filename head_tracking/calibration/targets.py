@@ -45,7 +45,7 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
     if target not in TARGETS:
         raise ValueError(f"the target is {target!r}; allowed are {', '.join(TARGETS)}")
     if target == "face":
-        return _Face()
+        return _FaceView()
     if target == "room":
         return _Room()
     if marker is None or marker.marker_size <= 0.0:
@@ -58,7 +58,7 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
     }
 
 
-class _Face:
+class _FaceView:
     """Finds the same point of the largest face in each image.
 
     The middle of a detected box varies by 2 to 4 % of its width, and a wide lens stretches a face

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from head_tracking.cli.servo.calibrate import (
-    Motion,
+    ServoPoses,
     calibration_of,
     configuration,
     relax_for_hand,
@@ -250,7 +250,7 @@ def _find_rate(
     )
 
 
-def _as_given(servo: Servo, options: argparse.Namespace, joint: str) -> Motion:
+def _as_given(servo: Servo, options: argparse.Namespace, joint: str) -> ServoPoses:
     """Return the poses of a servo from the command line."""
     zero = getattr(options, f"{joint}_zero")
     zero = servo.model.center if zero is None else zero
@@ -264,7 +264,7 @@ def _as_given(servo: Servo, options: argparse.Namespace, joint: str) -> Motion:
         zero + round(sign * math.radians(end) / servo.model.radians_per_tick)
         for end in (lower, upper)
     )
-    return Motion(servo, zero, low, high)
+    return ServoPoses(servo, zero, low, high)
 
 
 def _by_hand(terminal: Terminal, servos: Sequence[Servo]) -> list[list[ServoCalibration]]:
@@ -303,7 +303,7 @@ def _moved(
     servos: Sequence[Servo],
     poses: Mapping[str, Ticks],
     ends: tuple[str, str],
-) -> list[Motion]:
+) -> list[ServoPoses]:
     """Return the servo that turned most between two poses, and a second one that turned as far.
 
     Raises:
@@ -329,7 +329,7 @@ def _moved(
             )
         terminal.confirm(f"Servos {ids} turned by the same angle. Do they drive one joint?")
     ahead = poses["ahead"]
-    return [Motion(each, ahead[each.id], low[each.id], high[each.id]) for each in moved]
+    return [ServoPoses(each, ahead[each.id], low[each.id], high[each.id]) for each in moved]
 
 
 # The files

@@ -24,7 +24,7 @@ from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, 
 
 _TIMEOUT = 10.0  # s for the robot's model, and for the first target
 _FEWEST_SAMPLES = 10
-_TARGET_QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+_QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class TrackRecording:
@@ -51,8 +51,8 @@ class TrackRecording:
         self._placer = TargetPlacer(client.frames, self.head.base_frame, p.transform_timeout)
         self._judge = TrackingJudge(self.head, 0.0, self.trace)
         self._received: dict[int, float] = {}
-        node.create_subscription(PointStamped, "target_point", self._on_target, _TARGET_QOS)
-        node.create_subscription(JointState, "joint_states", self._on_joints, 50)
+        node.create_subscription(PointStamped, "target_point", self._on_target, _QOS)
+        node.create_subscription(JointState, "joint_states", self._on_joints, _QOS)
 
     @property
     def rate(self) -> float:

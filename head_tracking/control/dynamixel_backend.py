@@ -23,7 +23,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     Torque,
 )
-from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.requests import Steps
 
 _T = TypeVar("_T")
@@ -188,7 +188,7 @@ class DynamixelBackend(JointBackend):
 
     # Torque
 
-    def joint(self, name: str) -> Joint:
+    def joint(self, name: str) -> BusJoint:
         """Return the state of a joint; see `ServoBus.joint`."""
         (thread,) = self._by_bus([name])
         return thread.bus.joint(name)

@@ -27,7 +27,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoNotFoundError,
     TorqueError,
 )
-from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
@@ -86,7 +86,7 @@ class ServoBus:
     ) -> None:
         settings, version = settings or BusSettings(), Version()
         self._joints = {
-            joint.joint_name: Joint(joint, port, settings.watchdog, version)
+            joint.joint_name: BusJoint(joint, port, settings.watchdog, version)
             for joint in check_configuration(joints)
         }
         self._all = tuple(self._joints.values())
@@ -172,7 +172,7 @@ class ServoBus:
             self._clamped += 1
         return CommandResult(positions, clamped, left_out)
 
-    def joint(self, name: str) -> Joint:
+    def joint(self, name: str) -> BusJoint:
         """Return a joint; raise GoalError if it is unknown. Any thread may read it."""
         try:
             return self._joints[name]
@@ -239,7 +239,7 @@ class ServoBus:
             self._port.adapter,
         )
 
-    def _servo_statistics(self, joint: Joint, servo: Servo) -> ServoStatistics:
+    def _servo_statistics(self, joint: BusJoint, servo: Servo) -> ServoStatistics:
         identity, counters = servo.identity, servo.counters
         health = Health.FAULTED if servo.faulted else Health.PRESENT
         if joint.stopped:
@@ -472,7 +472,7 @@ class ServoBus:
         steps = self._procedures.writing_eeprom(chosen, settings)
         return self._procedures.exclusively(chosen, steps)
 
-    def _require_connection(self, joints: Iterable[str] | None = ()) -> list[Joint]:
+    def _require_connection(self, joints: Iterable[str] | None = ()) -> list[BusJoint]:
         """Return some joints, or all (None), of a bus that is connected."""
         if not self._connected:
             raise NotConnectedError(f"the bus on {self._port.name} is not connected")

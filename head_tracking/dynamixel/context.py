@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from head_tracking.dynamixel.configuration import BusSettings
-from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.requests import RequestQueue
 from head_tracking.dynamixel.servo import Servo, Version
@@ -22,7 +22,7 @@ class BusContext:
     """What the parts of one bus share."""
 
     port: DynamixelPort
-    joints: dict[str, Joint]  # by name
+    joints: dict[str, BusJoint]  # by name
     requests: RequestQueue
     settings: BusSettings
     version: Version  # changes with the set of servos that are read
@@ -32,12 +32,17 @@ class BusContext:
     events: list[BusEvent] = field(default_factory=list)  # that have not been reported
     _recent: dict[tuple[EventKind, str, Hashable], tuple[int, int]] = field(default_factory=dict)
 
-    def each_servo(self) -> Iterator[tuple[Joint, Servo]]:
+    def each_servo(self) -> Iterator[tuple[BusJoint, Servo]]:
         """Yield each servo with its joint."""
         return ((joint, servo) for joint in self.joints.values() for servo in joint.servos)
 
     def note(
-        self, kind: EventKind, joint: Joint, text: str, stuck: bool = False, about: Hashable = None
+        self,
+        kind: EventKind,
+        joint: BusJoint,
+        text: str,
+        stuck: bool = False,
+        about: Hashable = None,
     ) -> None:
         """Add an event.
 

@@ -24,7 +24,7 @@ from head_tracking.dynamixel.exceptions import (
     PortError,
     PortLostError,
 )
-from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.procedures import POLL_INTERVAL, Procedures
 from head_tracking.dynamixel.protocol import Status
 from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
@@ -42,7 +42,7 @@ class _Part(NamedTuple):
     """One instruction of a cycle, and the servos that it reads."""
 
     group: ReadGroup
-    members: list[tuple[Joint, Servo]]
+    members: list[tuple[BusJoint, Servo]]
 
 
 class Cycle:
@@ -199,7 +199,7 @@ class Cycle:
         A servo that did not answer the last time is asked alone, and last, because others would
         wait for it.
         """
-        together: dict[tuple[object, ...], list[tuple[Joint, Servo]]] = {}
+        together: dict[tuple[object, ...], list[tuple[BusJoint, Servo]]] = {}
         alone: list[_Part] = []
         for joint, servo in self._each_servo():
             if joint.stopped or servo.lost:
@@ -246,7 +246,7 @@ class Cycle:
 
     def _write_goals(self) -> None:
         usual = not (self._unusual or self.incomplete)
-        ready: list[Joint] = []
+        ready: list[BusJoint] = []
         for joint in self._all:
             if joint.goal_ticks and not joint.busy:
                 if joint.stale:
@@ -315,7 +315,7 @@ class Cycle:
                 why = f"the bus stood still for {gap * 1e-9:.1f} s"
                 self._procedures.clear_watchdog(joint, why)
 
-    def _lose(self, joint: Joint, servo: Servo) -> None:
+    def _lose(self, joint: BusJoint, servo: Servo) -> None:
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
         if servo.damaged_cycles >= _LOST_AFTER:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
@@ -404,7 +404,7 @@ def advice(servo: Servo) -> str:
     )
 
 
-def _part(members: list[tuple[Joint, Servo]], method: ReadMethod) -> _Part:
+def _part(members: list[tuple[BusJoint, Servo]], method: ReadMethod) -> _Part:
     model = members[0][1].model
     ids = tuple([servo.id for _, servo in members])
     block = model.feedback

@@ -17,7 +17,7 @@ from typing import Final
 
 from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import CommunicationError
-from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protocol import NO_ERROR, REFUSALS, ErrorBits, describe_errors
 from head_tracking.dynamixel.requests import Steps
@@ -94,7 +94,7 @@ def swapped(servos: Iterable[Servo]) -> dict[int, Servo]:
 class _Watch:
     """Measurements of a servo in this cycle, and what detectors keep from earlier ones."""
 
-    def __init__(self, joint: Joint, servo: Servo, index: int) -> None:
+    def __init__(self, joint: BusJoint, servo: Servo, index: int) -> None:
         self.joint, self.servo, self.index = joint, servo, index
         self.tick = servo.model.radians_per_tick
         self.now = self.cycle = 0  # ns; number of the cycle
@@ -436,7 +436,7 @@ class Diagnosis:
 
     # Shutdown, heat, lost torque, missing commands: only for joints with something unusual
 
-    def protect(self, joint: Joint, state: ServoState, now: int) -> None:
+    def protect(self, joint: BusJoint, state: ServoState, now: int) -> None:
         """Relax or hold a joint, if its measurements call for it; `now` is monotonic, ns.
 
         Raises:
@@ -480,7 +480,7 @@ class Diagnosis:
             self._bus.note(EventKind.ALARM, joint, text, about=errors)
         watch.reported = errors
 
-    def _check_pair(self, joint: Joint, watches: Sequence[_Watch]) -> None:
+    def _check_pair(self, joint: BusJoint, watches: Sequence[_Watch]) -> None:
         """Ask one of two servos in every second examination whether it has torque.
 
         One without torque is turned by the other, so that no measurement shows it.
@@ -514,7 +514,7 @@ class Diagnosis:
         self._procedures.cut(watch.joint)
         self._report(watch, Symptom.TORQUE_LOST, _TORQUE_LOST)
 
-    def _judge_heat(self, joint: Joint) -> None:
+    def _judge_heat(self, joint: BusJoint) -> None:
         limits = self._settings.temperature
         temperature = max(servo.temperature for servo in joint.servos if servo.answers)
         if temperature >= limits.rest:
@@ -531,7 +531,7 @@ class Diagnosis:
             text = f"{temperature:.0f} °C; it takes commands again"
             self._bus.note(EventKind.COOLED, joint, text)
 
-    def _judge_command(self, joint: Joint, state: ServoState, now: int) -> None:
+    def _judge_command(self, joint: BusJoint, state: ServoState, now: int) -> None:
         """Hold a moving joint when no command has come for some time."""
         since = joint.commanded_at
         if since is None or now - since < self._settings.command_timeout * 1e9:

@@ -16,7 +16,7 @@ from head_tracking.dynamixel.servo import LinkState, Servo, Version
 from head_tracking.dynamixel.state import Goal, ServoState, Torque, check_speed
 
 
-class Joint:
+class BusJoint:
     """State of one joint. Only the thread that owns the bus changes it; any thread may read it.
 
     Args:

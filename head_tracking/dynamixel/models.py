@@ -47,7 +47,7 @@ _ERROR_BITS: Final[Mapping[str, type[IntFlag]]] = {
 _FEEDBACK: Final = ("position", "speed", "load", "voltage", "temperature")
 
 
-class Mode(NamedTuple):
+class RequiredMode(NamedTuple):
     """The value that a register must have for position control in the driver's units."""
 
     value: int  # its bits
@@ -91,7 +91,7 @@ class ServoModel:
     bulk_read: bool  # MX with protocol 1.0
     sync_read: bool  # protocol 2.0, Feetech STS
     family: str  # "Dynamixel", "STS" or "SCS"; families cannot share a line
-    modes: Mapping[str, Mode]  # required values by register name
+    modes: Mapping[str, RequiredMode]  # required values by register name
     offset: Register | None  # that is added to the position; None: there is none
     fast_sync_read: int | None  # first firmware with it; None: none
     watchdog: int | None  # first firmware with a Bus Watchdog; None: none
@@ -209,7 +209,7 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     a, b, c, d, e = map(read.index, wanted)
     lowest, highest = facts.pop("position_limits")
     position_sign, speed_sign, load_sign = (_sign_value(table[name]) for name in wanted[:3])
-    modes = {n: Mode(**row) for n, row in facts.pop("modes", {}).items() if n in table}
+    modes = {n: RequiredMode(**row) for n, row in facts.pop("modes", {}).items() if n in table}
     offset = facts.pop("offset", None)
     baud_rates = {int(code): rate for code, rate in facts.pop("baud_rates").items()}
     return ServoModel(

@@ -18,7 +18,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoError,
     TorqueError,
 )
-from head_tracking.dynamixel.joint import Joint
+from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.dynamixel.state import EventKind
@@ -38,11 +38,11 @@ class Procedures:
     def __init__(self, bus: BusContext) -> None:
         self._bus, self._requests, self._note = bus, bus.requests, bus.note
 
-    def begin(self, joint: Joint, steps: Steps[Any]) -> None:
+    def begin(self, joint: BusJoint, steps: Steps[Any]) -> None:
         """Take the first step now and the others in the next cycles."""
         self._requests.advance(self._requests.start(self.exclusively(joint, steps)))
 
-    def exclusively(self, joint: Joint, steps: Steps[_T]) -> Steps[_T]:
+    def exclusively(self, joint: BusJoint, steps: Steps[_T]) -> Steps[_T]:
         """Take steps while no other procedure runs for this joint.
 
         Raises:
@@ -62,7 +62,7 @@ class Procedures:
             joint.busy = False
 
     def for_each(
-        self, joints: Sequence[Joint], steps: Callable[[Joint], Steps[None]]
+        self, joints: Sequence[BusJoint], steps: Callable[[BusJoint], Steps[None]]
     ) -> Steps[dict[str, DynamixelError]]:
         """Take steps for each joint; return the errors by joint."""
         problems: dict[str, DynamixelError] = {}
@@ -73,7 +73,7 @@ class Procedures:
                 problems[joint.name] = cause
         return problems
 
-    def write_goals(self, joints: Iterable[Joint]) -> None:
+    def write_goals(self, joints: Iterable[BusJoint]) -> None:
         """Write the goals of joints, in one packet for each protocol and kind of goal."""
         packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
         for joint in joints:
@@ -107,7 +107,7 @@ class Procedures:
             yield _POLL
 
     def relax(
-        self, joints: Sequence[Joint], *, stop: bool = False, disarm: bool = False
+        self, joints: Sequence[BusJoint], *, stop: bool = False, disarm: bool = False
     ) -> Steps[dict[str, str]]:
         """Relax joints; return by joint why it has not confirmed, empty where it has.
 
@@ -135,7 +135,7 @@ class Procedures:
         }
 
     def relaxing(
-        self, joints: Sequence[Joint], *, stop: bool = False, quiet: bool = False
+        self, joints: Sequence[BusJoint], *, stop: bool = False, quiet: bool = False
     ) -> Steps[None]:
         """Relax joints; `stop`: take them out of the cycle, too; `quiet`: report failures only.
 
@@ -153,7 +153,7 @@ class Procedures:
         if problems:
             raise TorqueError(False, problems)
 
-    def cut(self, *joints: Joint) -> None:
+    def cut(self, *joints: BusJoint) -> None:
         """Switch torque off now, and read it back in the next cycles."""
         steps = self.relaxing(joints, quiet=True)
         self._requests.advance(self._requests.start(steps, despite_stop=True))
@@ -166,7 +166,7 @@ class Procedures:
 
     # Torque on. All raise ServoError or CommunicationError, and then leave the joint relaxed.
 
-    def switching_on(self, joint: Joint) -> Steps[None]:
+    def switching_on(self, joint: BusJoint) -> Steps[None]:
         """Hold a joint at its present position, unless it must stay relaxed."""
         if not joint.on:
             if joint.stopped or joint.faulted or joint.resting or joint.relaxed:
@@ -176,19 +176,19 @@ class Procedures:
             yield from self._pinning(joint)
         self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
 
-    def switching_on_for_goal(self, joint: Joint) -> Steps[None]:
+    def switching_on_for_goal(self, joint: BusJoint) -> Steps[None]:
         """Switch the torque of a joint with a goal on; if that fails, relaxing drops the goal."""
         try:
             yield from self.switching_on(joint)
         except (CommunicationError, ServoError) as cause:
             self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {cause}")
 
-    def clear_watchdog(self, joint: Joint, why: str = "its Bus Watchdog tripped") -> None:
+    def clear_watchdog(self, joint: BusJoint, why: str = "its Bus Watchdog tripped") -> None:
         """Hold a joint at its present position, with the watchdogs of its servos armed anew."""
         if not joint.busy:
             self.begin(joint, self._holding(joint, why))
 
-    def _holding(self, joint: Joint, why: str) -> Steps[None]:
+    def _holding(self, joint: BusJoint, why: str) -> Steps[None]:
         result = "it holds its present position"
         try:
             yield from self._pinning(joint, powered=True)
@@ -196,7 +196,7 @@ class Procedures:
             result = str(cause)
         self._note(EventKind.HELD, joint, f"{why}; {result}")
 
-    def _pinning(self, joint: Joint, powered: bool = False) -> Steps[None]:
+    def _pinning(self, joint: BusJoint, powered: bool = False) -> Steps[None]:
         """Switch torque on, or require it to be on (`powered`), at the present position."""
         ticks: list[int] = []
         request = object()
@@ -213,7 +213,7 @@ class Procedures:
 
     # Faults, and servos that are lost and return
 
-    def recovering(self, joint: Joint) -> Steps[None]:
+    def recovering(self, joint: BusJoint) -> Steps[None]:
         """Clear the fault of a joint.
 
         A protocol 1.0 servo of Dynamixel has set its Torque Limit to 0 and gets it back; others
@@ -237,7 +237,7 @@ class Procedures:
         result = "it restarts" if joint.lost else joint.torque.value
         self._note(EventKind.RECOVERED, joint, result)
 
-    def starting(self, joint: Joint) -> Steps[None]:
+    def starting(self, joint: BusJoint) -> Steps[None]:
         """Take a stopped joint back into the cycle, relaxed."""
         if not joint.stopped:
             return
@@ -257,7 +257,7 @@ class Procedures:
         for servo in joint.servos:
             self.note_shortcomings(joint, servo)
 
-    def returning(self, joint: Joint, servo: Servo) -> Steps[None]:
+    def returning(self, joint: BusJoint, servo: Servo) -> Steps[None]:
         """Take a servo that answers again back into the cycle."""
         try:
             result = yield from self._take_back(joint, servo)
@@ -270,7 +270,7 @@ class Procedures:
         self._note(EventKind.RETURNED, joint, f"answers again; {result}")
         self.note_shortcomings(joint, servo)
 
-    def _take_back(self, joint: Joint, servo: Servo) -> Steps[str]:
+    def _take_back(self, joint: BusJoint, servo: Servo) -> Steps[str]:
         """Identify a servo that answers again; return the state of its torque.
 
         If the joint was on and the servo has kept its torque, it holds its present position.
@@ -296,7 +296,7 @@ class Procedures:
         joint.resumes = False
         return joint.torque.value
 
-    def note_shortcomings(self, joint: Joint, servo: Servo) -> None:
+    def note_shortcomings(self, joint: BusJoint, servo: Servo) -> None:
         """Report a fault or missing features of a servo that was found."""
         identity, first = servo.identity, servo.model.watchdog
         if identity is None or servo.lost:
@@ -318,7 +318,7 @@ class Procedures:
             )
 
     def writing_eeprom(
-        self, joint: Joint, settings: EepromSettings
+        self, joint: BusJoint, settings: EepromSettings
     ) -> Steps[dict[int, dict[str, tuple[int, int]]]]:
         """Write settings into the memory of a joint's servos; see `ServoBus.writing_eeprom`."""
         wanted = {

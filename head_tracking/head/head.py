@@ -39,7 +39,7 @@ from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.head.motions import MotionEnd, PointMotion, Tracking, TrackingSettings
-from head_tracking.head.obstacle import Obstacle, Reason
+from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.parameters import checked, parameter_info
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.signals import ending_signals
@@ -106,10 +106,10 @@ class HeadState(StrEnum):
 
 
 _REFUSING = {
-    Reason.STOPPED: HeadState.STOPPED,
-    Reason.FAULT: HeadState.STOPPED,
-    Reason.RELAXED: HeadState.RELAXED,
-    Reason.CLOSED: HeadState.CLOSED,
+    Blocked.STOPPED: HeadState.STOPPED,
+    Blocked.FAULT: HeadState.STOPPED,
+    Blocked.RELAXED: HeadState.RELAXED,
+    Blocked.CLOSED: HeadState.CLOSED,
 }
 
 
@@ -511,7 +511,7 @@ class Head:
         self._require_open()
         with self._control.lock:
             self._end_following()
-            self._control.disable(Reason.RELAXED)
+            self._control.disable(Blocked.RELAXED)
             switched = self._servos.switch_torque(None, False)
         _confirm(switched)
 
@@ -733,7 +733,7 @@ class Head:
             _confirm(switched)
         except TorqueError as error:
             now = self._control.disabled
-            if now is not disabled and now.reason is Reason.RELAXED:
+            if now is not disabled and now.reason is Blocked.RELAXED:
                 raise RefusedCommandError(HeadState.RELAXED) from error
             raise
 
@@ -757,11 +757,11 @@ class Head:
     def _fail(self, error: BaseException) -> None:
         """Close the head after a failure of the port, which has relaxed the servos if possible."""
         self._failure = error
-        self._control.disable(Reason.CLOSED)
+        self._control.disable(Blocked.CLOSED)
 
     def _close(self) -> None:
         atexit.unregister(self._close)
-        self._control.disable(Reason.CLOSED)
+        self._control.disable(Blocked.CLOSED)
         try:
             unconfirmed = self._servos.close()
         finally:

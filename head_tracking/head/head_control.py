@@ -23,7 +23,7 @@ from head_tracking.head.motions import (
     PointMotion,
     TargetMotion,
 )
-from head_tracking.head.obstacle import Obstacle, Reason
+from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.tracking import (
     CAUTIOUS_SPEED,
@@ -126,7 +126,7 @@ class HeadControl(Controller):
         self.targets: TargetMotion = targets
         self.motion: Motion = targets
         self.readings = JointReadings()
-        self.trouble: Obstacle | None = Obstacle(Reason.NO_MODEL)
+        self.trouble: Obstacle | None = Obstacle(Blocked.NO_MODEL)
         self.result: MotionResult | None = None
         self.refusal, self.refusals = "", 0
         self.law: PredictiveLaw
@@ -147,7 +147,7 @@ class HeadControl(Controller):
         self._troubled_since, self._is_troubled = math.inf, False
         self._cautious_for = 0.0  # s, with a target
         self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
-        self.disabled = Obstacle(Reason.OWNED)  # nobody has disabled it
+        self.disabled = Obstacle(Blocked.OWNED)  # nobody has disabled it
         self.epoch = self._owners.epoch.value
         self._noticed = False, self.epoch
 
@@ -174,14 +174,14 @@ class HeadControl(Controller):
         """Why the head is disabled; None: it is enabled, because this owns the joints."""
         if self._owners.owns(self.name, self.joints):
             return None
-        if self._owners.stopped and self.disabled.reason is not Reason.CLOSED:
-            return Obstacle(Reason.STOPPED)
-        if self.disabled.reason is not Reason.OWNED:
+        if self._owners.stopped and self.disabled.reason is not Blocked.CLOSED:
+            return Obstacle(Blocked.STOPPED)
+        if self.disabled.reason is not Blocked.OWNED:
             return self.disabled
         others = self._others()
         if others:
-            return Obstacle(Reason.OWNED, others)
-        return Obstacle(Reason.DISABLED, self.targets.title)
+            return Obstacle(Blocked.OWNED, others)
+        return Obstacle(Blocked.DISABLED, self.targets.title)
 
     def _others(self) -> str:
         """Return the other owners of the joints; empty: there are none."""
@@ -198,7 +198,7 @@ class HeadControl(Controller):
         """Why a motion that begins now would not move the head; None: it would."""
         off, other = self.off, self._owners.elsewhere(self.joints)
         if off is None and other not in ("", self.name):
-            return Obstacle(Reason.OWNED, other)
+            return Obstacle(Blocked.OWNED, other)
         return off or self.trouble
 
     def enable(self) -> None:
@@ -213,7 +213,7 @@ class HeadControl(Controller):
         self._loop.take_over(self.name, self.joints, epoch)
         self.watch()
 
-    def disable(self, reason: Reason, detail: str = "") -> None:
+    def disable(self, reason: Blocked, detail: str = "") -> None:
         """Stop the head and release the joints, also after a STOP has ended."""
         with self.lock:
             self.disabled = Obstacle(reason, detail)
@@ -242,11 +242,11 @@ class HeadControl(Controller):
         (was_owner, old_epoch), self._noticed = self._noticed, noticed
         others = self._others()
         if was_owner and not owned and others:
-            self.disabled = Obstacle(Reason.LOST, others)
+            self.disabled = Obstacle(Blocked.LOST, others)
             owners.release(self.name)  # the other joint, too
         if epoch != old_epoch:
             self.is_cautious, self._cautious_for = True, 0.0
-        self._end_motion(MotionEnd.DISABLED, str(self.off or Obstacle(Reason.STOPPED)))
+        self._end_motion(MotionEnd.DISABLED, str(self.off or Obstacle(Blocked.STOPPED)))
         self._restart_targets()
 
     # The cycle
@@ -329,7 +329,7 @@ class HeadControl(Controller):
         self.send(command)
         if targets.fault and self.off is None:
             self._log.error(f"the head is stopped: {targets.fault}")
-            self.disable(Reason.FAULT, targets.fault)
+            self.disable(Blocked.FAULT, targets.fault)
 
     def _stuck(self, desired: tuple[JointPoint, JointPoint], joints: JointReading) -> str:
         """Return why a joint does not move as commanded, by the servo bus or by its position."""
@@ -372,9 +372,9 @@ class HeadControl(Controller):
             stamp, position = self._buffer.latest_joint_position(joint) or (0, None)
             age = clock.checked - (stamp if position is not None else self._listening_since) * 1e-9
             if position is None or abs(age) > self._timeout:
-                reason = Reason.FUTURE if age < -self._timeout else Reason.NOT_MEASURED
+                reason = Blocked.FUTURE if age < -self._timeout else Blocked.NOT_MEASURED
                 trouble = (
-                    Obstacle(Reason.CLOCK, clock.standing)
+                    Obstacle(Blocked.CLOCK, clock.standing)
                     if clock.standing
                     else Obstacle(reason, joint)
                 )
@@ -384,7 +384,7 @@ class HeadControl(Controller):
             positions.append(position)
             oldest = stamp if not oldest else min(stamp, oldest)
         if clock.standing:
-            return Obstacle(Reason.CLOCK, clock.standing)
+            return Obstacle(Blocked.CLOCK, clock.standing)
         self.readings.append(oldest * 1e-9, (positions[0], positions[1]))
         return None
 
@@ -409,7 +409,7 @@ class HeadControl(Controller):
                 self._buffer.set_model(self._model)
                 self._log.error(f"another robot_description is not used: {error}")
             else:
-                self.trouble = Obstacle(Reason.INVALID_MODEL, str(error))
+                self.trouble = Obstacle(Blocked.INVALID_MODEL, str(error))
 
     def use(self, model: RobotModel) -> None:
         """Control the head of another model from now on.

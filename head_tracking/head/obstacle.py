@@ -8,7 +8,7 @@ from head_tracking.compatibility import StrEnum
 from head_tracking.control.owners import STOPPED
 
 
-class Reason(StrEnum):
+class Blocked(StrEnum):
     """Why a head does not move."""
 
     STOPPED = "stopped"
@@ -26,18 +26,18 @@ class Reason(StrEnum):
 
 
 _SENTENCES = {
-    Reason.STOPPED: STOPPED,
-    Reason.RELAXED: "the head is relaxed",
-    Reason.CLOSED: "the head is closed",
-    Reason.DISABLED: "{} is disabled",
-    Reason.OWNED: "the joints belong to {}",
-    Reason.LOST: "{} has taken over the head",
-    Reason.FAULT: "{}",
-    Reason.NO_MODEL: "waiting for robot_description",
-    Reason.INVALID_MODEL: "robot_description cannot be used: {}",
-    Reason.CLOCK: "{}",
-    Reason.NOT_MEASURED: "no recent position of {}: its servo or joint_states are silent",
-    Reason.FUTURE: "the positions of {} in joint_states have stamps in the future: the clocks of "
+    Blocked.STOPPED: STOPPED,
+    Blocked.RELAXED: "the head is relaxed",
+    Blocked.CLOSED: "the head is closed",
+    Blocked.DISABLED: "{} is disabled",
+    Blocked.OWNED: "the joints belong to {}",
+    Blocked.LOST: "{} has taken over the head",
+    Blocked.FAULT: "{}",
+    Blocked.NO_MODEL: "waiting for robot_description",
+    Blocked.INVALID_MODEL: "robot_description cannot be used: {}",
+    Blocked.CLOCK: "{}",
+    Blocked.NOT_MEASURED: "no recent position of {}: its servo or joint_states are silent",
+    Blocked.FUTURE: "the positions of {} in joint_states have stamps in the future: the clocks of "
     "their sender and of this machine differ",
 }
 
@@ -51,7 +51,7 @@ class Obstacle:
         detail: the joint, the owner or the error that it is about; empty: none.
     """
 
-    reason: Reason
+    reason: Blocked
     detail: str = ""
 
     def __str__(self) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from head_tracking.exceptions import HeadTrackingError, UnreachableError
 from head_tracking.page.head_modes import POINTER, Mode
-from head_tracking.page.other_topics import Picture, image_of
+from head_tracking.page.other_topics import Snapshot, image_of
 from head_tracking.page.robot import Robot
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.share import state_folder
@@ -57,7 +57,7 @@ class CameraCalibration:
         progress: of the calibration.
     """
 
-    def __init__(self, robot: Robot, picture: Callable[[str], Picture | None]) -> None:
+    def __init__(self, robot: Robot, picture: Callable[[str], Snapshot | None]) -> None:
         self._robot, self._picture = robot, picture
         self._busy = threading.Lock()
         self.progress = Progress()
@@ -145,7 +145,7 @@ class _PointedHead:
         picture: returns the latest picture.
     """
 
-    def __init__(self, robot: Robot, picture: Callable[[], Picture | None]) -> None:
+    def __init__(self, robot: Robot, picture: Callable[[], Snapshot | None]) -> None:
         self._robot, self._picture = robot, picture
         self._stops, self._is_pointed = robot.stop.count, False
         self._normal_speed: Any = None

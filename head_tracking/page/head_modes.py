@@ -14,7 +14,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.compatibility import StrEnum
-from head_tracking.page.path import Path
+from head_tracking.page.path import ClosedPath
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.target_point import target_from_message, target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
@@ -267,7 +267,7 @@ class HeadModes:
                 self._begin_sending(mode, self._frame_target(frame), stops)
 
     @_answered
-    def follow_path(self, path: Path, speed: float) -> None:
+    def follow_path(self, path: ClosedPath, speed: float) -> None:
         """Let the tracker follow a path in the model's root at a speed [m/s]."""
         _refuse_if(self._stop.refusal)
         stops = self._stop.count
@@ -415,7 +415,7 @@ class HeadModes:
 
         return latest
 
-    def _path_target(self, path: Path, speed: float) -> Callable[[], Target | None]:
+    def _path_target(self, path: ClosedPath, speed: float) -> Callable[[], Target | None]:
         """Return a function that returns the present point of a path."""
         distance, before = 0.0, time.monotonic()
 

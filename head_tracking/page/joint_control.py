@@ -25,7 +25,7 @@ _TORQUE = "/torque_enable"
 
 
 @dataclass(frozen=True, slots=True)
-class Servo:
+class JointServo:
     """The servo of a joint.
 
     Attributes:
@@ -43,7 +43,7 @@ class Servo:
     values: Mapping[str, str] = field(default_factory=dict)
 
 
-class JointControl:
+class JointPanel:
     """Moves joints and switches torque; for any thread, except `discover`.
 
     Args:
@@ -85,7 +85,7 @@ class JointControl:
             self._robot.graph.publishers_beside("joint_states", own=self._states is not None)
         )
 
-    def servos(self) -> tuple[Servo, ...]:
+    def servos(self) -> tuple[JointServo, ...]:
         """Return the servos whose torque can be switched."""
         joints = {
             name.removesuffix(".joint_name"): str(joint)
@@ -99,7 +99,7 @@ class JointControl:
             torque = Torque(values["torque"]) if values.get("torque") in _TORQUES else None
             is_on = None if torque is None else torque is Torque.ON
             refuses = torque is not None and torque.refuses
-            found.append(Servo(controller, joint, is_on, refuses, values))
+            found.append(JointServo(controller, joint, is_on, refuses, values))
         return tuple(found)
 
     def move(self, positions: Mapping[str, float]) -> Outcome:

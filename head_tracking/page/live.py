@@ -13,13 +13,13 @@ from typing import Any
 
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
-from head_tracking.page.motion import Motion, number
-from head_tracking.page.other_topics import Picture
+from head_tracking.page.motion import MotionView, number
+from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage, robot_for_browser
 from head_tracking.page.status import faults
 from head_tracking.recording.recording import LastMinute, Observation
-from head_tracking.ros.kit.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Level, Part
 from head_tracking.ros.kit.images import frame_pose
 from head_tracking.transforms import RobotModel, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
@@ -67,7 +67,7 @@ class Live:
         self._robot, self._view, self._report = robot, horizontal_view, report
         self._find_package = find_package
         self._model: RobotModel | None = None
-        self._motion: Motion | None = None
+        self._motion: MotionView | None = None
         self._slow_due = 0.0
         self._notices: list[str] = []
         self._camera_requested = False
@@ -127,7 +127,7 @@ class Live:
         depth = distance / math.hypot(x, y, 1.0)
         return pose @ (x * depth, y * depth, depth)
 
-    def latest_picture(self, topic: str = "", *, exact: bool = False) -> Picture | None:
+    def latest_picture(self, topic: str = "", *, exact: bool = False) -> Snapshot | None:
         """Return the latest picture of a topic; empty: of the default topic; see `picture`."""
         topics = self._robot.topics.images()
         if not topic and topics:
@@ -155,7 +155,7 @@ class Live:
             return
         self._model = model  # once: a model that fails is reported and not tried again
         head = self._robot.head
-        self._motion = Motion(model, head)
+        self._motion = MotionView(model, head)
         robot = robot_for_browser(model, head, "/head/mesh/", self._find_package)
         self.meshes, self._notices = robot.meshes, robot.about["notices"]
         about = {"type": "robot", **robot.about, "view": self._view}
@@ -271,12 +271,12 @@ class Live:
         stamp = picture.stamp.to_bytes(8, "little", signed=True)
         return picture.number, stamp + data
 
-    def _camera(self, picture: Picture) -> Camera:
+    def _camera(self, picture: Snapshot) -> Camera:
         camera = self._robot.topics.camera(picture)
         return camera or camera_with_view(picture.width, picture.height, self._view)
 
 
-def _listed(health: Sequence[Health]) -> list[dict[str, Any]]:
+def _listed(health: Sequence[Part]) -> list[dict[str, Any]]:
     """Return diagnostics for JSON, worst first. Of too many, the last ones have no values."""
     found, room = [], _MOST_LISTED
     for one in sorted(health, key=lambda one: _ORDER[one.level]):

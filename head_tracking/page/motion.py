@@ -10,7 +10,7 @@ from head_tracking.recording.recording import Observation
 from head_tracking.transforms import RobotModel
 
 
-class Motion:
+class MotionView:
     """Converts observations of a robot for the browser.
 
     Args:

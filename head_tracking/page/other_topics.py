@@ -23,7 +23,7 @@ from std_msgs.msg import Bool, Float64
 
 from head_tracking.page.head_modes import CONTROLLERS, SENDERS
 from head_tracking.recording.recording import ERRORS
-from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level, health_from_message
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part, health_from_message
 from head_tracking.ros.kit.images import camera_of
 from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.others import Graph
@@ -63,7 +63,7 @@ class Received(NamedTuple):
     message: Any
 
 
-class Picture(NamedTuple):
+class Snapshot(NamedTuple):
     """An image of a camera.
 
     Attributes:
@@ -127,7 +127,7 @@ class OtherTopics:
         self._cameras: dict[str, tuple[float, Camera | None]] = {}
         self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
         self._images: tuple[str, ...] = ()
-        self._pictures: dict[str, tuple[int, Picture | ImageError]] = {}
+        self._pictures: dict[str, tuple[int, Snapshot | ImageError]] = {}
         self._discovery_due = 0.0
         for name in (*CONTROLLERS, *SENDERS):
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
@@ -187,7 +187,7 @@ class OtherTopics:
         """Return the last warnings and errors of the log, latest last."""
         return self._warnings
 
-    def health(self) -> tuple[Health, ...]:
+    def health(self) -> tuple[Part, ...]:
         """Return the latest diagnostics by name.
 
         A status of a running node that publishes no diagnostics any more is stale. Those of nodes
@@ -206,7 +206,7 @@ class OtherTopics:
                 elif is_silent:
                     text = f"nothing heard for {now - at:.0f} s; last: {status.message}"
                     values = {**status.values, FAULT: FaultName.SILENT}
-                    found.append(Health(status.name, Level.STALE, text, values))
+                    found.append(Part(status.name, Level.STALE, text, values))
                 else:
                     statuses.pop(name, None)
         return tuple(found)
@@ -241,7 +241,7 @@ class OtherTopics:
             self._images = tuple(sorted(self._topics[_IMAGE] | compressed))
         return self._images
 
-    def picture(self, topic: str, *, exact: bool = False) -> Picture | None:
+    def picture(self, topic: str, *, exact: bool = False) -> Snapshot | None:
         """Return the latest image of a topic; None without one.
 
         Args:
@@ -261,7 +261,10 @@ class OtherTopics:
         number, known = round(received.at * 1e9), self._pictures.get(name)
         if known is None or known[0] != number:
             try:
-                known = number, Picture(topic, number, received.message, *size_of(received.message))
+                known = (
+                    number,
+                    Snapshot(topic, number, received.message, *size_of(received.message)),
+                )
             except ImageError as error:
                 known = number, error
             self._pictures[name] = known
@@ -269,7 +272,7 @@ class OtherTopics:
             raise known[1].with_traceback(None)
         return known[1]
 
-    def camera(self, picture: Picture) -> Camera | None:
+    def camera(self, picture: Snapshot) -> Camera | None:
         """Return the calibration of an image; None: no usable one has been received."""
         folder, infos = picture.topic.rpartition("/")[0], self._topics[_CAMERA_INFO]
         for name in (f"{folder}/camera_info", f"{folder.rpartition('/')[0]}/camera_info"):

@@ -14,7 +14,7 @@ _STEPS = 72  # a multiple of 8, so that the square's corners are points
 _DISTANCE = 1.0  # m: from the camera to a path
 
 
-class Path:
+class ClosedPath:
     """A closed polygon.
 
     Args:
@@ -58,7 +58,7 @@ def _place(shape: str, angle: float) -> tuple[float, float]:
     return x, x * y if shape == "figure of eight" else y  # Gerono's lemniscate is half as high
 
 
-def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) -> Path:
+def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) -> ClosedPath:
     """Return a path 1 m before the camera at joint positions 0, in the model's root.
 
     Args:
@@ -82,4 +82,4 @@ def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) ->
         right, up = _place(shape, math.tau * step / _STEPS)
         x, y, z = turn @ (0.0, -size * right, size * up)
         points.append((cx + x, cy + y, cz + z))
-    return Path(points)
+    return ClosedPath(points)

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from head_tracking.page.motion import Motion
+from head_tracking.page.motion import MotionView
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, robot_for_browser
 from head_tracking.recording.recording import LastMinute, Recording, RecordingError
@@ -22,7 +22,7 @@ class OpenRecording(NamedTuple):
     """A recording with the robot that was recorded."""
 
     recording: Recording
-    motion: Motion
+    motion: MotionView
     robot: RobotForBrowser
 
 
@@ -105,7 +105,7 @@ class Replays:
         key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(model)
         robot = robot_for_browser(model, head, f"/head/replay/{key}/mesh/", self._find_package)
         with self._lock:
-            self._open[key] = OpenRecording(recording, Motion(model, head), robot)
+            self._open[key] = OpenRecording(recording, MotionView(model, head), robot)
             for oldest in list(self._open)[:-_MOST]:
                 del self._open[oldest]
         return {

@@ -14,9 +14,9 @@ from rclpy.node import Node
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page.head_modes import FOUND_IN_PICTURES, POINTER, TRACKER, HeadModes, Mode
-from head_tracking.page.joint_control import JointControl
+from head_tracking.page.joint_control import JointPanel
 from head_tracking.page.other_topics import OtherTopics
-from head_tracking.page.status import Status, head_status
+from head_tracking.page.status import Summary, head_status
 from head_tracking.page.stop import Attempt, Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import FollowedTarget, Observation, observed
@@ -94,7 +94,7 @@ class Robot:
         )
         self.modes = HeadModes(node, self)
         TopicListener(self._polled, PointStamped, "target_point", self.modes.hear)
-        self.joints = JointControl(node, self)
+        self.joints = JointPanel(node, self)
         self._joint_watch, self._frame_watch = SilenceWatch(_PATIENCE), SilenceWatch(_GONE)
         requests.create_timer(_DISCOVERY_PERIOD, self._discover)
         node.create_timer(_DISCOVERY_PERIOD, self.topics.end_unused)
@@ -155,7 +155,7 @@ class Robot:
             self._frame_watch.silent(self.buffer.latest_stamps()),
         )
 
-    def status(self, live: Observation) -> Status:
+    def status(self, live: Observation) -> Summary:
         """Return what the robot does, as of the last `observe`; see `head_status`."""
         is_named = self.mode in FOUND_IN_PICTURES and self.mode is not Mode.VISUAL
         return head_status(

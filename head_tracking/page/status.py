@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from head_tracking.compatibility import StrEnum
-from head_tracking.page.joint_control import Servo
+from head_tracking.page.joint_control import JointServo
 from head_tracking.page.other_topics import node_of
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part
 from head_tracking.tracking import TargetState
 
 _ON_TARGET = math.radians(2.0)
@@ -30,7 +30,7 @@ class Word(StrEnum):
     HOLDING = "holding"
 
 
-class Status(NamedTuple):
+class Summary(NamedTuple):
     """What a head does, and the reason."""
 
     word: Word
@@ -55,13 +55,13 @@ _FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)
 
 def head_status(
     live: Observation,
-    health: Sequence[Health],
-    servos: Sequence[Servo],
+    health: Sequence[Part],
+    servos: Sequence[JointServo],
     silent: Sequence[str] = (),
     *,
     stopped: bool,
     sought: str = "",
-) -> Status:
+) -> Summary:
     """Return what a head does: the worst condition that holds.
 
     Args:
@@ -75,38 +75,38 @@ def head_status(
     """
     if silent or not live.joints:
         joints = ", ".join(silent) or "the robot"
-        return Status(Word.DISCONNECTED, f"no measurement of {joints} is received")
+        return Summary(Word.DISCONNECTED, f"no measurement of {joints} is received")
     if stopped:
-        return Status(Word.STOPPED, "nothing moves before Resume")
+        return Summary(Word.STOPPED, "nothing moves before Resume")
     for one in health:
         if one.level is Level.ERROR:
-            return Status(Word.FAULT, f"{one.name}: {one.message}")
+            return Summary(Word.FAULT, f"{one.name}: {one.message}")
     is_sought = bool(sought) and live.state in _WITHOUT_TARGET
     # else it concerns one point of many, or something that was seen before
     if live.refusal and live.state not in _FOLLOWING and not is_sought:
-        return Status(Word.REFUSED, live.refusal)
+        return Summary(Word.REFUSED, live.refusal)
     relaxed = [servo for servo in servos if servo.torque is False]
     if relaxed and len(relaxed) == len(servos):
         if any(servo.refuses for servo in servos):
-            return Status(Word.RELAXED, "until torque is enabled on the tab Joints")
-        return Status(Word.RELAXED, "until the next command")
+            return Summary(Word.RELAXED, "until torque is enabled on the tab Joints")
+        return Summary(Word.RELAXED, "until the next command")
     if not live.controller:
-        return Status(Word.HOLDING, "no controller is enabled")
+        return Summary(Word.HOLDING, "no controller is enabled")
     if is_sought:
-        return Status(Word.HOLDING, f"no {sought} in view: press Centre, or aim and choose again")
+        return Summary(Word.HOLDING, f"no {sought} in view: press Centre, or aim and choose again")
     word = _WORDS.get(live.state)
     if word is None:  # point_head, or a tracker without a target
         if live.error is not None and live.error < _ON_TARGET:
-            return Status(Word.ON_TARGET, "")
+            return Summary(Word.ON_TARGET, "")
         is_moving = live.error is not None or live.state == "turning"
-        return Status(Word.MOVING if is_moving else Word.HOLDING, live.detail)
+        return Summary(Word.MOVING if is_moving else Word.HOLDING, live.detail)
     if word is not Word.ON_TARGET:
-        return Status(word, live.detail)
+        return Summary(word, live.detail)
     if live.target_stamp is None or live.stamp - live.target_stamp > _SEEN * 1e9:
-        return Status(Word.MOVING, "the target is not seen; the head follows its prediction")
+        return Summary(Word.MOVING, "the target is not seen; the head follows its prediction")
     if live.error is None or live.error > _ON_TARGET:
-        return Status(Word.MOVING, "the head turns to the target")
-    return Status(Word.ON_TARGET, "")
+        return Summary(Word.MOVING, "the head turns to the target")
+    return Summary(Word.ON_TARGET, "")
 
 
 _CLEAR = "press Clear faults and enable torque again (tab Joints)."
@@ -145,7 +145,7 @@ class ShownFault(NamedTuple):
 
 
 def faults(
-    health: Sequence[Health], missing: Sequence[str] = (), silent: Sequence[str] = ()
+    health: Sequence[Part], missing: Sequence[str] = (), silent: Sequence[str] = ()
 ) -> list[ShownFault]:
     """Return the faults of a robot.
 

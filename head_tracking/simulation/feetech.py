@@ -30,7 +30,7 @@ from head_tracking.simulation.motion import (
     Profile,
     proportional_law,
 )
-from head_tracking.simulation.registers import Refusal, Registers
+from head_tracking.simulation.registers import Denial, Registers
 
 _ZERO_IS_FASTEST = 8  # bit of Phase
 _COARSE: Final = 50  # steps/s: 0.732 rpm, the precision of a speed of an STS servo
@@ -84,13 +84,13 @@ class FeetechRegisters(Registers):
             law=self._law(),
         )
 
-    def refusal(self, register: Register, value: int) -> Refusal | None:
+    def refusal(self, register: Register, value: int) -> Denial | None:
         """See `Registers`."""
         if register.name == "Torque Enable" and value > 2:
-            return Refusal.RANGE
+            return Denial.RANGE
         return None
 
-    def error_byte(self, refusal: Refusal | None) -> int:
+    def error_byte(self, refusal: Denial | None) -> int:
         """Return 0: the error byte concerns the servo only."""
         return 0
 

@@ -51,7 +51,7 @@ _LIMITS: Final = {
 WATCHDOG_TRIPPED: Final = 255
 
 
-class Refusal(Enum):
+class Denial(Enum):
     """Reason for refusing a packet: the error byte in protocol 1.0 and in protocol 2.0."""
 
     ACCESS = 8, 7  # no such register, or it cannot be written now
@@ -124,10 +124,10 @@ class Registers:
             return None
         return bytes(self._bytes[address : address + length])
 
-    def changes(self, address: int, data: bytes) -> dict[str, int] | Refusal:
+    def changes(self, address: int, data: bytes) -> dict[str, int] | Denial:
         """Return the register values that a write would set, or the reason for refusing it."""
         if not data:
-            return Refusal.LENGTH if self._whole else Refusal.ACCESS
+            return Denial.LENGTH if self._whole else Denial.ACCESS
         changes: dict[str, int] = {}
         place, end = address, address + len(data)
         while place < end:
@@ -136,18 +136,18 @@ class Registers:
                 place += 1
                 continue
             if register is None or not register.writable:
-                return Refusal.ACCESS
+                return Denial.ACCESS
             share = data[place - address : register.end - address]
             if len(share) < register.size:
                 if self._whole:
-                    return Refusal.LENGTH
+                    return Denial.LENGTH
                 whole = self._bytes[register.address : register.end]
                 at = place - register.address
                 whole[at : at + len(share)] = share
                 share = bytes(whole)
             value = register.decode(share)
             allowed = register.lowest <= value <= register.highest
-            refusal = self.refusal(register, value) if allowed else Refusal.RANGE
+            refusal = self.refusal(register, value) if allowed else Denial.RANGE
             if refusal:
                 return refusal
             changes[register.name] = value
@@ -188,11 +188,11 @@ class Registers:
         """Return whether the servo answers reads, or other instructions (except ping)."""
         return self["Status Return Level"] >= (1 if is_read else 2)
 
-    def error_byte(self, refusal: Refusal | None) -> int:
+    def error_byte(self, refusal: Denial | None) -> int:
         """Return the bits of the error byte that concern the packet."""
         return 0 if refusal is None else refusal.value[self.model.protocol - 1]
 
-    def refusal(self, register: Register, value: int) -> Refusal | None:
+    def refusal(self, register: Register, value: int) -> Denial | None:
         """Return the reason for refusing a value because of another register; None: accepted."""
         return None
 
@@ -243,21 +243,21 @@ class JointRegisters(Registers):
             output=speed / self.model.speed_maximum if self._is_wheel else None,
         )
 
-    def refusal(self, register: Register, value: int) -> Refusal | None:
+    def refusal(self, register: Register, value: int) -> Denial | None:
         """See `Registers`."""
         if register.name == "Lock" and value < self["Lock"]:
-            return Refusal.ACCESS  # only a power cycle unlocks
+            return Denial.ACCESS  # only a power cycle unlocks
         if register.eeprom and self.get("Lock"):
-            return Refusal.ACCESS
+            return Denial.ACCESS
         if self._is_wheel:
             return None
         if register.name == "Moving Speed" and value > self.model.speed_maximum:
-            return Refusal.RANGE
+            return Denial.RANGE
         if register.name == "Goal Position":
             if not 0 <= value < self.model.ticks:
-                return Refusal.RANGE
+                return Denial.RANGE
             if not self["CW Angle Limit"] <= value <= self["CCW Angle Limit"]:
-                return Refusal.LIMIT
+                return Denial.LIMIT
         return None
 
     def enables_torque(self, names: Collection[str]) -> bool:
@@ -331,21 +331,21 @@ class XRegisters(Registers):
             law=proportional_law(self.model.no_load_speed, slope, limit),
         )
 
-    def refusal(self, register: Register, value: int) -> Refusal | None:
+    def refusal(self, register: Register, value: int) -> Denial | None:
         """See `Registers`."""
         name = register.name
         if register.eeprom and self["Torque Enable"]:
-            return Refusal.ACCESS
+            return Denial.ACCESS
         if name == "Operating Mode":
             modes = _MODES + (_CURRENT_MODES if "Present Current" in self else ())
-            return None if value in modes else Refusal.RANGE
+            return None if value in modes else Denial.RANGE
         if name in _GOALS and self.get("Bus Watchdog") == WATCHDOG_TRIPPED:
-            return Refusal.RANGE
+            return Denial.RANGE
         if name in _LIMITS and abs(value) > self[_LIMITS[name]]:
-            return Refusal.LIMIT
+            return Denial.LIMIT
         low, high = self["Min Position Limit"], self["Max Position Limit"]
         limited = name == "Goal Position" and self["Operating Mode"] == _POSITION
-        return Refusal.LIMIT if limited and not low <= value <= high else None
+        return Denial.LIMIT if limited and not low <= value <= high else None
 
     def enables_torque(self, names: Collection[str]) -> bool:
         """Return whether a goal is written and Drive Mode enables torque by goals."""

@@ -27,8 +27,8 @@ from head_tracking.simulation.packets import (
 )
 from head_tracking.simulation.registers import (
     WATCHDOG_TRIPPED,
+    Denial,
     JointRegisters,
-    Refusal,
     Registers,
     XRegisters,
 )
@@ -424,32 +424,32 @@ class SimulatedServo:
             return self.alarms.active
         return ALERT if self.alarms.active else 0
 
-    def _status(self, refusal: Refusal | None, data: bytes, servo_id: int | None = None) -> Status:
+    def _status(self, refusal: Denial | None, data: bytes, servo_id: int | None = None) -> Status:
         error = self._registers.error_byte(refusal)
         return Status(self.id if servo_id is None else servo_id, error | self._state, data)
 
-    def _execute(self, packet: Packet) -> tuple[Refusal | None, bytes]:
+    def _execute(self, packet: Packet) -> tuple[Denial | None, bytes]:
         parameters, width = packet.parameters, self.model.protocol  # bytes of an address
         broadcast = packet.id == BROADCAST
         address, data = int.from_bytes(parameters[:width], "little"), parameters[width:]
-        refusal: Refusal | None = None
+        refusal: Denial | None = None
         match packet.code:
             case Instruction.PING:
                 return None, self._ping()
             case Instruction.READ:
                 if len(data) != width:
-                    return Refusal.LENGTH, b""
+                    return Denial.LENGTH, b""
                 return self._read(address, int.from_bytes(data, "little"))
             case Instruction.WRITE:
                 short = len(parameters) < width
-                refusal = Refusal.LENGTH if short else self._write(address, data)
+                refusal = Denial.LENGTH if short else self._write(address, data)
             case Instruction.REBOOT if width == 2 or self.model.is_feetech:
                 self._start()
             case Instruction.SYNC_WRITE if broadcast:
                 share = _sync_share(data, width, self.id)
                 refusal = None if share is None else self._write(address, share)
             case _:
-                refusal = Refusal.INSTRUCTION
+                refusal = Denial.INSTRUCTION
         return refusal, b""
 
     def _ping(self) -> bytes:
@@ -458,16 +458,16 @@ class SimulatedServo:
         number = self._registers["Model Number"].to_bytes(2, "little")
         return number + bytes((self._registers["Firmware Version"],))
 
-    def _read(self, address: int, length: int) -> tuple[Refusal | None, bytes]:
+    def _read(self, address: int, length: int) -> tuple[Denial | None, bytes]:
         if address + length > self._measured:
             self._measure()
         data = self._registers.read(address, length)
-        return (Refusal.ACCESS, b"") if data is None else (None, data)
+        return (Denial.ACCESS, b"") if data is None else (None, data)
 
-    def _write(self, address: int, data: bytes) -> Refusal | None:
+    def _write(self, address: int, data: bytes) -> Denial | None:
         registers = self._registers
         changes = registers.changes(address, data)
-        if isinstance(changes, Refusal):
+        if isinstance(changes, Denial):
             return changes
         before = registers.apply(changes, self._drive)
         if before.get("Torque Limit") == 0 and registers["Torque Limit"]:

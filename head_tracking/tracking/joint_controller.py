@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from head_tracking.tracking.following import FollowingWatch
-from head_tracking.tracking.servo_model import ServoModel
+from head_tracking.tracking.servo_model import ShaftModel
 from head_tracking.transforms import JointLimits
 
 _RESPONSE = 40.0  # 1/s: rate at which a position error decays
@@ -287,7 +287,7 @@ class JointController:
         motion: planned motion.
     """
 
-    def __init__(self, name: str, joint: JointLimits, servo: ServoModel) -> None:
+    def __init__(self, name: str, joint: JointLimits, servo: ShaftModel) -> None:
         self.servo = servo
         self._joint = joint
         self._watch = FollowingWatch(name)

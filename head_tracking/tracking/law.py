@@ -13,7 +13,7 @@ from head_tracking.parameters import parameter
 from head_tracking.tracking.estimator import TargetEstimate
 from head_tracking.tracking.joint_readings import JointReading
 from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters, ServoValues
-from head_tracking.tracking.servo_model import ServoModel
+from head_tracking.tracking.servo_model import ShaftModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class TrackingLaw(ABC):
     description: ClassVar[str]
     usual_speed: ClassVar[float] = 5.0
     parameters: Any
-    servos: Mapping[str, ServoModel] = {}
+    servos: Mapping[str, ShaftModel] = {}
     at_most = math.inf
 
     def __init__(
@@ -82,7 +82,7 @@ class TrackingLaw(ABC):
         period: float,
         limits: SpeedLimits | None = None,
         parameters: Any = None,
-        servos: Mapping[str, ServoModel] | None = None,
+        servos: Mapping[str, ShaftModel] | None = None,
     ) -> None:
         self.limits = limits or SpeedLimits()
         self.parameters = parameters or self.Parameters()

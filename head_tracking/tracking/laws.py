@@ -22,7 +22,7 @@ from head_tracking.tracking.joint_controller import (
 )
 from head_tracking.tracking.joint_readings import JointReading
 from head_tracking.tracking.law import SpeedLimits, TrackingLaw, inside
-from head_tracking.tracking.servo_model import ServoModel
+from head_tracking.tracking.servo_model import ShaftModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ class PredictiveLaw(TrackingLaw):
     """Feed the motion of the target forward through the exact gaze.
 
     For each joint: the reference is the gaze at the target, predicted by the servo's delay;
-    `JointMotion` plans the motion to it within the limits; `ServoModel` has the set-point, and so
+    `JointMotion` plans the motion to it within the limits; `ShaftModel` has the set-point, and so
     the speed to command. The goal lies ahead, but not beyond the next positions of the reference.
     """
 
@@ -162,10 +162,10 @@ class PredictiveLaw(TrackingLaw):
         period: float,
         limits: SpeedLimits | None = None,
         parameters: PredictiveLawParameters | None = None,
-        servos: Mapping[str, ServoModel] | None = None,
+        servos: Mapping[str, ShaftModel] | None = None,
     ) -> None:
         pan, tilt = head.pan_joint, head.tilt_joint
-        self.servos = servos or {pan: ServoModel(), tilt: ServoModel()}
+        self.servos = servos or {pan: ShaftModel(), tilt: ShaftModel()}
         self._joints = (
             JointController(pan, head.pan_limits, self.servos[pan]),
             JointController(tilt, head.tilt_limits, self.servos[tilt]),

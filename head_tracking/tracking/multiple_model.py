@@ -78,7 +78,7 @@ Covariance: TypeAlias = tuple[float, float, float, float, float, float]
 """Of a `State`: pp, pv, pa, vv, va, aa; the first three, after a point, are the gains."""
 
 
-class Motion(NamedTuple):
+class Course(NamedTuple):
     """The mixed motion of a bearing: a constant velocity plus an oscillation.
 
     Attributes:
@@ -100,7 +100,7 @@ class Motion(NamedTuple):
         """The velocity now [rad/s]."""
         return self.velocity + self.swing_velocity
 
-    def within(self, speed: float, acceleration: float) -> Motion:
+    def within(self, speed: float, acceleration: float) -> Course:
         """Return the motion with an oscillation as large as these limits allow, if it is larger.
 
         Args:
@@ -113,7 +113,7 @@ class Motion(NamedTuple):
             return self
         share = min(speed / peak, acceleration / (peak * w))
         to_centre = b / (w * w)
-        return Motion(position + (1.0 - share) * to_centre, velocity, share * u, share * b, w)
+        return Course(position + (1.0 - share) * to_centre, velocity, share * u, share * b, w)
 
     def after(self, dt: float) -> float:
         """Return the position [rad] a time `dt` [s] later."""
@@ -194,7 +194,7 @@ class Prediction(NamedTuple):
     scores: tuple[float, ...]
     error: float
     weights: tuple[float, ...]
-    motion: Motion
+    motion: Course
 
     @staticmethod
     def mixed(
@@ -232,7 +232,7 @@ class Prediction(NamedTuple):
                 acceleration += weight * a
             else:
                 steady += weight * v
-        motion = Motion(origin + offset, steady, swing, acceleration, max(rate, _LEAST_RATE))
+        motion = Course(origin + offset, steady, swing, acceleration, max(rate, _LEAST_RATE))
         return Prediction(scores, error, weights, motion)
 
     def judged(
@@ -281,7 +281,7 @@ class Bearing(NamedTuple):
     recent: tuple[float, ...]
 
     def within(self, limits: tuple[float, float]) -> Bearing:
-        """Return the bearing with an oscillation within these limits; see `Motion.within`."""
+        """Return the bearing with an oscillation within these limits; see `Course.within`."""
         near, far = self.near.motion.within(*limits), self.far.motion.within(*limits)
         if near is self.near.motion and far is self.far.motion:
             return self
@@ -313,7 +313,7 @@ class Bearings(NamedTuple):
         """
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
-        still = Motion(0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
+        still = Course(0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
         none = Prediction(scores, 0.0, (), still)
         unknown = Bearing((), variance, none, none, (0.0, 0.0), ())
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points, leads)

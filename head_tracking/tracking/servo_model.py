@@ -93,7 +93,7 @@ def _statistics(weights: Array, values: npt.ArrayLike) -> tuple[float, float]:
     return mean, math.sqrt(square)
 
 
-class ServoModel:
+class ShaftModel:
     """Estimate one joint's set-point, and the delay, dead band and acceleration of its shaft.
 
     Times are in seconds on any clock, positions in rad, speeds in rad/s with sign.

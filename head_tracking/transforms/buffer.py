@@ -59,7 +59,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(eq=False, slots=True)
-class Request:
+class Waiter:
     """A callback that waits for a condition.
 
     Attributes:
@@ -142,7 +142,7 @@ class TransformBuffer:
         self._routes: dict[tuple[str, str], Route] = {}
         # the keys of the routes that depend on a frame
         self._routes_through: dict[str, set[tuple[str, str]]] = {}
-        self._requests: list[Request] = []
+        self._requests: list[Waiter] = []
         self._swept = LATEST
 
     # Input
@@ -419,7 +419,7 @@ class TransformBuffer:
 
     # Waiting
 
-    def when(self, possible: Callable[[], bool], callback: Callable[[], object]) -> Request:
+    def when(self, possible: Callable[[], bool], callback: Callable[[], object]) -> Waiter:
         """Call back once when a condition holds, which may be at once.
 
         Args:
@@ -432,7 +432,7 @@ class TransformBuffer:
         Raises:
             Exception: of the first call of `possible`.
         """
-        request = Request(possible, callback)
+        request = Waiter(possible, callback)
         if possible():
             callback()
             return request
@@ -441,7 +441,7 @@ class TransformBuffer:
         self._serve(request)
         return request
 
-    def withdraw(self, request: Request) -> bool:
+    def withdraw(self, request: Waiter) -> bool:
         """Remove a request; return False if it was removed or called back before."""
         with self._lock:
             if request not in self._requests:
@@ -643,7 +643,7 @@ class TransformBuffer:
             is_waiting = self.withdraw(request)
         return not is_waiting
 
-    def _serve(self, *requests: Request) -> None:
+    def _serve(self, *requests: Waiter) -> None:
         """Call back the requests whose conditions hold."""
         for request in requests:
             if request.possible() and self.withdraw(request):

@@ -15,7 +15,7 @@ from simulated_device import Bench, as_device
 from head_tracking.cli.doctor import configured, network
 from head_tracking.cli.doctor.__main__ import main
 from head_tracking.cli.doctor.findings import Finding, Grade, show
-from head_tracking.cli.doctor.network import Received, Times, check_clocks, check_targets
+from head_tracking.cli.doctor.network import Times, Traffic, check_clocks, check_targets
 from head_tracking.dynamixel import Adapter, DynamixelPort, PortBusyError, servo_model
 from head_tracking.dynamixel.exceptions import PortMissingError, PortPermissionError
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedLine, SimulatedServo
@@ -255,7 +255,7 @@ def test_clocks_and_stamps_that_differ_are_reported(
 
 def test_diagnostics_are_shown(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
     diagnostics = {"servo_bus: head_pan_joint": (2, "lost: it does not answer")}
-    monkeypatch.setattr(network, "listen", lambda *_: Received({}, diagnostics, 3))
+    monkeypatch.setattr(network, "listen", lambda *_: Traffic({}, diagnostics, 3))
     head.arguments = []
     assert head.check() == 2
     assert head.levels["network"] == "green"

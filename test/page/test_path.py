@@ -3,12 +3,12 @@
 import pytest
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.page.path import SHAPES, Path, path_ahead
+from head_tracking.page.path import SHAPES, ClosedPath, path_ahead
 from head_tracking.page.robot_shapes import robot_for_browser
 
 
 def test_a_path_passes_its_points_and_returns_to_the_first():
-    path = Path([(0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (3.0, 4.0, 0.0)])
+    path = ClosedPath([(0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (3.0, 4.0, 0.0)])
     assert path.length == pytest.approx(12.0)
     assert path.at(3.0) == pytest.approx((3.0, 0.0, 0.0))
     assert path.at(7.0) == pytest.approx((3.0, 4.0, 0.0))
@@ -18,7 +18,7 @@ def test_a_path_passes_its_points_and_returns_to_the_first():
 @pytest.mark.parametrize("points", [[(1, 0, 0)] * 3, []])
 def test_less_than_two_points_are_refused(points):
     with pytest.raises(ValueError):
-        Path(points)
+        ClosedPath(points)
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from head_tracking.page.joint_control import Servo
+from head_tracking.page.joint_control import JointServo
 from head_tracking.page.status import Word, advice, faults, head_status
 from head_tracking.recording.recording import Observation
-from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Health, Level
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part
 
 SECOND = 10**9  # ns
 LIVE = Observation(
@@ -18,10 +18,10 @@ LIVE = Observation(
     state="tracking",
     target_stamp=9 * SECOND - SECOND // 10,
 )
-ON = (Servo("pan_controller", "pan", True), Servo("tilt_controller", "tilt", True))
+ON = (JointServo("pan_controller", "pan", True), JointServo("tilt_controller", "tilt", True))
 OFF = tuple(replace(servo, torque=False) for servo in ON)
-OVERLOAD = Health("servo_bus: pan", Level.ERROR, "overload", {})
-SILENT = Health("head_tracker: target", Level.STALE, "nothing heard", {FAULT: FaultName.SILENT})
+OVERLOAD = Part("servo_bus: pan", Level.ERROR, "overload", {})
+SILENT = Part("head_tracker: target", Level.STALE, "nothing heard", {FAULT: FaultName.SILENT})
 
 
 POINTED = replace(LIVE, controller="point_head", state="holding", target_stamp=None)
@@ -80,7 +80,7 @@ def test_the_worst_condition_is_shown(silent, stopped, health, expected):
     ],
 )
 def test_a_fault_has_advice_and_the_command_that_may_help(level, fault, command):
-    (shown,) = faults([Health("servo_bus: pan", level, "a text", {FAULT: fault})])
+    (shown,) = faults([Part("servo_bus: pan", level, "a text", {FAULT: fault})])
     assert "pan: a text" in shown.text
     assert shown.command == command
     assert shown.advice != advice("none", "servo_bus")[0]
@@ -88,7 +88,7 @@ def test_a_fault_has_advice_and_the_command_that_may_help(level, fault, command)
 
 @pytest.mark.parametrize("level", [Level.OK, Level.WARN])
 def test_a_warning_is_no_fault(level):
-    slow = Health("servo_bus: bus", level, "45 of 50 cycles per second", {})
+    slow = Part("servo_bus: bus", level, "45 of 50 cycles per second", {})
     assert faults([slow]) == []
 
 

@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from waiting import repeating, wait_for
 
-from head_tracking.head.obstacle import Obstacle, Reason
+from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.transforms import Rotation, Transform
@@ -34,7 +34,7 @@ def test_a_disabled_tracker_stays_disabled_with_another_model(make, kinectbot):
     head = make()
     head.until("idle", "")
     assert head.call("head_tracker/enable", False).success
-    head.until("disabled", Reason.DISABLED)
+    head.until("disabled", Blocked.DISABLED)
     head.target = LEFT
     head.describe(another(kinectbot.urdf))
     wait_for(lambda: sum("ready to point" in text for text in head.log) >= 2)
@@ -49,7 +49,7 @@ def test_a_disabled_tracker_stays_disabled_with_another_model(make, kinectbot):
 
 def test_an_invalid_first_model_is_reported_until_another_is_received(make, kinectbot):
     head = make(urdf=WITHOUT_HEAD)
-    head.until("idle", Reason.INVALID_MODEL, "head_pan_joint")
+    head.until("idle", Blocked.INVALID_MODEL, "head_pan_joint")
     head.describe(kinectbot.urdf)
     head.target = LEFT
     head.until("tracking")
@@ -61,7 +61,7 @@ def test_an_invalid_first_model_is_reported_until_another_is_received(make, kine
 def test_a_frame_that_the_head_can_not_use_is_refused(make, name, frame):
     """A fixed frame that moves with the head, and a pointing frame that does not."""
     head = make(**{name: frame})
-    head.until("idle", Reason.INVALID_MODEL, frame)
+    head.until("idle", Blocked.INVALID_MODEL, frame)
     head.target = LEFT
     head.until_logged(frame)
     assert head.commands == 0
@@ -70,7 +70,7 @@ def test_a_frame_that_the_head_can_not_use_is_refused(make, name, frame):
 def test_a_missing_model_is_reported(make, kinectbot):
     head = make(urdf="")
     head.target = LEFT
-    head.until("idle", Reason.NO_MODEL)
+    head.until("idle", Blocked.NO_MODEL)
     head.until_logged("robot_description")
 
 
@@ -131,8 +131,8 @@ def swinging(now):
 
 
 TARGET = ("torso_link", swinging)
-FUTURE = Obstacle(Reason.FUTURE, "head_pan_joint")
-NOT_MEASURED = Obstacle(Reason.NOT_MEASURED, "head_pan_joint")
+FUTURE = Obstacle(Blocked.FUTURE, "head_pan_joint")
+NOT_MEASURED = Obstacle(Blocked.NOT_MEASURED, "head_pan_joint")
 
 
 def on_target(head):
@@ -146,7 +146,7 @@ def test_a_paused_clock_is_reported_and_tracking_resumes(make):
     head.target = TARGET
     on_target(head)
     head.paused = True
-    head.until("idle", Reason.CLOCK)
+    head.until("idle", Blocked.CLOCK)
     head.travel.clear()
     head.paused = False
     on_target(head)

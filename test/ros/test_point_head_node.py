@@ -13,7 +13,7 @@ from waiting import wait_for
 
 from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead
-from head_tracking.head.obstacle import Obstacle, Reason
+from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head import head_actions
 from head_tracking.ros.head.point_head import PointHeadNode
 from head_tracking.ros.kit.joint_owners import control_message
@@ -136,7 +136,7 @@ def test_point_head_alone_in_a_process_executes_goals(kinectbot):
         owners.take_over("/somebody", joints)
         owners_topic.publish(control_message(owners, joints))
         control = head.node.control
-        wait_for(lambda: control.obstacle == Obstacle(Reason.OWNED, "/somebody"))
+        wait_for(lambda: control.obstacle == Obstacle(Blocked.OWNED, "/somebody"))
         assert not client.send(goal(1, 0, 0.3)).accepted
         owners.take_over("/point_head", joints)
         owners_topic.publish(control_message(owners, joints))
@@ -145,7 +145,7 @@ def test_point_head_alone_in_a_process_executes_goals(kinectbot):
         wait_for(lambda: head.positions[0] < 0.7)
         head.measured = False
         assert sent.ended()[0] == ABORTED
-        assert control.obstacle == Obstacle(Reason.NOT_MEASURED, "head_pan_joint")
+        assert control.obstacle == Obstacle(Blocked.NOT_MEASURED, "head_pan_joint")
         head.measured = True
         wait_for(lambda: control.obstacle is None)
         follower = Client(head.robot, goals.FollowJointTrajectory, FOLLOW)

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from waiting import eventually, join, wait_for
 
 from head_tracking.control import JointOwners
-from head_tracking.head.obstacle import Obstacle, Reason
+from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.joint_owners import control_message, sender_from
 from head_tracking.ros.kit.spinning import NodeDied
@@ -80,9 +80,9 @@ def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
     wait_for(lambda: tracker.control.is_cautious)
     bus.say(False, 1, "/other")
     wait_for(lambda: not tracker.control.is_stopped)
-    assert tracker.control.off == Obstacle(Reason.OWNED, "/other")
-    tracker.control.disable(Reason.DISABLED, "tracking")
-    assert tracker.control.off == Obstacle(Reason.DISABLED, "tracking")
+    assert tracker.control.off == Obstacle(Blocked.OWNED, "/other")
+    tracker.control.disable(Blocked.DISABLED, "tracking")
+    assert tracker.control.off == Obstacle(Blocked.DISABLED, "tracking")
     tracker.control.enable()
     assert not tracker.control.off
     wait_for(lambda: bus.claims)

@@ -12,7 +12,7 @@ from waiting import wait_for
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.other_topics import image_of
-from head_tracking.page.path import Path
+from head_tracking.page.path import ClosedPath
 from head_tracking.page.status import Word
 from head_tracking.page.viewer import ViewerNode
 from head_tracking.run.options import parse_arguments
@@ -100,7 +100,7 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     ends = (1.0, 0.4, 0.5), (1.0, -0.4, 0.5)
     root = seen.model().root
     to_base = robot.composition.buffer.core.lookup_transform("base_link", root).transform
-    assert seen.modes.follow_path(Path(ends), 0.8).done
+    assert seen.modes.follow_path(ClosedPath(ends), 0.8).done
     assert seen.modes.mode() is Mode.PATH
     pans: list[float] = []
 

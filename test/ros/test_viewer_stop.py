@@ -19,7 +19,7 @@ from viewing import PATIENCE, view
 from waiting import wait_for
 
 from head_tracking.page.head_modes import Mode
-from head_tracking.page.path import Path
+from head_tracking.page.path import ClosedPath
 from head_tracking.ros.kit.spinning import NodeThreads
 
 JOINTS = ("head_pan_joint", "head_tilt_joint")
@@ -121,7 +121,7 @@ def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
 @pytest.mark.parametrize("by_page", [True, False])
 def test_a_stop_ends_what_the_page_sends_for_good(tracked, by_page):
     bus, tracker, robot = tracked
-    assert robot.modes.follow_path(Path([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1).done
+    assert robot.modes.follow_path(ClosedPath([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1).done
     assert robot.modes.mode() is Mode.PATH
     assert robot.stop.begin().wait().done if by_page else bus.say_stopped(True) is None
     wait_for(lambda: robot.stop.stopped)

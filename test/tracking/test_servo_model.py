@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from head_tracking.tracking.servo_model import ServoModel
+from head_tracking.tracking.servo_model import ShaftModel
 
 TICK = 0.00511
 DT = 0.02
@@ -33,7 +33,7 @@ class Servo:
 
 
 def swing(servo, seconds=6.0, speed=lambda t: 1.5 * math.cos(3.0 * t)):
-    model = ServoModel()
+    model = ShaftModel()
     model.restart(0.0, 0.0)
     t, k = 0.0, 0
     while t < seconds:
@@ -62,7 +62,7 @@ def test_a_dead_band_is_told_from_a_delay(band):
 
 
 def test_a_new_mean_is_applied_without_a_jump():
-    servo, model = Servo(0.25), ServoModel()
+    servo, model = Servo(0.25), ShaftModel()
     model.restart(0.0, 0.0)
     delays = []
     for k in range(1, 400):
@@ -78,7 +78,7 @@ def test_a_new_mean_is_applied_without_a_jump():
 
 
 def test_a_held_servo_stays():
-    model = ServoModel()
+    model = ShaftModel()
     model.restart(0.0, 0.0)
     model.command(0.0, -1.0, -2.0)
     model.hold(0.1, -0.1)
@@ -117,7 +117,7 @@ def test_the_acceleration_of_a_weak_shaft_is_found(delay, limit):
 @pytest.mark.parametrize("delay", [0.02, 0.2])
 def test_a_shaft_that_follows_is_given_more_acceleration(delay):
     model, _ = swing(LimitedServo(delay, 150.0), 6.0, speed=kinks)
-    assert model.acceleration > 1.2 * ServoModel().acceleration
+    assert model.acceleration > 1.2 * ShaftModel().acceleration
 
 
 def test_a_shaft_that_was_thrown_off_is_met_where_it_will_be():
@@ -142,7 +142,7 @@ def test_a_shaft_that_was_thrown_off_is_met_where_it_will_be():
 
 @pytest.mark.parametrize("lag", [0.0, 0.1, 1.0])
 def test_late_readings_are_judged_across_the_shift_of_the_buffer(lag):
-    model = ServoModel()
+    model = ShaftModel()
     model.restart(0.0, 0.0)
     for step in range(1, 1200):  # the buffer holds 10 s
         now = step * DT

@@ -38,7 +38,7 @@ class Times(NamedTuple):
     stamp: float
 
 
-class Received(NamedTuple):
+class Traffic(NamedTuple):
     """The received messages.
 
     Attributes:
@@ -73,7 +73,7 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
         yield Finding("diagnostics", level, f"{name}: {message}")
 
 
-def listen(arguments: Sequence[str], seconds: float) -> Received:
+def listen(arguments: Sequence[str], seconds: float) -> Traffic:
     """Receive messages with a silent node; raise RuntimeError if ROS does not start."""
     times: dict[str, list[Times]] = {}
     diagnostics: dict[str, tuple[int, str]] = {}
@@ -99,7 +99,7 @@ def listen(arguments: Sequence[str], seconds: float) -> Received:
         deadline = time.monotonic() + seconds
         while (remaining := deadline - time.monotonic()) > 0.0:
             rclpy.spin_once(node, timeout_sec=remaining)
-        return Received(times, diagnostics, len(node.get_node_names()) - 1)
+        return Traffic(times, diagnostics, len(node.get_node_names()) - 1)
     finally:
         rclpy.try_shutdown()
 

@@ -57,7 +57,7 @@ def calibrate(
         for (name, servo_id), servo in zip(named, servos, strict=True):
             terminal.print(f"\n{name}: servo {servo_id}, {servo.model.name}")
             ticks = [ticks_by_hand(terminal, [servo], prompt)[servo_id] for prompt in _PROMPTS]
-            calibrations.append(calibration_of(name, Motion(servo, *ticks), margin))
+            calibrations.append(calibration_of(name, ServoPoses(servo, *ticks), margin))
     text = configuration([[each] for each in calibrations], session.port_name, session.baud_rate)
     if output is None:
         terminal.show(text)
@@ -77,7 +77,7 @@ def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:
             servo.set("Torque Enable", 0)
 
 
-class Motion(NamedTuple):
+class ServoPoses(NamedTuple):
     """The servo of a joint, and its tick at three poses.
 
     Attributes:
@@ -91,7 +91,7 @@ class Motion(NamedTuple):
     high: int
 
 
-def calibration_of(name: str, motion: Motion, margin: float) -> ServoCalibration:
+def calibration_of(name: str, motion: ServoPoses, margin: float) -> ServoCalibration:
     """Return the calibration of a servo from its ticks at three poses.
 
     It includes offset and direction in the servo's memory; the bus refuses a servo with others. The

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from head_tracking.head.motions import MotionEnd
 
 
-class Goal:
+class ActionGoal:
     """One goal; for any thread.
 
     Args:
@@ -52,7 +52,7 @@ def serve_goals(
     kind: type,
     name: str,
     refusal: Callable[[Any], str],
-    begin: Callable[[Goal], object],
+    begin: Callable[[ActionGoal], object],
 ) -> None:
     """Offer an action.
 
@@ -66,7 +66,7 @@ def serve_goals(
         refusal: returns why a goal is rejected; empty: it is accepted.
         begin: starts the execution of a goal.
     """
-    goals: dict[bytes, Goal] = {}
+    goals: dict[bytes, ActionGoal] = {}
 
     def accept(handle: Any) -> None:
         key = bytes(handle.goal_id.uuid)
@@ -76,7 +76,7 @@ def serve_goals(
             if node.executor is not None:  # else the program ends
                 node.executor.create_task(handle.execute, conclude)
 
-        goal = goals[key] = Goal(handle, on_end)
+        goal = goals[key] = ActionGoal(handle, on_end)
         begin(goal)
 
     def cancel(handle: Any) -> CancelResponse:

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.motions import Motion, MotionEnd, TrajectoryMotion
-from head_tracking.ros.head.goal_server import Goal, serve_goals
+from head_tracking.ros.head.goal_server import ActionGoal, serve_goals
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.tf.conversions import stamp_to_ns
@@ -112,7 +112,7 @@ class HeadActions:
             return str(error)
         return ""
 
-    def point(self, goal: Goal) -> None:
+    def point(self, goal: ActionGoal) -> None:
         """Begin a goal of PointHead that was accepted."""
         request, control = goal.request, self._control
 
@@ -137,7 +137,7 @@ class HeadActions:
             motion = control.point(target, p, notify, head, duration)
             goal.on_cancel = lambda: control.cancel(motion)
 
-    def follow(self, goal: Goal) -> None:
+    def follow(self, goal: ActionGoal) -> None:
         """Begin a goal of FollowJointTrajectory, or abort it with the code of its mistake."""
         try:
             if goal.request.multi_dof_trajectory.points:
@@ -161,7 +161,7 @@ class HeadActions:
             self._log.warning(text, throttle_duration_sec=_LOG_PERIOD)
             self._control.reject(str(error))
 
-    def _begin(self, message: Any, goal: Goal | None) -> None:
+    def _begin(self, message: Any, goal: ActionGoal | None) -> None:
         """Begin a trajectory.
 
         Raises:
@@ -264,7 +264,7 @@ def _waypoints(message: Any) -> list[Waypoint]:
 
 
 def _tolerances(
-    goal: Goal | None,
+    goal: ActionGoal | None,
     names: tuple[str, ...],
     joints: tuple[str, ...],
     usual: TrajectoryParameters,

@@ -15,7 +15,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.head.motions import TargetMotion
-from head_tracking.head.obstacle import Reason
+from head_tracking.head.obstacle import Blocked
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.joint_topics import JointTopics
 from head_tracking.ros.head.trajectory_backend import TrajectoryBackend
@@ -185,7 +185,7 @@ class HeadNode(ClosingNode):
                 self.control.enable()
                 response.message = f"{title} is enabled"
             else:
-                self.control.disable(Reason.DISABLED, title)
+                self.control.disable(Blocked.DISABLED, title)
                 response.message = f"{title} is disabled; the head stops"
             response.success = True
         except StoppedError as error:

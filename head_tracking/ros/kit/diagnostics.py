@@ -37,7 +37,7 @@ class FaultName(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Health:
+class Part:
     """The status of one part of the robot."""
 
     name: str
@@ -46,11 +46,11 @@ class Health:
     values: Mapping[str, str]
 
 
-def health_from_message(status: DiagnosticStatus) -> Health:
+def health_from_message(status: DiagnosticStatus) -> Part:
     """Return the status of a message. An unknown level becomes STALE."""
     level = Level(min(int.from_bytes(status.level, "little"), Level.STALE))
     values = {pair.key: pair.value for pair in status.values}
-    return Health(status.name, level, status.message, values)
+    return Part(status.name, level, status.message, values)
 
 
 def status_message(
