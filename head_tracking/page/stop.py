@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import suppress
 from typing import Any
@@ -21,15 +22,17 @@ ANSWER = 0.45  # s after which who asks for STOP hears what is known
 _HANGS = 0.12  # s without an answer until the other service is called as well
 _RETRY = 0.25  # s between attempts
 _POLL = 0.01  # s
+_LATE = 5.0  # s after `relax` in which a `stop` may still be discovered
 _SERVICES = "stop", "relax", "resume"
 
 
 class Stop:
     """Calls `stop` of the servo bus until every servo is confirmed relaxed; `resume` ends that.
 
-    If the bus offers no `stop`, or does not answer it, `relax` is called. The services are relative
-    names: those of another namespace belong to another robot. A bus without these short names is
-    called by the name in its `joint_control`.
+    If the bus offers no `stop`, or does not answer it, `relax` is called; and `stop` as well if it
+    is discovered later: only that holds until `resume`. The services are relative names: those of
+    another namespace belong to another robot. A bus without these short names is called by the
+    name in its `joint_control`.
 
     Args:
         beside: the node that it belongs to.
@@ -131,28 +134,30 @@ class Stop:
 
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
+        called: set[str] = set()
 
         def call(service: str) -> bool:
             """Call a service; return whether it exists."""
-            client = self._ready(service)
-            if client is None:
-                return False
-            future = client.call_async(Trigger.Request())
-            future.add_done_callback(attempt.on_answer)
-            pending.append((client, future))
-            return True
+            with suppress(Exception):  # of any kind: the next attempt may succeed
+                client = self._ready(service)
+                if client is None:
+                    return False
+                future = client.call_async(Trigger.Request())
+                future.add_done_callback(attempt.on_answer)
+                pending.append((client, future))
+                called.add(service)
+                return True
+            return False
 
-        was_called = False
-        while not attempt.ended.done():
+        while not attempt.ended.done() and self._own.node.context.ok():
             attempt.answered.clear()
-            try:
-                is_answered = call("stop") and attempt.answered.wait(_HANGS)
-                was_called = is_answered or call("relax") or bool(pending)
-            except Exception:  # of any kind: the next attempt may succeed
-                if not self._own.node.context.ok():
-                    return
-                was_called = False
+            is_answered = call("stop") and attempt.answered.wait(_HANGS)
+            was_called = is_answered or call("relax") or bool(pending)
             attempt.wait(_RETRY if was_called else _POLL)  # until a service is discovered
+        deadline = time.monotonic() + _LATE
+        while "stop" not in called and self._attempt is attempt and time.monotonic() < deadline:
+            if not call("stop"):  # of the bus that was relaxed, if it is discovered late
+                time.sleep(_POLL)
         for client, future in pending:
             client.remove_pending_request(future)
 

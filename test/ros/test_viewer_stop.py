@@ -106,6 +106,17 @@ def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start, pa
     wait_for(lambda: "stop" in bus.calls)
 
 
+def test_a_stop_that_is_discovered_after_relax_is_called_too(start, page, monkeypatch):
+    monkeypatch.setattr("head_tracking.page.stop._LATE", PATIENCE)
+    start(BusStandIn(offers=("relax",)))
+    robot = page()
+    wait_for(lambda: robot.stop._ready("relax"))
+    assert robot.stop.begin().wait().done
+    rest_of_the_bus = start(BusStandIn(offers=("stop",)))
+    wait_for(lambda: rest_of_the_bus.calls == ["stop"], PATIENCE)
+    wait_for(lambda: robot.stop.stopped)
+
+
 def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
     bus = start(BusStandIn())
     bus.confirms = set()
