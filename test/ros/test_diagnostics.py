@@ -17,8 +17,13 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
-from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, health_from_message
-from head_tracking.ros.kit.diagnostics import Health as PageHealth
+from head_tracking.ros.kit.diagnostics import (
+    FAULT,
+    FaultName,
+    Level,
+    Part,
+    health_from_message,
+)
 
 SERVO = ServoStatistics(
     "pan",
@@ -126,7 +131,7 @@ def page():
     return pytest.importorskip("head_tracking.page.status", reason="needs requirements/viewer.txt")
 
 
-def servo(**changes: Any) -> PageHealth:
+def servo(**changes: Any) -> Part:
     return health_from_message(entry(with_servo(**changes), "pan"))
 
 

@@ -9,7 +9,7 @@ from waiting import wait_for
 
 from head_tracking.calibration import Calibration, gathering
 from head_tracking.page.calibrating import CameraCalibration
-from head_tracking.ros.kit.diagnostics import Health, Level
+from head_tracking.ros.kit.diagnostics import Level, Part
 
 pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
 PATIENCE = 90.0
@@ -53,7 +53,7 @@ def test_a_marker_without_a_size_is_refused(calibration):
 
 
 def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, monkeypatch):
-    used = Health("robot_state_publisher: calibration", Level.OK, "3 days old", ())
+    used = Part("robot_state_publisher: calibration", Level.OK, "3 days old", ())
     monkeypatch.setattr(seen.topics, "health", lambda: (used,))
     assert not calibration.begin(0.16, "").done
     assert ended(calibration)
