@@ -43,7 +43,7 @@ ALLOWED: dict[str, set[str]] = {
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
     | {"calibration", "configuration", "parameters", "signals", "vision"},
     "share": set(),
-    "tf": {"transforms", "ros"},
+    "tf": {"transforms", "parameters", "ros"},
     "ros": CORE | {"tf", "share", "recording", "programs", "parameter_files"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "page": {

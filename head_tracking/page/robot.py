@@ -24,7 +24,7 @@ from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
 from head_tracking.ros.kit.topics import TopicListener
 from head_tracking.ros.targets.latest_target import LatestTarget
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.transforms import RobotModel, RobotModelError, TransformException
 
 _DISCOVERY_PERIOD = 1.0  # s
@@ -78,8 +78,7 @@ class Robot:
         self._disabling: tuple[Attempt, threading.Thread] | None = None
         self._polled = PolledNode(node, f"{node.get_name()}_polled", report)
         if buffer is None:
-            buffer = Buffer(node=node)
-            TransformListener(buffer, self._polled)
+            buffer = listening_buffer(node, self._polled)
         self.buffer = buffer.core
         # its many clients would slow down every wake-up of the other node
         self._requests = NodeThread.beside(node, f"{node.get_name()}_requests")

@@ -60,8 +60,8 @@ LEFT_OUT = (FEEDS_BUFFER, "joint_state_publisher", HEAD)
 """Nodes that a run can omit, because the robot has them already."""
 
 MODES: Mapping[str, NodeSpec] = {
-    "track": NodeSpec("head_tracker", ("buffer", "loop")),
-    "point": NodeSpec("point_head", ("buffer", "loop")),
+    "track": NodeSpec("head_tracker", ("loop",)),
+    "point": NodeSpec("point_head", ("loop",)),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -13,6 +14,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from head_tracking.parameters import parameter
+from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
@@ -189,10 +192,30 @@ class StaticTransformListener(TransformListener):
         super().__init__(buffer, node, static_only=True, **options)
 
 
-def listening_buffer(node: Node) -> Buffer:
-    """Return a buffer on a node's clock, filled by its subscriptions; an executor must spin it."""
+@dataclass(frozen=True, slots=True)
+class PrefixParameters:
+    """The parameter of a node that listens."""
+
+    frame_prefix: str = parameter(
+        "", "Put before the names of the robot's links, as by robot_state_publisher.", fixed=True
+    )
+
+
+def listening_buffer(
+    node: Node,
+    subscriber: Node | None = None,
+    on_joints: Callable[[JointState], object] = lambda _: None,
+) -> Buffer:
+    """Return a buffer on a node's clock, filled by its subscriptions; an executor must spin it.
+
+    Args:
+        node: declares the parameter `frame_prefix`.
+        subscriber: subscribes instead of the node.
+        on_joints: see `TransformListener`.
+    """
     buffer = Buffer(node=node)
-    TransformListener(buffer, node)
+    prefix = NodeParameters(node, PrefixParameters).value.frame_prefix
+    TransformListener(buffer, subscriber or node, frame_prefix=prefix, on_joints=on_joints)
     return buffer
 
 

@@ -20,6 +20,7 @@ from geometry_msgs.msg import Point, PointStamped
 from rclpy.signals import SignalHandlerOptions
 
 import head_tracking
+from head_tracking.control import ControlLoop
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.share import robot_file
@@ -34,7 +35,7 @@ def target_path() -> str:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     buffer = Buffer()
     buffer.core.set_model(load_robot_model(robot_file("kinectbot")))
-    node = HeadTrackerNode(buffer)
+    node = HeadTrackerNode(ControlLoop(buffer.core))
     calls: collections.Counter[tuple[str, str]] = collections.Counter()
 
     def on_event(frame: FrameType, event: str, _: Any) -> None:

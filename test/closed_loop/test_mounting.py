@@ -127,7 +127,7 @@ def world(kinectbot):
 
 
 def test_the_node_says_so_and_gives_the_head_up_until_it_is_enabled(world, kinectbot, head):
-    node = world.make(HeadTrackerNode, {}, buffer=world.buffer, loop=world.loop)
+    node = world.make(HeadTrackerNode, {}, loop=world.loop)
     states, diagnoses = world.record("/head_tracker/state"), world.record("/diagnostics")
     enabled = world.record("/head_tracker/enabled")
     chain = kinectbot.chain(head.base_frame, "camera_link")

@@ -33,7 +33,7 @@ class Tracked:
 
     def __init__(self, model: RobotModel, **parameters: Any) -> None:
         self.world = world = World(model)
-        self.node = world.make(HeadTrackerNode, parameters, buffer=world.buffer, loop=world.loop)
+        self.node = world.make(HeadTrackerNode, parameters, loop=world.loop)
         self.path: Callable[[float], float] | None = None
         world.every(round(STEP * SECOND), self._see)
         world.run(0.5)

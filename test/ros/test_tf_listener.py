@@ -25,6 +25,7 @@ from head_tracking.tf import (
     TransformBroadcaster,
     TransformListener,
     broadcasting_possible,
+    listening_buffer,
 )
 from head_tracking.transforms import load_robot_model
 
@@ -154,6 +155,19 @@ def test_a_prefix_is_put_before_the_links(make_node, head):
     assert turned(found)
     assert not buffer.can_transform("base_link", "camera_link", Time())
     listener.unregister()
+
+
+def test_a_node_that_listens_has_the_prefix_as_a_parameter(make_node, head):
+    """As robot_state_publisher in another process: /tf has its frames with the prefix."""
+    prefix = Parameter("frame_prefix", value="left/")
+    node = rclpy.create_node("prefixed", parameter_overrides=[prefix])
+    thread = NodeThread(node)
+    buffer = listening_buffer(node)
+    thread.start()
+    head.move(0.5, 2)
+    found = buffer.lookup_transform("left/base_link", "left/camera_link", Time(), PATIENCE)
+    assert turned(found)
+    thread.close()
 
 
 def test_joints_of_a_second_robot_do_not_turn_the_first(make_node, head, urdf):

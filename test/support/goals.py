@@ -88,7 +88,6 @@ class PointedHead:
         self.node: PointHeadNode = self.world.make(
             PointHeadNode,
             {"max_velocity": 5.0},
-            buffer=self.world.buffer,
             loop=self.world.loop,
         )
         self._states = self.world.record("/point_head/state")

@@ -78,7 +78,7 @@ def pursue(
     nodes = [
         eye,
         world.make(VisualTargetNode, target, buffer=world.buffer),
-        world.make(HeadTrackerNode, tracker, buffer=world.buffer, loop=world.loop),
+        world.make(HeadTrackerNode, tracker, loop=world.loop),
     ]
     seen = eye.scene
 

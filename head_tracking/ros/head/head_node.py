@@ -24,7 +24,7 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.ros.kit.topics import LATCHED, Output, TopicListener, unheard
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import listening_buffer
 from head_tracking.tracking import ClockWatch
 
 _WATCH_PERIOD = 0.25  # s
@@ -84,7 +84,6 @@ class HeadNode(ClosingNode):
     def create_control(
         self,
         error_topic: str,
-        buffer: Buffer | None,
         loop: ControlLoop | None,
         targets: TargetMotion,
         period: float,
@@ -93,8 +92,7 @@ class HeadNode(ClosingNode):
 
         Args:
             error_topic: where the angle between pointing axis and target is published [rad].
-            buffer: updated by another node of this process; None: this node listens itself.
-            loop: of this process; None: this node runs its own.
+            loop: of this process; None: this node listens itself, and runs its own.
             targets: what the head does with targets.
             period: minimum time between two updates [s].
 
@@ -109,9 +107,8 @@ class HeadNode(ClosingNode):
         self._status_topic = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._fields: dict[str, str] = {}
         if loop is None:
-            buffer = buffer or Buffer(node=self)
+            buffer = listening_buffer(self, on_joints=lambda message: own.heard(message.name))
             own = loop = ControlLoop(buffer.core)
-            TransformListener(buffer, self, on_joints=lambda message: own.heard(message.name))
         clock = self.get_clock()
         self.control = HeadControl(
             loop,

@@ -14,7 +14,6 @@ from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.tf import Buffer
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
@@ -46,13 +45,10 @@ class HeadTrackerNode(HeadNode):
     """Keeps the head on `target_point`.
 
     Args:
-        buffer: the transform buffer of the process; None: this node listens itself.
-        loop: the control loop of the process; None: this node runs its own.
+        loop: the control loop of the process; None: this node listens itself, and runs its own.
     """
 
-    def __init__(
-        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
-    ) -> None:
+    def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
         super().__init__("head_tracker", **options)
         own = self._own = NodeParameters(self, HeadTrackerParameters, on_change=self._tune)
         self._limits = NodeParameters(self, SpeedLimits, on_change=self._tune)
@@ -66,7 +62,7 @@ class HeadTrackerNode(HeadNode):
         self._tracking = Tracking(self._settings)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         period = 1.0 / own.value.rate
-        self.create_control("~/tracking_error", buffer, loop, self._tracking, period)
+        self.create_control("~/tracking_error", loop, self._tracking, period)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.begin()
 

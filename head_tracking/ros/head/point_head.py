@@ -12,7 +12,6 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_actions import HeadActions
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.tf import Buffer
 
 _PERIOD = 0.02  # s
 
@@ -36,19 +35,14 @@ class PointHeadNode(HeadNode):
     While a goal is in progress, `target_point` is ignored.
 
     Args:
-        buffer: the transform buffer of the process; None: this node listens itself.
-        loop: the control loop of the process; None: this node runs its own.
+        loop: the control loop of the process; None: this node listens itself, and runs its own.
     """
 
-    def __init__(
-        self, buffer: Buffer | None = None, loop: ControlLoop | None = None, **options: Any
-    ) -> None:
+    def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
         super().__init__("point_head", **options)
         p = NodeParameters(self, PointHeadParameters).value
         pointing = NodeParameters(self, PointingParameters)
-        self.create_control(
-            "~/pointing_error", buffer, loop, Pointing(lambda: pointing.value), _PERIOD
-        )
+        self.create_control("~/pointing_error", loop, Pointing(lambda: pointing.value), _PERIOD)
         name = p.controller_name or "~"
         self.actions = HeadActions(self, name, self.control, lambda: pointing.value)
         self.begin()
