@@ -5,23 +5,25 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import io
 import json
 import socket
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from urllib.parse import quote
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -48,6 +50,7 @@ _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
 _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
 _MESSAGES = 200.0  # per second; a browser sends one for each picture
+_PART = 64 * 1024  # bytes of a recording that are read at a time
 _RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
 _UNWATCHED = 0.5  # s between samples while no browser watches
 
@@ -56,7 +59,7 @@ _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of 
 
 _AT_ONCE = ("/head/stop", "/head/resume")
 
-_WRONG_FIELDS = (ArithmeticError, LookupError, TypeError, ValueError)
+_WRONG_FIELDS = (ArithmeticError, LookupError, OSError, TypeError, ValueError)
 
 Answer = Callable[[dict[str, Any]], Any]
 """Returns the answer to a request by its fields: a Response, an Outcome, or what JSON can hold.
@@ -455,11 +458,25 @@ def _picture(picture: bytes | None) -> Response:
 
 
 def _download(recording: Path | bytes) -> Response:
+    file: IO[bytes]
     if isinstance(recording, Path):
-        return FileResponse(recording, filename=recording.name)
-    name = time.strftime("head-%Y%m%d-%H%M%S-last-minute.mcap")
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(recording, headers=headers, media_type="application/octet-stream")
+        name, size, file = recording.name, recording.stat().st_size, recording.open("rb")
+    else:
+        name = time.strftime("head-%Y%m%d-%H%M%S-last-minute.mcap")
+        size, file = len(recording), io.BytesIO(recording)
+    headers = {
+        "Content-Disposition": f"attachment; filename*=utf-8''{quote(name)}",
+        "Content-Length": str(size),
+    }
+    return StreamingResponse(_parts(file, size), headers=headers, media_type="application/mcap")
+
+
+def _parts(file: IO[bytes], size: int) -> Iterator[bytes]:
+    """Yield the first bytes of a file, which may still grow, and close it."""
+    with file:
+        while size > 0 and (part := file.read(min(size, _PART))):
+            size -= len(part)
+            yield part
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -347,6 +348,22 @@ def test_uploads_are_limited_by_the_size_that_comes(
 def test_only_recordings_that_are_listed_are_sent(client: httpx.Client, name: str) -> None:
     assert client.get(f"/head/recordings/{name}").status_code == 404
     assert client.post("/head/replay/open", json={"name": name}).status_code == 400
+
+
+def test_a_recording_that_grows_meanwhile_is_sent_as_it_was(
+    robot: _Robot, client: httpx.Client, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file, content = tmp_path / "now.mcap", b"12345" * 6_000_001  # more than is sent ahead
+    file.write_bytes(content)
+    monkeypatch.setattr(robot.recorder, "files", lambda: (file,))
+    with client.stream("GET", "/head/recordings/now.mcap") as answer:
+        parts = answer.iter_raw()
+        first = next(parts)
+        with file.open("ab") as growing:
+            growing.write(b"more")
+        assert first + b"".join(parts) == content
+    file.unlink()
+    assert client.get("/head/recordings/now.mcap").status_code == 404
 
 
 def test_the_page_and_three_js_are_served_from_here(client: httpx.Client) -> None:
