@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.compatibility import StrEnum
 from head_tracking.page.path import ClosedPath
 from head_tracking.ros.kit.others import Outcome
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import target_from_message, target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tracking import Target
@@ -153,7 +154,7 @@ class HeadModes:
         self._sent: tuple[Target, ...] = ()
         self._begun = self._others_sent = -math.inf
         self._send_lock = threading.Lock()
-        self._timer = node.create_timer(_SEND_PERIOD, self._send_next)
+        self._timer = steady_timer(node, _SEND_PERIOD, self._send_next)
         self._timer.cancel()
 
     def mode(self) -> Mode:

@@ -14,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.dynamixel import Torque
 from head_tracking.page.head_modes import Mode
 from head_tracking.ros.kit.others import Outcome
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.transforms import JointState, JointStates
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class JointPanel:
         self._had_servos = False
         self._commands = node.create_publisher(JointStateMsg, "joint_commands", 10)
         self._states: Publisher | None = None  # while positions are published: see `discover`
-        self._timer = node.create_timer(_PERIOD, self._publish_positions)
+        self._timer = steady_timer(node, _PERIOD, self._publish_positions)
         self._timer.cancel()
 
     @property

@@ -21,6 +21,7 @@ from head_tracking.page.stop import Attempt, Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import FollowedTarget, Observation, observed
 from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
 from head_tracking.ros.kit.topics import TopicListener
 from head_tracking.ros.targets.latest_target import LatestTarget
@@ -95,8 +96,8 @@ class Robot:
         TopicListener(self._polled, PointStamped, "target_point", self.modes.hear)
         self.joints = JointPanel(node, self)
         self._joint_watch, self._frame_watch = SilenceWatch(_PATIENCE), SilenceWatch(_GONE)
-        requests.create_timer(_DISCOVERY_PERIOD, self._discover)
-        node.create_timer(_DISCOVERY_PERIOD, self.topics.end_unused)
+        steady_timer(requests, _DISCOVERY_PERIOD, self._discover)
+        steady_timer(node, _DISCOVERY_PERIOD, self.topics.end_unused)
         self._requests.start()
 
     def close(self) -> None:

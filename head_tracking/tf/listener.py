@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -16,6 +15,7 @@ from std_msgs.msg import String
 
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
@@ -243,5 +243,5 @@ def _check_clock(node: Node) -> Any:
                 "publisher of /clock, or set use_sim_time to false"
             )
 
-    timer = node.create_timer(5.0, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    timer = steady_timer(node, 5.0, check)
     return timer
