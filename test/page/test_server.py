@@ -224,10 +224,13 @@ delete AbortSignal.timeout;
 HTMLCanvasElement.prototype.getContext = ((get) => function (kind, ...options) {
   return kind.startsWith("webgl") ? null : get.call(this, kind, ...options);
 })(HTMLCanvasElement.prototype.getContext);
+Object.defineProperty(window, "localStorage", { get() { throw new Error("denied"); } });
 """
 
 
-def test_stop_works_in_an_older_browser_without_3d(robot: _Robot, browser: Any, page: Page) -> None:
+def test_an_older_browser_without_3d_and_storage_shows_the_rest(
+    robot: _Robot, browser: Any, page: Page
+) -> None:
     with visited(browser, page.port, _OLDER) as tab:
         before = robot.stops
         tab.locator("#stop").dispatch_event("click")

@@ -58,6 +58,11 @@ export function toast(text, seconds = 6) {
   toast.timer = setTimeout(() => { node.hidden = true; }, 1000 * seconds);
 }
 
+/** Return what this browser keeps under a name, after a new value is kept; null where it may keep nothing. */
+export function kept(name, value) {
+  try { if (value) localStorage.setItem(name, value); return localStorage.getItem(name); } catch { return null; }
+}
+
 const pending = new Set();
 
 /** Give up the requests that wait: a browser has six connections to a server, and STOP needs one. */

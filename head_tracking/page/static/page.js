@@ -1,7 +1,7 @@
 // The page: the live websocket, STOP and the tabs.
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
-import { abort, by, command, degrees, element, offer, rows, send, toast, write } from "./dom.js";
+import { abort, by, command, degrees, element, kept, offer, rows, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
 import { RobotScene } from "./scene.js";
@@ -49,7 +49,7 @@ class Page {
     this.makeView();
     this.connect();
     setInterval(() => this.checkSilent(), 500);
-    if (!localStorage.getItem("head-welcomed")) this.welcome(0);
+    if (!kept("head-welcomed")) this.welcome(0);
   }
 
   async stop() {
@@ -62,7 +62,8 @@ class Page {
   onKey(event) {
     if (event.key !== "Escape" || event.repeat) return;
     if (by("sure").open) { by("sure").close(); event.preventDefault(); return; }
-    if (document.activeElement?.tagName === "SELECT") { document.activeElement.blur(); return; }
+    const menu = document.activeElement?.closest("select, #drawn[open]");
+    if (menu) { menu.removeAttribute("open"); document.activeElement.blur(); return; }
     this.stop();
   }
 
@@ -100,9 +101,9 @@ class Page {
 
   makeTheme() {
     const system = matchMedia("(prefers-color-scheme: dark)");
-    const apply = () => { document.documentElement.dataset.theme = localStorage.getItem("head-theme") ?? (system.matches ? "dark" : "light"); };
+    const apply = () => { document.documentElement.dataset.theme = kept("head-theme") ?? (system.matches ? "dark" : "light"); };
     system.onchange = apply;
-    by("theme").onclick = () => { localStorage.setItem("head-theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark"); apply(); };
+    by("theme").onclick = () => { kept("head-theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark"); apply(); };
     apply();
   }
 
@@ -118,7 +119,7 @@ class Page {
 
   welcome(step) {
     const end = () => {
-      localStorage.setItem("head-welcomed", "1");
+      kept("head-welcomed", "1");
       by("welcome").close();
     };
     write(by("welcome-title"), `${step + 1}. ${STEPS[step][0]}`);
