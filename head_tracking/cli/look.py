@@ -31,7 +31,7 @@ _SETTLE_TIME = 0.3  # s
 def look(client: Client, options: argparse.Namespace) -> int:
     """Turn the head, wait until it has arrived, and print the miss."""
     joints, frames = (options.pan_joint, options.tilt_joint), client.frames
-    head = PanTiltHead(client.model(options.wait), *joints, options.camera)
+    head = PanTiltHead(client.model(options.wait), *joints, options.pointing_frame)
     client.wait_for(
         lambda: all(frames.latest_joint_position(joint) for joint in joints),
         options.wait,
@@ -118,7 +118,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--timeout", type=positive, default=8.0, metavar="S", help="of the turn (%(default)s s)")
     add("--wait", type=positive, default=10.0, metavar="S", help="for a head (%(default)s s)")
     add("--topic", default="target_point", help="default: %(default)s")
-    add("--camera", default="camera_link", help="the frame that is pointed (%(default)s)")
+    add(
+        "--pointing-frame", "--camera", default="camera_link",
+        help="the frame that is pointed (%(default)s)",
+    )  # fmt: skip
     add("--pan-joint", default="head_pan_joint", help="default: %(default)s")
     add("--tilt-joint", default="head_tilt_joint", help="default: %(default)s")
     options = parser.parse_intermixed_args(with_negative_values(arguments))
