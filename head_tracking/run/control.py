@@ -30,7 +30,7 @@ from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import HINT, execute
-from head_tracking.tf import Buffer, TransformListener
+from head_tracking.tf import Buffer, TransformListener, prefix_of
 from head_tracking.transforms.urdf import parse_in_child_process
 
 _START_TIMEOUT = 30.0  # s for a node of another process, on a busy machine
@@ -91,7 +91,7 @@ class Composition:
                 servo_bus = self.nodes[spec.name]
                 on_servos(servo_bus)
                 if all(other.name != FEEDS_BUFFER for other in plan.nodes):
-                    TransformListener(self.buffer, servo_bus)
+                    TransformListener(self.buffer, servo_bus, frame_prefix=prefix_of(servo_bus))
 
     def stop(self) -> list[str]:
         """STOP; return a line for each joint."""

@@ -19,6 +19,7 @@ from head_tracking.tf.listener import (
     StaticTransformListener,
     TransformListener,
     listening_buffer,
+    prefix_of,
 )
 from head_tracking.tf.registration import (
     TransformRegistration,
@@ -58,4 +59,5 @@ __all__ = [
     "do_transform_pose_with_covariance_stamped",
     "do_transform_vector3",
     "listening_buffer",
+    "prefix_of",
 ]

@@ -214,9 +214,13 @@ def listening_buffer(
         on_joints: see `TransformListener`.
     """
     buffer = Buffer(node=node)
-    prefix = NodeParameters(node, PrefixParameters).value.frame_prefix
-    TransformListener(buffer, subscriber or node, frame_prefix=prefix, on_joints=on_joints)
+    TransformListener(buffer, subscriber or node, frame_prefix=prefix_of(node), on_joints=on_joints)
     return buffer
+
+
+def prefix_of(node: Node) -> str:
+    """Declare the parameter `frame_prefix` of a node that listens, and return its value."""
+    return NodeParameters(node, PrefixParameters).value.frame_prefix
 
 
 def _own_node(listener: TransformListener) -> Node:
