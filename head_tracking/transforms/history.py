@@ -32,6 +32,7 @@ class History(Generic[Value]):
     """
 
     __slots__ = ("cache_time", "first", "stamps", "values")
+    _replaces = False
 
     def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
         self.cache_time = cache_time
@@ -59,7 +60,7 @@ class History(Generic[Value]):
         return bool(stamps) and (stamps[self.first] <= stamp <= stamps[-1] or stamp == LATEST)
 
     def insert(self, stamp: int, value: Value) -> bool:
-        """Insert a sample, in any order; all samples with the same stamp are kept.
+        """Insert a sample, in any order; all transforms with the same stamp are kept, as by tf2.
 
         Returns:
             False if the sample is older than the cache.
@@ -79,6 +80,9 @@ class History(Generic[Value]):
             return True
         if stamp < oldest_allowed:
             return False
+        if self._replaces and stamp == stamps[-1]:
+            self.values[-1] = value
+            return True
         index = bisect_right(stamps, stamp, self.first)
         if value not in self.values[bisect_left(stamps, stamp, self.first) : index]:
             stamps.insert(index, stamp)
@@ -133,17 +137,11 @@ class JointHistory(History[float]):
     """
 
     __slots__ = ("continuous", "joint")
+    _replaces = True  # the latest sample: a clock at rest must not fill the memory
 
     def __init__(self, joint: str = "", *, cache_time: int = DEFAULT_CACHE_TIME) -> None:
         super().__init__(cache_time)
         self.joint, self.continuous = joint, False
-
-    def insert(self, stamp: int, value: float) -> bool:
-        """Insert a sample; it replaces the latest one of the same stamp, as of a clock at rest."""
-        if self.stamps and stamp == self.stamps[-1]:
-            self.values[-1] = value
-            return True
-        return super().insert(stamp, value)
 
     def _between(self, older: float, newer: float, ratio: float) -> float:
         difference = newer - older
