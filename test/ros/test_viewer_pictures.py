@@ -8,7 +8,7 @@ from PIL import Image as PillowImage
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from head_tracking.page.other_topics import Picture, image_of, size_of
+from head_tracking.page.other_topics import Snapshot, image_of, size_of
 from head_tracking.ros.kit.images import image_message
 from head_tracking.vision.images import ImageError
 
@@ -65,7 +65,7 @@ def compressed(kind: str, size: tuple[int, int] = (64, 48), **options: object) -
 
 def test_a_jpeg_of_a_camera_is_passed_on_unless_it_is_too_wide():
     message = compressed("JPEG", progressive=True, comment=b"a camera")
-    picture = Picture("/image", 1, message, *size_of(message))
+    picture = Snapshot("/image", 1, message, *size_of(message))
     assert (picture.width, picture.height) == (64, 48)
     assert picture.jpeg(64) == bytes(message.data)
     smaller = PillowImage.open(io.BytesIO(picture.jpeg(32)))
@@ -74,7 +74,7 @@ def test_a_jpeg_of_a_camera_is_passed_on_unless_it_is_too_wide():
 
 def test_other_compressions_become_jpeg():
     message = compressed("PNG")
-    picture = Picture("/image", 1, message, *size_of(message))
+    picture = Snapshot("/image", 1, message, *size_of(message))
     shown = PillowImage.open(io.BytesIO(picture.jpeg(64)))
     assert (shown.format, shown.size) == ("JPEG", (64, 48))
 
