@@ -176,6 +176,7 @@ def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     tracking(robot)
     tracker = robot.composition.nodes["head_tracker"]
     stopped = robot.hear("stopped", Bool, LATCHED)
+    wait_for(lambda: stopped)
     tracker.control.targets.restart = lambda *_: 1 // 0
     answer = robot.composition.loop.stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
