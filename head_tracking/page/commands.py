@@ -11,8 +11,11 @@ from head_tracking.page.path import ClosedPath, path_ahead
 from head_tracking.page.robot import Robot
 from head_tracking.page.tuning import Tuning, finite
 from head_tracking.ros.kit.others import Outcome
+from head_tracking.tracking import Target
 
 Fields = dict[str, Any]
+
+_END = 2**31 * 10**9  # ns: later stamps fit in no message
 
 
 def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fields], Outcome]]:
@@ -28,6 +31,7 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
     modes, joints, recorder = robot.modes, robot.joints, robot.recorder
     return {
         "mode": lambda of: modes.set_mode(Mode(str(of["mode"])), str(of.get("frame", ""))),
+        "select": lambda of: modes.select(_seen(of)),
         "look": lambda of: _look(robot, live, of),
         "path": lambda of: _follow_path(robot, of),
         "aim": lambda of: joints.move(_positions(of)),
@@ -48,6 +52,15 @@ def _positions(of: Fields) -> dict[str, float]:
     if not positions:
         raise ValueError("joints is empty: give one or more.")
     return positions
+
+
+def _seen(of: Fields) -> Target:
+    """Return what a camera has seen."""
+    x, y, z = map(finite, of["point"])
+    stamp = int(of["stamp"])
+    if not 0 <= stamp < _END:
+        raise ValueError(f"stamp must be from 0 to {_END - 1} ns, not {stamp}.")
+    return Target(stamp, str(of["frame_id"]), (x, y, z))
 
 
 def _on(of: Fields) -> bool:

@@ -150,6 +150,7 @@ class HeadModes:
         startable = (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)
         self._services.know(Trigger, *(f"node_starter/{name}" for name in startable))
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
+        self._selections = node.create_publisher(PointStamped, f"{VISUAL}/select_point", 10)
         self._sending: _Sending | None = None
         self._sent: tuple[Target, ...] = ()
         self._begun = self._others_sent = -math.inf
@@ -226,6 +227,14 @@ class HeadModes:
             self._send(Target(0, frame, (x, y, z)), self._take_over(stops), stops)
         finally:
             self._changing.release()
+
+    @_answered
+    def select(self, seen: Target) -> None:
+        """Let `visual_target` follow what it has seen there."""
+        _refuse_if(self._stop.refusal)
+        if self.mode() not in FOUND_IN_PICTURES:
+            raise _Refused("Choose Face, Ball or Marker first.")
+        self._selections.publish(target_message(seen))
 
     @_answered
     def centre(self) -> None:

@@ -27,6 +27,7 @@ from head_tracking.vision.images import ImageError
 
 _WIDEST = 640  # pixels of a picture
 _DISTANCE = 1.5  # m: of a point in an image without a target
+_OTHER = "follow"  # what `visual_target` sees and does not follow
 _FACE = 0.24  # m: side of the box around a person's face
 _HIDDEN = 10**9  # ns: a person that was measured longer ago is not marked
 _SLOW_PERIOD = 0.25  # s between samples of what changes slowly
@@ -177,9 +178,10 @@ class Live:
             for name, transform in self.observation.frames.items()
             if "person" in name and latest.get(name, 0) > oldest
         }
-        mode = self._robot.mode
-        region = self._robot.topics.region() if mode in FOUND_IN_PICTURES else None
-        picture = self.latest_picture() if people or region is not None else None
+        mode, topics = self._robot.mode, self._robot.topics
+        finds = mode in FOUND_IN_PICTURES
+        region = topics.region() if finds else None
+        picture = self.latest_picture() if people or finds else None
         if picture is None or self._model is None:
             return {"boxes": [], "boxes_of": ""}
         camera, boxes = self._camera(picture), []
@@ -189,6 +191,11 @@ class Live:
             if pose is not None and target is not None:
                 distance = math.dist(pose.translation, target)
             boxes.append(_box("", str(mode), region, camera, distance))
+        for index, other in enumerate(topics.others(picture.frame_id) if finds else ()):
+            face = _face(other.point, camera)
+            if face is not None:
+                one = _box(f"{_OTHER} {index}", _OTHER, face, camera, math.hypot(*other.point))
+                boxes.append({**one, "select": {**asdict(other), "stamp": str(other.stamp)}})
         if pose is not None:
             T_camera_root = pose.inverse()
             for name, transform in sorted(people.items()):

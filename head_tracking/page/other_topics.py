@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray
 from PIL import Image
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
@@ -30,6 +31,7 @@ from head_tracking.ros.kit.others import Graph
 from head_tracking.ros.kit.threads import PolledNode
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
 from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tracking import Target
 from head_tracking.vision.camera import Camera, CameraError
 from head_tracking.vision.images import ImageError, decode_depth, decode_picture, rows_of
 
@@ -40,13 +42,14 @@ _UNUSED = 3.0  # s without a request until a subscription ends
 _DISCOVERY_PERIOD = 0.25  # s
 _MOST_STATUSES = 200  # of a node
 _MOST_STRANGERS = 50  # names in diagnostics that are no nodes
+_MOST_OTHERS = 20  # marked in the picture
 _MOST_VALUES = 200  # of a status
 _MOST_TEXT = 1000  # characters
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
 _CALIBRATION_PERIOD = 1.0  # s
 _LATEST = QoSProfile(depth=1)
-_REGION = "visual_target/roi"
+_REGION, _OTHERS = "visual_target/roi", "visual_target/others"
 _FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")  # others, such as EPS, would start programs
 _MOST_PIXELS = 25e6  # of an image: it takes 0.2 s to decode
 _QUALITY, _JPEG = 80, b"\xff\xd8\xff"  # of JPEG; its first bytes
@@ -220,6 +223,15 @@ class OtherTopics:
         if box is None:
             return None
         return int(box.x_offset), int(box.y_offset), int(box.width), int(box.height)
+
+    def others(self, frame_id: str) -> tuple[Target, ...]:
+        """Return where `visual_target` sees what it does not follow, in a camera's frame."""
+        found = _recent(self._request(PoseArray, _OTHERS, MEASUREMENT))
+        if found is None or found.header.frame_id != frame_id:
+            return ()
+        stamp = stamp_to_ns(found.header.stamp)
+        points = (pose.position for pose in islice(found.poses, _MOST_OTHERS))
+        return tuple(Target(stamp, frame_id, (point.x, point.y, point.z)) for point in points)
 
     def images(self) -> tuple[str, ...]:
         """Return the topics of images that exist, raw or compressed."""

@@ -18,6 +18,7 @@ from head_tracking.vision.opencv import cv2
 
 _LONGEST_PAUSE = 5.0  # s
 _HINTED = 0.3  # s after a loss in which the predicted position is a hint
+_ANOTHER = 0.5  # m
 _SELECTION = 10  # images in which a selected object may be detected
 
 
@@ -136,6 +137,16 @@ class VisualTracker:
         self._wanted, self._patience = box, _SELECTION
         if not self._follow_wanted():
             self.identity.reset()
+
+    def select_point(self, point: Vector3) -> bool:
+        """Follow the track nearest to a point in the fixed frame [m]; return whether there is one.
+
+        A track farther away than 0.5 m is another object.
+        """
+        near = [t for t in self.tracks if t.believed and math.dist(t.position, point) < _ANOTHER]
+        if near:
+            self.identity.follow(min(near, key=lambda track: math.dist(track.position, point)))
+        return bool(near)
 
     def reset(self) -> None:
         """Delete all tracks and the selection."""

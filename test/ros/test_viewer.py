@@ -70,6 +70,23 @@ EVERYTHING_OPEN = """() => {
   ]);
   camera.mark = () => {};
 }"""
+TAPPED = """([u, v]) => {
+  const found = {}, { camera } = headPage, card = document.getElementById("camera");
+  const there = document.getElementById("labels").getBoundingClientRect();
+  const { follow, look } = camera;
+  camera.mark([{frame: "follow 0", label: "follow", box: [0.2, 0.3, 0.1, 0.2], distance: 2}]);
+  camera.follow = (one) => { found.person = one.frame; };
+  camera.look = (place) => { found.u = place; };
+  const clientX = there.left + u * there.width, clientY = there.top + v * there.height;
+  const at = { clientX, clientY, pointerId: 1 };
+  card.setPointerCapture = () => {};
+  for (const kind of ["pointerdown", "pointerup"]) card.dispatchEvent(new PointerEvent(kind, at));
+  delete card.setPointerCapture;
+  Object.assign(camera, {follow, look});
+  return found;
+}"""
+"""What a tap on a place of the picture chooses, where a person is shown."""
+
 USABILITY = Path(browser_support.__file__).with_name("usability.js").read_text()
 
 
@@ -377,6 +394,8 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
     open_tab(page, "live")
     choose(page, "source", "/camera/image")
     wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6), PATIENCE)
+    assert page.evaluate(TAPPED, [0.25, 0.4]) == {"person": "follow 0"}
+    assert page.evaluate(TAPPED, [0.7, 0.4]) == {"u": pytest.approx(0.7, abs=0.02)}
     choose(page, "source", "none")
     wait_for(lambda: page.evaluate(MEAN_COLOUR) is None, PATIENCE)
     choose(page, "source", "/camera/image")

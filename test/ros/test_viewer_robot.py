@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PointStamped
 from robot_under_test import Robot
 from viewing import PATIENCE, view
 from waiting import wait_for
@@ -15,7 +16,9 @@ from head_tracking.page.other_topics import image_of
 from head_tracking.page.path import ClosedPath
 from head_tracking.page.status import Word
 from head_tracking.page.viewer import ViewerNode
+from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.run.options import parse_arguments
+from head_tracking.tracking import Target
 from head_tracking.transforms import Rotation, Transform
 
 DEGREE = math.radians(1)
@@ -196,6 +199,8 @@ def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, se
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     assert Mode.FACE in seen.modes.possible()
     assert seen.modes.start(NAME).done
+    selected, place = robot.hear("visual_target/select_point", PointStamped), (0.3, 0.1, 2.0)
+    assert not seen.modes.select(Target(1, "camera_optical_frame", place)).done
     for mode, follows in ((Mode.BALL, "colour"), (Mode.MARKER, "marker")):
         assert seen.modes.set_mode(mode).done
         wait_for(lambda mode=mode: seen.modes.mode() is mode)
@@ -203,6 +208,9 @@ def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, se
         assert follow.value == follows
     wait_for(lambda: seen.observe().target is not None, 30.0)
     assert not seen.modes.conflict()
+    assert seen.modes.select(Target(1, "camera_optical_frame", place)).done
+    wait_for(lambda: selected)
+    assert target_from_message(selected[-1]).point == place
     assert seen.modes.centre().done
     assert seen.modes.mode() is Mode.MARKER
     assert seen.modes.look_at("base_link", (1.0, 0.4, 0.4)).done

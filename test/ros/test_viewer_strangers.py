@@ -202,6 +202,8 @@ WRONG = [
     ("look", '{"u": 0.5, "v": 0.5, "stamp": 1e400}'),
     ("look", '{"point": [1, 2]}'),
     ("aim", '{"joints": {}}'),
+    ("select", '{"frame_id": "base_link", "stamp": "1e9", "point": [1, 2, 3]}'),
+    ("select", '{"frame_id": "base_link", "stamp": "9999999999999999999", "point": [1, 2, 3]}'),
     ("record", '{"on": 1}'),
     ("torque", '{"on": null}'),
 ]

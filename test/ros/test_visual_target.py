@@ -12,6 +12,7 @@ import rclpy
 if find_spec("cv2") is None:
     pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
 
+from geometry_msgs.msg import Point, PointStamped
 from lockstep import World
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -275,6 +276,30 @@ def test_selected_boxes(world, look):
     world.publish("/visual_target/select", choice)
     show(world, depth="")
     assert targets[-1][1].point.z == pytest.approx(1.0, abs=0.01)
+
+
+def test_what_else_is_seen_is_published_and_can_be_selected(world, look):
+    node = look(follow="colour", distance=1.0)
+    targets = world.record("/target_point")
+    others = world.record("/visual_target/others")
+
+    def with_a_smaller_ball(image, _):
+        pixels = np.frombuffer(image.data, np.uint8).reshape(240, 320, 3).copy()
+        pixels[100:140, 240:280] = (20, 110, 245)
+        image.data = pixels.tobytes()
+
+    show(world, depth="", change=with_a_smaller_ball)
+    assert abs(targets[-1][1].point.x) < 0.05
+    (other,) = others[-1][1].poses
+    assert (other.position.x, other.position.z) == pytest.approx((0.3, 0.9), abs=0.2)
+    chosen = PointStamped(header=others[-1][1].header, point=other.position)
+    far = PointStamped(header=chosen.header, point=Point(x=9.0, y=9.0, z=9.0))
+    for message, warnings in ((chosen, 0), (far, 1)):
+        world.publish("/visual_target/select_point", message)
+        show(world, depth="", change=with_a_smaller_ball)
+        assert len(node.warnings) == warnings
+        assert targets[-1][1].point.x == pytest.approx(other.position.x, abs=0.02)
+        assert abs(others[-1][1].poses[0].position.x) < 0.05
 
 
 def simulated_camera(world, **parameters):

@@ -1,4 +1,4 @@
-// The camera picture with boxes: click to look there, drag to look around, tap a name to follow a person.
+// The camera picture with boxes: click to look there, drag to look around, tap a person to follow them.
 import { button, by, element, write } from "./dom.js";
 
 const DRAG = 6, MOST_CROPPED = 1.35, DECODING = 1000, OLD = 3000; // pixels, ratio, ms: a picture that is replaced may never be decoded
@@ -6,7 +6,7 @@ const DRAG = 6, MOST_CROPPED = 1.35, DECODING = 1000, OLD = 3000; // pixels, rat
 export class CameraPicture {
   /**
    * @param {(u: number, v: number, stamp: string) => void} look receives a place in the picture, in fractions.
-   * @param {(frame: string) => void} follow receives the frame of a person.
+   * @param {(person: object) => void} follow receives the box of a person; see `mark`.
    */
   constructor(look, follow) {
     this.image = by("picture");
@@ -27,17 +27,24 @@ export class CameraPicture {
       this.pressed.dragged ||= moved;
       if (this.pressed.dragged) this.point(event);
     });
-    card.addEventListener("pointerup", (event) => { if (this.pressed) this.point(event); this.pressed = null; });
+    card.addEventListener("pointerup", (event) => {
+      if (this.pressed) this.point(event, !this.pressed.dragged);
+      this.pressed = null;
+    });
     card.addEventListener("pointercancel", () => { this.pressed = null; });
     new ResizeObserver(() => this.place()).observe(card);
   }
 
-  point(event) {
+  /** Look at a place in the picture, or follow the person there. */
+  point(event, tapped = false) {
     if (!this.image.naturalWidth) return;
     const inner = this.inner(), outer = by("camera").getBoundingClientRect();
     const u = (event.clientX - outer.left - inner.left) / inner.width;
     const v = (event.clientY - outer.top - inner.top) / inner.height;
-    if (u >= 0 && u <= 1 && v >= 0 && v <= 1) this.look(u, v, this.stamp);
+    if (u < 0 || u > 1 || v < 0 || v > 1) return;
+    const inside = ({ one: { frame, box: [x, y, width, height] } }) => frame && u >= x && u <= x + width && v >= y && v <= y + height;
+    const person = tapped && [...this.faces.values()].find(inside);
+    if (person) this.follow(person.one); else this.look(u, v, this.stamp);
   }
 
   async show(data) {
@@ -102,6 +109,7 @@ export class CameraPicture {
     for (const [number, one] of boxes.entries()) {
       const face = this.faces.get(one.frame) ?? this.add(one.frame);
       const [x, y, width, height] = one.box;
+      face.one = one;
       for (const [key, value] of Object.entries({ x, y, width, height })) face.box.setAttribute(key, value);
       face.label.hidden = x > 1 || x + width < 0;
       write(face.label, one.distance === null ? one.label : `${one.label} · ${one.distance.toFixed(1)} m`);
@@ -126,7 +134,7 @@ export class CameraPicture {
 
   add(frame) {
     const box = element(by("overlay"), "rect", { rx: 0.02 });
-    const label = frame ? button(by("labels"), "", () => this.follow(frame)) : element(by("labels"), "p");
+    const label = frame ? button(by("labels"), "", () => this.follow(this.faces.get(frame).one)) : element(by("labels"), "p");
     if (!frame) for (const node of [box, label]) node.classList.add("on");
     this.faces.set(frame, { box, label });
     return this.faces.get(frame);

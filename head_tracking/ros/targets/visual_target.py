@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
+from geometry_msgs.msg import Point, PointStamped, Pose, PoseArray
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 
@@ -15,9 +16,12 @@ from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTargetNode
 from head_tracking.tf import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
+from head_tracking.tracking import Target
+from head_tracking.transforms import Transform
 from head_tracking.vision import (
     Box,
     Detector,
@@ -30,6 +34,7 @@ from head_tracking.vision import (
     depth_picture,
     require_opencv,
 )
+from head_tracking.vision.identity import Track
 
 AnyImage: TypeAlias = Image | CompressedImage
 
@@ -99,12 +104,14 @@ class VisualTargetNode(SightedTargetNode):
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._frame: Frame | None = None
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
+        self._others = self.create_publisher(PoseArray, "~/others", 10)
         self._annotated = self.create_publisher(Image, "~/image", 2)
         self._image: Subscription | None = None
         self._depth: Subscription | None = None
         self._subscribe_as_needed()
         steady_timer(self, _SUBSCRIPTION_PERIOD, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
+        self.create_subscription(PointStamped, "~/select_point", self._on_select_point, 10)
 
     def _detector(self, follow: str) -> Detector:
         """Create a detector; this may take long."""
@@ -143,7 +150,7 @@ class VisualTargetNode(SightedTargetNode):
     def _subscribe_as_needed(self) -> None:
         """Subscribe to the images that are needed, and to no others."""
         p = self._settings
-        outputs = (self._region, self._annotated)
+        outputs = (self._region, self._others, self._annotated)
         wanted = self.wanted or any(one.get_subscription_count() for one in outputs)
         depth_only = DETECTORS[p.follow].depth_only
         wants_image = wanted and not depth_only
@@ -214,6 +221,9 @@ class VisualTargetNode(SightedTargetNode):
         self._frame = frame
         if sighting is not None and self._region.get_subscription_count():
             self._region.publish(_region(sighting.candidate.box, frame))
+        if self._others.get_subscription_count():
+            others = _others(self.tracker.tracks, sighting)
+            self._others.publish(PoseArray(header=header, poses=others))
         if self._annotated.get_subscription_count():
             self._publish_annotated(frame, sighting, stamped)
 
@@ -241,6 +251,22 @@ class VisualTargetNode(SightedTargetNode):
             )
             return
         self.tracker.select(self._frame, box)
+
+    def _on_select_point(self, message: PointStamped) -> None:
+        target = target_from_message(message)
+        self.worker.do(lambda: self._select_point(target))
+
+    def _select_point(self, target: Target) -> None:
+        pose = self.pose(target.frame_id, target.stamp) or Transform.identity()
+        if not self.tracker.select_point(pose @ target.point):
+            self.warn(f"the selection is ignored: nothing is seen at {target.point}")
+
+
+def _others(tracks: Sequence[Track], followed: Sighting | None) -> list[Pose]:
+    """Return the positions of visible tracks in the optical frame [m], but the followed one."""
+    number = None if followed is None else followed.number
+    points = [t.located.point for t in tracks if t.believed and t.located and t.number != number]
+    return [Pose(position=Point(x=x, y=y, z=z)) for x, y, z in points]
 
 
 def _size(frame: Frame) -> tuple[int, int]:
