@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import threading
 import time
 from collections.abc import Mapping
@@ -230,8 +231,9 @@ class OtherTopics:
         if found is None or found.header.frame_id != frame_id:
             return ()
         stamp = stamp_to_ns(found.header.stamp)
-        points = (pose.position for pose in islice(found.poses, _MOST_OTHERS))
-        return tuple(Target(stamp, frame_id, (point.x, point.y, point.z)) for point in points)
+        places = (pose.position for pose in islice(found.poses, _MOST_OTHERS))
+        points = ((place.x, place.y, place.z) for place in places)
+        return tuple(Target(stamp, frame_id, p) for p in points if all(map(math.isfinite, p)))
 
     def images(self) -> tuple[str, ...]:
         """Return the topics of images that exist, raw or compressed."""

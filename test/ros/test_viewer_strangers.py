@@ -9,11 +9,13 @@ import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, Pose, PoseArray
 from random_messages import message_with
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 from viewing import PATIENCE, view
 from waiting import wait_for
 from websockets.sync.client import connect
@@ -105,6 +107,23 @@ def test_pictures_that_cannot_be_shown_are_named(viewer):
             return "/good/image" in pictures and "/good" not in failing.get("picture", "/good")
 
         wait_for(shown, PATIENCE)
+    stranger.destroy_node()
+
+
+def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer):
+    stranger, topics = Node("stranger"), viewer.robot.topics
+    publisher = stranger.create_publisher(PoseArray, "/visual_target/others", 10)
+    poses = [Pose(position=Point(x=x, z=2.0)) for x in (float("nan"), 0.5, float("inf"))]
+    message = PoseArray(header=Header(frame_id="lens"), poses=poses)
+
+    def seen() -> tuple[Any, ...]:
+        publisher.publish(message)
+        viewer.robot.observe()
+        return topics.others("lens")
+
+    wait_for(seen, PATIENCE)
+    assert [one.point for one in seen()] == [(0.5, 0.0, 2.0)]
+    assert topics.others("another") == ()
     stranger.destroy_node()
 
 

@@ -294,10 +294,13 @@ def test_what_else_is_seen_is_published_and_can_be_selected(world, look):
     assert (other.position.x, other.position.z) == pytest.approx((0.3, 0.9), abs=0.2)
     chosen = PointStamped(header=others[-1][1].header, point=other.position)
     far = PointStamped(header=chosen.header, point=Point(x=9.0, y=9.0, z=9.0))
-    for message, warnings in ((chosen, 0), (far, 1)):
+    nowhere = PointStamped(header=header(world.now, "nowhere"), point=other.position)
+    for message, warnings in ((chosen, 0), (far, 1), (nowhere, 2)):
         world.publish("/visual_target/select_point", message)
+        before = len(targets)
         show(world, depth="", change=with_a_smaller_ball)
         assert len(node.warnings) == warnings
+        assert len(targets) == before + 6  # every image: a wrong message costs no track
         assert targets[-1][1].point.x == pytest.approx(other.position.x, abs=0.02)
         assert abs(others[-1][1].poses[0].position.x) < 0.05
 

@@ -143,13 +143,17 @@ class SightedTargetNode(ClosingNode):
         return camera
 
     def pose(self, frame_id: str, stamp: int) -> Transform | None:
-        """Return the pose of a frame in the fixed frame at a stamp [ns]; None: unknown."""
-        fixed_frame = self._camera_parameters.value.fixed_frame
-        found = frame_pose(self.frames, fixed_frame, frame_id, stamp)
+        """Return the pose of a camera; the tracks restart if it is not known any more, or again."""
+        found = self.known_pose(frame_id, stamp)
         if (found is not None) != self._has_pose:
             self._has_pose = found is not None
             self.tracker.identity.reset()
         return found
+
+    def known_pose(self, frame_id: str, stamp: int) -> Transform | None:
+        """Return the pose of a frame in the fixed frame at a stamp [ns]; None: unknown."""
+        fixed_frame = self._camera_parameters.value.fixed_frame
+        return frame_pose(self.frames, fixed_frame, frame_id, stamp)
 
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
         """Publish a target, if enabled, and the confidence."""

@@ -21,7 +21,6 @@ from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTargetN
 from head_tracking.tf import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target
-from head_tracking.transforms import Transform
 from head_tracking.vision import (
     Box,
     Detector,
@@ -257,8 +256,10 @@ class VisualTargetNode(SightedTargetNode):
         self.worker.do(lambda: self._select_point(target))
 
     def _select_point(self, target: Target) -> None:
-        pose = self.pose(target.frame_id, target.stamp) or Transform.identity()
-        if not self.tracker.select_point(pose @ target.point):
+        pose = self.known_pose(target.frame_id, target.stamp)
+        point = target.point if pose is None else pose @ target.point
+        is_comparable = (pose is not None) == self._has_pose  # with the tracks
+        if not (is_comparable and self.tracker.select_point(point)):
             self.warn(f"the selection is ignored: nothing is seen at {target.point}")
 
 
