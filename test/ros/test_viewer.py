@@ -436,6 +436,7 @@ def test_every_place_is_usable_in_windows_of_all_sizes(viewer, browser, width, h
         assert found == {"cutOff": [], "small": [], "nameless": [], "pale": []}, place
         assert page.evaluate(RIGHT) > 0.95 * width, place
     open_tab(page, "live")
+    page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
     page.evaluate(EVERYTHING_OPEN)
     for place in PLACES:
         open_tab(page, place)

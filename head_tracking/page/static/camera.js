@@ -101,6 +101,8 @@ export class CameraPicture {
 
   /** Mark persons and the followed target; the box of the target has no frame. */
   mark(boxes) {
+    this.place(); // a tab that has just been opened has its size now
+    if (!this.image.naturalWidth) boxes = [];
     const seen = new Set(boxes.map((one) => one.frame));
     for (const [frame, { box, label }] of this.faces) if (!seen.has(frame)) { box.remove(); label.remove(); this.faces.delete(frame); }
     const { clientWidth: across, clientHeight: down, offsetLeft, offsetTop } = by("labels");
