@@ -1,7 +1,6 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
-from typing import Any
 
 # nodes of one process only: neither other programs nor shared memory files
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
@@ -9,13 +8,10 @@ os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
 import pytest
 import rclpy
-from head_under_test import Head
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
 
-from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.spinning import NodeThreads
-from head_tracking.transforms import RobotModel
 
 MakeRobot = Callable[..., Robot]
 
@@ -33,17 +29,6 @@ def _robots() -> Iterator[MakeRobot]:
 
 make_robot = pytest.fixture(_robots)
 make_module_robot = pytest.fixture(_robots, scope="module", name="make_module_robot")
-
-
-@pytest.fixture
-def make(kinectbot: RobotModel) -> Iterator[Callable[..., Head]]:
-    """Nodes that turn a head, each with a robot around it."""
-    with ExitStack() as heads:
-
-        def make(node: Any = HeadTrackerNode, urdf: str = kinectbot.urdf, **options: Any) -> Head:
-            return heads.enter_context(closing(Head(node, urdf, **options)))
-
-        yield make
 
 
 @pytest.fixture

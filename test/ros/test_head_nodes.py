@@ -1,259 +1,412 @@
-"""The nodes that turn a head, when models, targets or clocks are not what they should be."""
+"""The nodes that control a head, in simulated time, and the summary of a run."""
+
+from __future__ import annotations
 
 import math
+import re
 import time
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
-from builtin_interfaces.msg import Time
-from rclpy.duration import Duration
+from diagnostic_msgs.msg import DiagnosticStatus
+from lockstep import World
+from rclpy.parameter import Parameter
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from waiting import repeating, wait_for
 
+from head_tracking.dynamixel import BusStatistics, BusTiming
+from head_tracking.gaze import PointingParameters
 from head_tracking.head.obstacle import Blocked, Obstacle
+from head_tracking.ros.bus.bus_status import BusStatus
+from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
-from head_tracking.transforms import Rotation, Transform
+from head_tracking.run.run_monitor import RunMonitor
+from head_tracking.tracking import ServoValues, Target
+from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
+
+SECOND = 1_000_000_000  # ns
+STEP = 0.02  # s
+AWAY = 0.7  # rad
+
+
+class Tracked:
+    """A node that controls a head, its servos, and a target that is seen 50 times a second.
+
+    Attributes:
+        path: the bearing of the target [rad] at a time [s]; None: there is no target.
+        fields: of the latest `~/status`.
+    """
+
+    def __init__(
+        self, kind: type[HeadNode], model: RobotModel | None, parameters: dict[str, Any]
+    ) -> None:
+        self.world = world = World(model)
+        self.path: Callable[[float], float] | None = None
+        self.fields: dict[str, str] = {}
+        for name in ("head_tracker", "point_head"):
+            world.listen(f"/{name}/status", self._on_status)
+        self.node = world.make(kind, parameters, loop=world.loop)
+        world.every(round(STEP * SECOND), self._see)
+        world.run(0.5)
+
+    def target(self, bearing: float, later: int = 0) -> Target:
+        """Return the target at a bearing, stamped `later` [ns] than now."""
+        point = 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
+        return Target(self.world.stamp + later, "torso_link", point)
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        self.fields = {each.key: each.value for each in message.values}
+
+    def speeds(self, seconds: float) -> list[float]:
+        """Return the true speeds of pan while time passes [rad/s]."""
+        speeds, before = [], self.world.true_position("head_pan_joint")
+        for _ in range(round(seconds / STEP)):
+            self.world.run(STEP)
+            pan = self.world.true_position("head_pan_joint")
+            speeds.append(abs(pan - before) / STEP)
+            before = pan
+        return speeds
+
+    def stop_and_resume(self) -> None:
+        owners = self.world.loop.owners
+        owners.stop(dict)
+        owners.resume(owners.epoch.value)
+
+    def _see(self) -> None:
+        if self.path is not None:
+            self.node.control.accept(self.target(self.path(self.world.seconds)))
+
+
+@pytest.fixture
+def track(kinectbot: RobotModel, threads: Any) -> Iterator[Callable[..., Tracked]]:
+    made: list[Tracked] = []
+
+    def track(
+        kind: type[HeadNode] = HeadTrackerNode,
+        model: RobotModel | None = kinectbot,
+        **parameters: Any,
+    ) -> Tracked:
+        made.append(Tracked(kind, model, parameters))
+        return made[-1]
+
+    yield track
+    for tracked in made:
+        tracked.node.destroy_node()
+
+
+def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(track):
+    tracked = track()
+    tracked.stop_and_resume()
+    tracked.path = lambda now: AWAY
+    assert 0.1 < max(tracked.speeds(0.3)) < 0.35
+    tracked.path = None
+    for jump in (-900, 3600):
+        tracked.world.offset += jump * SECOND
+        tracked.world.run(3.0)
+    tracked.path = lambda now: -AWAY
+    assert 0.1 < max(tracked.speeds(1.0)) < 0.35
+    tracked.world.run(6.0)
+    tracked.path = lambda now: AWAY
+    assert max(tracked.speeds(1.0)) > 1.0
+
+
+def test_a_resumed_head_keeps_max_joint_speed(track):
+    tracked = track(max_joint_speed=0.1)
+    tracked.stop_and_resume()
+    tracked.path = lambda now: AWAY
+    assert 0.05 < max(tracked.speeds(3.0)) < 0.12
+
+
+def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
+    """As `Head.look_at` after `Head.follow`."""
+    tracked = track()
+    begun = tracked.world.seconds
+    tracked.path = lambda now: now - begun
+    tracked.world.run(1.0)
+    p = PointingParameters(max_velocity=1.0)
+    tracked.node.control.point(tracked.target(2.0), p, lambda motion: None, at_stamp=True)
+    speeds = tracked.speeds(0.2)
+    assert speeds[0] > 0.7
+    assert min(speeds) > 0.5
+
+
+PAN_DELAY = "head_pan_joint: delay of its servo"
+
+
+def turn_to_and_fro(tracked, times=3):
+    for k in range(times):
+        target = tracked.target(AWAY * (-1) ** k)
+        tracked.node.control.point(target, PointingParameters(), lambda motion: None)
+        tracked.world.run(2.0)
+
+
+def test_all_motions_and_laws_share_what_is_learned_of_the_servos(track):
+    tracked = track()
+    law = tracked.node.control.law
+
+    def shown():
+        tracked.world.run(1.1)
+        status = tracked.world.heard["/diagnostics"][-1][1].status[0]
+        return {each.key: each.value for each in status.values}[PAN_DELAY]
+
+    tracked.world.record("/diagnostics")
+    turn_to_and_fro(tracked)
+    learned = law.learned[PAN_DELAY]
+    assert learned.source == "learned"
+    assert shown().startswith(f"{learned.value:.3g} ")
+    for name in ("position", "predictive"):
+        tracked.node.set_parameters([Parameter("law", value=name)])
+    assert law.learned[PAN_DELAY] == learned
+    tracked.node.set_parameters([Parameter("servo_delay", value=0.3)])
+    turn_to_and_fro(tracked, 1)
+    assert law.delays == (0.3, 0.3)
+    tracked.node.set_parameters(
+        [Parameter("servo_delay", value=0.0), Parameter("servo_learning", value="forget")]
+    )
+    assert shown().endswith("not observable, frozen")
+
+
+def test_saved_values_that_do_not_fit_are_dropped_with_a_warning_in_any_motion(track, monkeypatch):
+    tracked, warned = track(), []
+    control = tracked.node.control
+    monkeypatch.setattr(control, "warn", lambda subject, text: warned.append(subject))
+    control.law.expect({"head_pan_joint": ServoValues(0.3, 0.015, 0.0)})
+    turn_to_and_fro(tracked)
+    assert warned == ["head_pan_joint"]
+    assert control.law.learned[PAN_DELAY].source == "learned"
+
+
+# the summary of a run
+
+
+class Judged:
+    """The run of a head that does not move, whatever its node commands."""
+
+    def __init__(self, tracked: Tracked) -> None:
+        self.tracked = tracked
+        status = BusStatus("", BusStatistics(1, 0, 0, ()), BusTiming(50.0, 50.0, 0.0, 0), {})
+        world = tracked.world
+        self._monitor = RunMonitor(
+            tracked.node.control, lambda: status, lambda joint: 0.0, clock=lambda: world.seconds
+        )
+        world.every(SECOND // 10, self._monitor.update)
+
+    def after(self, seconds: float, bearing: float | None) -> tuple[float, float]:
+        """Let time pass; return the largest error [rad] and the judged time [s] of the run."""
+        self.tracked.path = None if bearing is None else lambda now: bearing
+        self.tracked.world.run(seconds)
+        found = re.search(r"([\d.]+)° max .* over ([\d.]+) s", self._monitor.summary())
+        return (math.radians(float(found[1])), float(found[2])) if found else (0.0, 0.0)
+
+
+def turn_the_head_in_the_model(world: World) -> None:
+    """Receive a robot_description in which the pan joint is mounted at another angle."""
+    urdf = world.buffer.core.model.urdf
+    origin = '<origin xyz="0.0115 0 0.022"'
+    assert origin in urdf
+    world.buffer.core.set_model(parse_robot_model(urdf.replace(origin, f'{origin} rpy="0 0 1"')))
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (turn_the_head_in_the_model, 1.0),
+        (lambda world: setattr(world, "offset", -997 * SECOND), AWAY),
+        (lambda world: setattr(world, "offset", 3600 * SECOND), AWAY),
+    ],
+    ids=["model", "back", "forward"],
+)
+def test_the_summary_goes_on_after_another_model_and_a_jump_of_the_clock(track, change, expected):
+    judged = Judged(track())
+    largest, seconds = judged.after(7.0, AWAY)
+    assert largest == pytest.approx(AWAY, abs=0.1)
+    assert seconds == pytest.approx(5.0, abs=0.5)
+    change(judged.tracked.world)
+    largest, seconds = judged.after(7.0, 0.0)
+    assert largest == pytest.approx(expected, abs=0.1)
+    assert 9.0 < seconds < 12.5
+
+
+def test_the_summary_judges_a_target_from_a_while_after_it_came_until_it_is_given_up(track):
+    judged = Judged(track(recenter_timeout=3.0))
+    assert judged.after(1.8, AWAY) == (0.0, 0.0)
+    judged.after(5.0, 0.0)
+    _, seconds = judged.after(5.0, None)
+    assert judged.after(5.0, None)[1] == seconds
+    assert judged.after(5.0, AWAY)[1] == pytest.approx(seconds + 5.0, abs=1.0)
+
+
+# models, targets, joint states and clocks that are not what they should be
+
 
 WITHOUT_HEAD = '<robot name="arm"><link name="shoulder"/></robot>'
 
 
-def at(x, y, z, frame="torso_link"):
-    return frame, lambda now: (x, y, z)
-
-
-LEFT, RIGHT = at(2.0, 1.0, 0.1), at(2.0, -1.0, 0.1)
-
-
-def another(urdf):
-    """The same robot, said again in other words."""
-    return urdf.replace("</robot>", "<!-- another one --></robot>")
-
-
-def test_a_disabled_tracker_stays_disabled_with_another_model(make, kinectbot):
-    head = make()
-    head.until("idle", "")
-    assert head.call("head_tracker/enable", False).success
-    head.until("disabled", Blocked.DISABLED)
-    head.target = LEFT
-    head.describe(another(kinectbot.urdf))
-    wait_for(lambda: sum("ready to point" in text for text in head.log) >= 2)
-    head.travel.clear()
-    wait_for(lambda: len(head.travel) > 50)
-    assert head.commands <= 1
-    assert head.farthest() == 0.0
-    assert head.fields["state"] == "disabled"
-    assert head.call("head_tracker/enable", True).success
-    head.until("tracking")
-
-
-def test_an_invalid_first_model_is_reported_until_another_is_received(make, kinectbot):
-    head = make(urdf=WITHOUT_HEAD)
-    head.until("idle", Blocked.INVALID_MODEL, "head_pan_joint")
-    head.describe(kinectbot.urdf)
-    head.target = LEFT
-    head.until("tracking")
+def test_a_disabled_tracker_stays_disabled_with_another_model(track, kinectbot):
+    tracked = track()
+    tracked.node.control.disable(Blocked.DISABLED)
+    tracked.path = lambda now: AWAY
+    again = kinectbot.urdf.replace("</robot>", "<!-- another one --></robot>")
+    tracked.world.buffer.core.set_model(parse_robot_model(again))
+    assert max(tracked.speeds(1.0)) == 0.0
+    assert tracked.world.writes == 0
+    assert tracked.fields["state"] == "disabled"
+    tracked.node.control.enable()
+    tracked.world.run(1.0)
+    assert tracked.fields["state"] == "tracking"
 
 
 @pytest.mark.parametrize(
-    ("name", "frame"), [("fixed_frame", "camera_link"), ("pointing_frame", "torso_link")]
+    ("parameters", "urdf", "reason"),
+    [
+        ({}, "", Blocked.NO_MODEL),
+        ({}, WITHOUT_HEAD, Blocked.INVALID_MODEL),
+        ({"fixed_frame": "camera_link"}, None, Blocked.INVALID_MODEL),  # it moves with the head
+        ({"pointing_frame": "torso_link"}, None, Blocked.INVALID_MODEL),  # it does not
+    ],
 )
-def test_a_frame_that_the_head_can_not_use_is_refused(make, name, frame):
-    """A fixed frame that moves with the head, and a pointing frame that does not."""
-    head = make(**{name: frame})
-    head.until("idle", Blocked.INVALID_MODEL, frame)
-    head.target = LEFT
-    head.until_logged(frame)
-    assert head.commands == 0
+def test_a_model_that_cannot_be_used_is_reported(track, kinectbot, parameters, urdf, reason):
+    model = parse_robot_model(urdf) if urdf else kinectbot if urdf is None else None
+    tracked = track(model=model, **parameters)
+    tracked.path = lambda now: AWAY
+    tracked.world.run(1.0)
+    assert (tracked.fields["state"], tracked.fields["reason"]) == ("idle", reason)
+    assert all(frame in tracked.fields["trouble"] for frame in parameters.values())
+    assert tracked.world.writes == 0
+    if not parameters:
+        tracked.world.buffer.core.set_model(kinectbot)
+        tracked.world.run(2.0)
+        assert tracked.fields["state"] == "tracking"
 
 
-def test_a_missing_model_is_reported(make, kinectbot):
-    head = make(urdf="")
-    head.target = LEFT
-    head.until("idle", Blocked.NO_MODEL)
-    head.until_logged("robot_description")
+@pytest.mark.parametrize("kind", [HeadTrackerNode, PointHeadNode])
+def test_the_status_has_whether_there_is_a_target(track, kind):
+    tracked = track(kind)
+    found = [tracked.fields["target"]]
+    for path in (lambda now: AWAY, None):
+        tracked.path = path
+        tracked.world.run(0.5)
+        if path is None:
+            assert tracked.node.control.recenter() is None
+            tracked.world.run(0.5)
+        found.append(tracked.fields["target"])
+    assert found == ["false", "true", "false"]
 
 
-@pytest.mark.parametrize("node", [HeadTrackerNode, PointHeadNode])
-def test_the_status_has_whether_there_is_a_target(make, node):
-    head = make(node)
-    wait_for(lambda: head.fields.get("target") == "false")
-    head.target = LEFT
-    wait_for(lambda: head.fields["target"] == "true")
-    head.target = None
-    head.travel.clear()
-    wait_for(lambda: len(head.travel) > 5)  # what was sent has come
-    assert head.node.control.recenter() is None
-    wait_for(lambda: head.fields["target"] == "false")
+def test_targets_with_stamps_in_the_future_are_refused(track):
+    tracked = track()
+    for k in range(100):  # nobody knows the joints of that time
+        tracked.node.control.accept(tracked.target(AWAY, 30 * SECOND + k))
+        tracked.world.run(STEP)
+    assert "future" in tracked.fields["refusal"]
+    assert tracked.world.writes == 0
 
 
-def test_targets_with_stamps_in_the_future_are_refused(make):
-    head = make()
-    head.target = LEFT
-    head.until("tracking")
-    head.target = None
-    head.until("holding")
-    frame, path = LEFT
-    stamp = head.now + 30.0
-    for k in range(60):  # nobody knows the joints of that time
-        head.send(frame, path(0.0), stamp + k)
-        time.sleep(0.03)
-    wait_for(lambda: "future" in head.fields["refusal"])
-    head.until("holding")
-
-
-def test_a_turning_base_is_compensated_in_the_fixed_frame(make):
-    head = make(fixed_frame="odom")
-    yaw = 0.0
+def test_a_turning_base_is_compensated_in_the_fixed_frame(track):
+    tracked = track(fixed_frame="odom")
+    yaw, frames, world = 0.0, tracked.world.buffer.core, tracked.world
 
     def drive():
         nonlocal yaw
         yaw = min(yaw + 0.01, 0.8)
         pose = Transform((0.5, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
-        head.buffer.set_transform(round(head.now * 1e9), "odom", "base_link", pose)
+        frames.set_transform(world.stamp, "odom", "base_link", pose)
+        tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
 
-    head.target = at(3.0, 0.0, 0.8, "odom")
-    wait_for(lambda: "odom" in head.fields["refusal"])
-    head.each_period = drive
-    head.until("tracking")
-    wait_for(lambda: yaw == 0.8)
-    head.errors.clear()
-    wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.03)
-    assert head.positions[0] == pytest.approx(-0.8, abs=0.1)
-
-
-# clocks that jump, stop, or never start
+    tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
+    world.run(2.0)
+    assert "odom" in tracked.fields["refusal"]
+    world.every(round(STEP * SECOND), drive)
+    world.run(1.0)
+    assert tracked.fields["state"] == "tracking"
+    world.run(2.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(-0.8, abs=0.1)
 
 
-def swinging(now):
-    angle = 0.4 * math.sin(2.0 * math.pi * 0.1 * now)
-    return 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.1
+def test_a_paused_clock_is_reported_and_tracking_resumes(track):
+    tracked = track()
+    world, world.is_simulated = tracked.world, True
+    tracked.path = lambda now: AWAY
+    world.run(3.0)
+    assert tracked.fields["state"] == "tracking"
+    world.paused_at = world.stamp
+    world.run(2.0)
+    assert (tracked.fields["state"], tracked.fields["reason"]) == ("idle", Blocked.CLOCK)
+    world.offset -= world.now + world.offset - world.paused_at
+    world.paused_at = None
+    assert max(tracked.speeds(3.0)) < 0.3
+    assert tracked.fields["state"] == "tracking"
 
 
-TARGET = ("torso_link", swinging)
-FUTURE = Obstacle(Blocked.FUTURE, "head_pan_joint")
-NOT_MEASURED = Obstacle(Blocked.NOT_MEASURED, "head_pan_joint")
+def test_joint_states_from_the_future_are_not_fresh(track):
+    tracked = track()
+    tracked.world.early = 5 * SECOND
+    tracked.path = lambda now: AWAY
+    tracked.world.run(2.0)
+    assert tracked.node.control.trouble == Obstacle(Blocked.FUTURE, "head_pan_joint")
+    assert tracked.world.writes == 0
 
 
-def on_target(head):
-    head.until("tracking")
-    head.errors.clear()
-    wait_for(lambda: len(head.errors) > 30 and max(head.errors[-20:]) < 0.1)
-
-
-def test_a_paused_clock_is_reported_and_tracking_resumes(make):
-    head = make(simulated=True)
-    head.target = TARGET
-    on_target(head)
-    head.paused = True
-    head.until("idle", Blocked.CLOCK)
-    head.travel.clear()
-    head.paused = False
-    on_target(head)
-    assert head.farthest() < 1.2
-
-
-def test_joint_states_from_the_future_are_not_fresh(make):
-    head = make()
-    head.stamped_ahead = 5.0
-    head.target = TARGET
-    wait_for(lambda: head.node.control.trouble == FUTURE)
-    assert head.commands == 0
-    assert head.positions == [0.0, 0.0]
-
-
-def test_old_joint_states_are_not_used_after_the_clock_jumps_back(make):
-    head = make(simulated=True)
-    head.target = TARGET
-    on_target(head)
-    head.measured = False
-    wait_for(lambda: head.node.control.trouble == NOT_MEASURED)
-    commands = head.commands
-    head.offset -= 0.7 + 0.5  # the last sample lies a little before the time as it is now
-    head.states.clear()
-    wait_for(lambda: any("the clock jumped" in text for text in head.log))
-    before = head.commands
-    time.sleep(0.5)
-    assert head.commands - before <= 1
-    assert before - commands <= 1
-
-
-class Settable:
-    """The machine's clock, as if somebody set it."""
-
-    ros_time_is_active = False
-
-    def __init__(self, clock):
-        self._clock, self.offset = clock, 0.0
-
-    def now(self):
-        return self._clock.now() + Duration(seconds=self.offset)
-
-    def create_jump_callback(self, *_, **__):
-        """Nobody is told."""
-
-
-class NodeOnSettableClock(HeadTrackerNode):
-    def get_clock(self):
-        if not hasattr(self, "settable"):
-            self.settable = Settable(super().get_clock())
-        return self.settable
+def test_old_joint_states_are_not_used_after_the_clock_jumps_back(track):
+    tracked = track()
+    world, world.is_simulated = tracked.world, True
+    tracked.path = lambda now: AWAY
+    world.run(2.0)
+    world.is_measured = False
+    world.run(1.0)
+    assert tracked.node.control.trouble == Obstacle(Blocked.NOT_MEASURED, "head_pan_joint")
+    world.offset -= 1_200_000_000  # the last sample lies a little before the time as it is now
+    before = world.writes
+    world.run(0.5)
+    assert world.writes - before <= 1
 
 
 @pytest.mark.parametrize(
-    ("rate", "jump"),
-    [(10.0, -100.0), (50.0, 100.0), (0.0, -0.5), (0.0, 3600.0)],
+    ("is_simulated", "jump", "law"),
+    [
+        (True, -100.0, ""),
+        (True, 100.0, "predictive"),
+        (False, -0.5, "predictive"),
+        (False, 3600.0, ""),
+        (False, -900.0, "speed"),
+        (False, 0.7, "position"),
+    ],
 )
-def test_a_jump_of_the_clock_stops_the_head_and_tracking_resumes(make, rate, jump):
-    """Of /clock with a rate [Hz], or of the system's, as by NTP: no time source tells of it."""
-    head = make(HeadTrackerNode if rate else NodeOnSettableClock, simulated=rate > 0.0)
-    head.clock_rate = rate
-    head.target = TARGET
-    on_target(head)
-    head.target = None
-    head.states.clear()
-    head.offset += jump
-    if not rate:
-        head.node.get_clock().offset += jump
-    wait_for(lambda: any("the clock jumped" in state for state in head.states))
-    head.travel.clear()
-    wait_for(lambda: len(head.travel) > 40)
-    assert head.farthest() < 0.1
-    assert head.fields["state"] == "idle"
-    head.target = TARGET
-    head.travel.clear()
-    on_target(head)
-    assert head.farthest() < 1.2  # it did not swing to its limit on the way
-
-
-def test_point_head_restarts_after_a_jump_of_the_clock(make):
-    head = make(PointHeadNode, simulated=True)
-    wait_for(lambda: head.log and any("ready to point" in text for text in head.log))
-    head.target = LEFT
-    wait_for(lambda: head.errors and head.errors[-1] < 0.02)
-    head.target = None
-    head.offset -= 100.0
-    head.until_logged("the clock jumped back by")
-    head.target = RIGHT
-    wait_for(lambda: head.positions[0] < -0.3)
+def test_a_jump_of_the_clock_stops_the_head_which_follows_again(track, is_simulated, jump, law):
+    tracked = track(law=law) if law else track(PointHeadNode)
+    world, world.is_simulated = tracked.world, is_simulated
+    tracked.path = lambda now: AWAY
+    world.run(3.0)
+    tracked.path = None
+    world.offset += round(jump * SECOND)
+    world.run(0.5)
+    stood = world.true_position("head_pan_joint")
+    world.run(1.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.01)
+    assert tracked.fields["target"] == "false"
+    tracked.path = lambda now: -AWAY
+    world.run(4.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.03)
 
 
 def test_a_whole_run_uses_simulated_time(make_robot):
-    """A whole run, on a clock that comes 10 times a second and starts anew."""
+    """On a clock that comes 10 times a second and starts anew."""
     robot = make_robot(ros_args=["-p", "use_sim_time:=true"], wait=False)
     states = robot.hear("head_tracker/state", String)
     clock = robot.node.create_publisher(Clock, "/clock", 10)
     wait_for(lambda: states and "/clock is not published" in states[-1].data)
-    start = time.monotonic()
-    offset = 1_000.0
+    start, offset = time.monotonic(), 1_000.0
 
-    def tell():
-        nanoseconds = round((time.monotonic() - start + offset) * 1e9)
-        stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-        clock.publish(Clock(clock=stamp))
+    def publish_clock():
+        stamp = Time(nanoseconds=round((time.monotonic() - start + offset) * 1e9))
+        clock.publish(Clock(clock=stamp.to_msg()))
 
-    with repeating(tell, period=0.1):
-        wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
+    with repeating(publish_clock, period=0.1):
+        wait_for(lambda: states[-1].data.startswith("tracking:"))
         offset = 5.0
         wait_for(lambda: any("the clock jumped back" in state.data for state in states))
-        wait_for(lambda: states[-1].data.startswith("tracking:"), 20.0)
+        wait_for(lambda: states[-1].data.startswith("tracking:"))

@@ -1,26 +1,17 @@
-"""point_head alone in a process, and in simulated time."""
+"""point_head in simulated time."""
 
 import math
 import random
 import threading
 
 import pytest
-from action_client import ABORTED, SUCCEEDED, Client
-from diagnostic_msgs.msg import DiagnosticStatus
-from head_under_test import Head
 from std_srvs.srv import SetBool
-from waiting import wait_for
 
-from head_tracking.control import JointOwners
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head import head_actions
-from head_tracking.ros.head.point_head import PointHeadNode
-from head_tracking.ros.kit.joint_owners import control_message
-from head_tracking.ros.kit.topics import LATCHED
 
 goals = pytest.importorskip("goals")
-FOLLOW = "/head_controller/follow_joint_trajectory"
 goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
 
 
@@ -121,38 +112,22 @@ def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, ki
     assert min(speeds) > 0.5 * speeds[0]
 
 
-def test_point_head_alone_in_a_process_executes_goals(kinectbot):
-    head = Head(PointHeadNode, kinectbot.urdf, controller_name="head_controller")
-    try:
-        client = Client(head.robot, goals.PointHead, "/head_controller/point_head_action")
-        wait_for(lambda: any("ready to point" in text for text in head.log))
-        sent = client.send(goal(1, 1, 0.3))
-        assert sent.ended()[0] == SUCCEEDED
-        assert head.positions[0] == pytest.approx(math.atan2(1, 0.99), abs=0.02)
-        assert sent.feedback[0][1].pointing_angle_error > 0.5
-        owners_topic = head.robot.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
-        joints = ("head_pan_joint", "head_tilt_joint")
-        owners = JointOwners()
-        owners.take_over("/somebody", joints)
-        owners_topic.publish(control_message(owners, joints))
-        control = head.node.control
-        wait_for(lambda: control.obstacle == Obstacle(Blocked.OWNED, "/somebody"))
-        assert not client.send(goal(1, 0, 0.3)).accepted
-        owners.take_over("/point_head", joints)
-        owners_topic.publish(control_message(owners, joints))
-        wait_for(lambda: control.obstacle is None)
-        sent = client.send(goal(1, -1, 0.3, velocity=0.3))
-        wait_for(lambda: head.positions[0] < 0.7)
-        head.measured = False
-        assert sent.ended()[0] == ABORTED
-        assert control.obstacle == Obstacle(Blocked.NOT_MEASURED, "head_pan_joint")
-        head.measured = True
-        wait_for(lambda: control.obstacle is None)
-        follower = Client(head.robot, goals.FollowJointTrajectory, FOLLOW)
-        sent = follower.send(following((1.0, (0.0, 0.0)), path=dict.fromkeys(JOINTS, 0.2)))
-        assert sent.ended()[0] == SUCCEEDED
-    finally:
-        head.close()
+def test_a_goal_is_refused_while_another_owns_the_joints_or_nobody_measures_them(pointed):
+    world, control = pointed.world, pointed.node.control
+    request = goal(1, -1, 0.1, pointed.head.base_frame)
+    world.loop.owners.take_over("/somebody", JOINTS)
+    world.run(0.1)
+    assert pointed.node.actions.point_refusal(request)
+    assert control.obstacle.detail == "/somebody"
+    control.enable()
+    world.run(0.1)
+    assert not pointed.node.actions.point_refusal(request)
+    world.is_measured = False
+    world.run(1.0)
+    assert control.obstacle == Obstacle(Blocked.NOT_MEASURED, JOINTS[0])
+    world.is_measured = True
+    world.run(0.3)
+    assert control.obstacle is None
 
 
 def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):

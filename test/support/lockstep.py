@@ -42,16 +42,24 @@ class World:
     Attributes:
         now: the time [ns].
         offset: of the clock of the nodes from `now` [ns].
+        paused_at: the time at which that clock stands still [ns]; None: it runs.
+        is_simulated: whether that clock is one of a simulation.
+        is_measured: whether the joints are read.
+        early: joint states are stamped so far in the future [ns].
+        writes: number of writes of goals.
         buffer: the frames of the robot.
         heard: the messages of topics that `record` was called for.
     """
 
     period = _CYCLE * 1e-9
 
-    def __init__(self, model: RobotModel) -> None:
-        self.now, self.offset = _START, 0
+    def __init__(self, model: RobotModel | None) -> None:
+        self.now, self.offset, self.early, self.writes = _START, 0, 0, 0
+        self.paused_at: int | None = None
+        self.is_simulated, self.is_measured = False, True
         self.buffer = Buffer()
-        self.buffer.core.set_model(model)
+        if model is not None:
+            self.buffer.core.set_model(model)
         self.loop = ControlLoop(self.buffer.core)
         self.loop.attach(self)
         self.heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
@@ -73,7 +81,7 @@ class World:
     @property
     def stamp(self) -> int:
         """The time on the clock of the nodes [ns]."""
-        return self.now + self.offset
+        return self.now + self.offset if self.paused_at is None else self.paused_at
 
     def at(self, when: int, what: Callable[[], object]) -> None:
         """Does something at a time [ns]."""
@@ -168,6 +176,7 @@ class World:
 
     def write(self, _: str, goals: Mapping[str, Goal], __: int) -> None:
         """See `JointBackend`."""
+        self.writes += 1
         for name, goal in goals.items():
             joint, servo = self._servos[name]
             servo.advance(self.now)
@@ -181,7 +190,9 @@ class World:
             servo.advance(self.now)
             position = joint.position(servo.register("Present Position"))
             measured[joint.joint_name] = JointState(position)
-        stamp = self.stamp
+        if not self.is_measured:
+            return
+        stamp = self.stamp + self.early
 
         def update() -> None:
             states = self.loop.joints_read(stamp, measured)
@@ -192,10 +203,12 @@ class World:
 
 
 class _Clock:
-    ros_time_is_active = False
-
     def __init__(self, world: World) -> None:
         self._world = world
+
+    @property
+    def ros_time_is_active(self) -> bool:
+        return self._world.is_simulated
 
     def now(self) -> Time:
         return Time(nanoseconds=self._world.stamp, clock_type=ClockType.ROS_TIME)

@@ -10,12 +10,7 @@ from ideal_head import DT, IdealHead
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file
-from head_tracking.tracking import (
-    LAWS,
-    ClockWatch,
-    TargetState,
-    Tracker,
-)
+from head_tracking.tracking import LAWS, ClockWatch, Tracker
 from head_tracking.transforms import load_robot_model
 
 MODEL = load_robot_model(robot_file("kinectbot"))
@@ -140,37 +135,6 @@ class Rig(IdealHead):
             self.obey(self.tracker.reset(happened, self.now))
         self.now -= DT
         self.run(DT, target)
-
-
-def swinging(k):
-    angle = 0.5 * math.sin(2.0 * math.pi * 0.1 * k * DT)
-    return 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.1
-
-
-@pytest.mark.parametrize(
-    ("law", "jump"),
-    [("predictive", -3600.0), ("predictive", 0.7), ("position", -1.0), ("speed", 3600.0)],
-)
-def test_after_a_jump_the_head_holds_and_tracks_again(law, jump):
-    rig = Rig(law)
-    for k in range(200):
-        rig.look(swinging(k))
-    assert rig.tracker.state is TargetState.TRACKING
-    rig.now += jump
-    before, rig.farthest = tuple(rig.positions), 0.0
-    for _ in range(25):  # no target is seen for half a second
-        rig.look()
-    assert rig.tracker.state is TargetState.IDLE
-    assert "the clock jumped" in rig.tracker.machine.reason
-    assert tuple(rig.positions) == pytest.approx(before, abs=0.03)
-    for k in range(200, 226):
-        rig.look(swinging(k))
-    assert rig.tracker.state is not TargetState.IDLE
-    rig.farthest = 0.0
-    for k in range(226, 400):
-        rig.look(swinging(k))
-        assert HEAD.miss(swinging(k), *rig.positions) < (0.3 if law == "speed" else 0.06)
-    assert rig.farthest < 5.0 * DT
 
 
 class AnyOrder(RuleBasedStateMachine):

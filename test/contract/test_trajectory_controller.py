@@ -1,0 +1,79 @@
+"""A head that a joint_trajectory_controller drives: it is followed, held by STOP, and resumed."""
+
+import math
+
+import pytest
+from rig import DEGREE, JOINTS
+from sensor_msgs.msg import JointState
+from waiting import wait_for
+
+trajectory_msgs = pytest.importorskip("trajectory_msgs.msg")
+PERIOD = 0.02  # s
+DRIVEN = ("--ros-args", "-p", "command_interface:=joint_trajectory")
+
+
+class TrajectoryController:
+    """Stands in for joint_trajectory_controller: the joints go where the latest trajectory ends.
+
+    Attributes:
+        positions: of pan and tilt [rad].
+        travel: pan in every period [rad].
+        trajectories: what it has received.
+    """
+
+    def __init__(self, node):
+        self.positions, self.travel, self.trajectories = [0.0, 0.0], [], []
+        self._clock = node.get_clock()
+        self._states = node.create_publisher(JointState, "joint_states", 10)
+        node.create_subscription(
+            trajectory_msgs.JointTrajectory,
+            "head_controller/joint_trajectory",
+            self.trajectories.append,
+            10,
+        )
+        node.create_timer(PERIOD, self._step)
+
+    def _step(self):
+        if self.trajectories:
+            self.positions = list(self.trajectories[-1].points[0].positions)
+        self.travel.append(self.positions[0])
+        message = JointState(name=list(JOINTS), position=self.positions)
+        message.header.stamp = self._clock.now().to_msg()
+        self._states.publish(message)
+
+
+@pytest.mark.parametrize("name", ["head_tracker", "point_head"])
+def test_a_trajectory_controller_is_driven_held_by_stop_and_resumed(bench, person, name):
+    driven = TrajectoryController(person.node)
+    bench.start("robot_state_publisher")
+    bench.start(name, *DRIVEN)
+
+    def looks_left(sign):
+        return lambda: driven.positions[0] == pytest.approx(sign * math.atan2(1, 2), abs=DEGREE)
+
+    person.keep_looking(2, 1, 0.5, looks_left(1))
+    message = driven.trajectories[-1]
+    assert tuple(message.joint_names) == JOINTS
+    assert (message.header.stamp.sec, message.points[0].time_from_start.nanosec) == (0, 0)
+    person.keep_looking(2, -1, 0.5, lambda: driven.positions[0] < 0.3)
+    answer = person.call("stop")
+    assert not answer.success  # it cannot relax the joints
+    assert JOINTS[0] in answer.message
+    wait_for(lambda: person.stopped)
+    count = len(driven.trajectories)
+    driven.travel.clear()
+    person.keep_looking(2, -1, 0.5, lambda: len(driven.travel) > 40)
+    assert len(driven.trajectories) <= count + 1
+    assert max(driven.travel) - min(driven.travel) < 0.2
+    driven.travel.clear()
+    assert person.call("resume").success
+    person.keep_looking(2, -1, 0.5, looks_left(-1))
+    steps = zip(driven.travel, driven.travel[5:], strict=False)
+    assert max(abs(b - a) for a, b in steps) < 0.1  # 0.3 rad/s
+
+
+def test_it_is_refused_beside_a_servo_bus(bench):
+    run = bench.start("head_tracking", "--sim", *DRIVEN)
+    assert run.end() == 1
+    assert "command_interface" in run.output
+    assert "Traceback" not in run.output
