@@ -412,11 +412,6 @@ def _part(members: list[tuple[BusJoint, Servo]], method: ReadMethod) -> _Part:
 
 
 def _method(servo: Servo) -> ReadMethod:
-    model, identity = servo.model, servo.identity
-    if model.bulk_read:
+    if servo.model.bulk_read:
         return ReadMethod.BULK
-    if not model.sync_read:
-        return ReadMethod.EACH
-    first = model.fast_sync_read
-    fast = first is not None and identity is not None and identity.firmware_version >= first
-    return ReadMethod.FAST_SYNC if fast else ReadMethod.SYNC
+    return ReadMethod.SYNC if servo.model.sync_read else ReadMethod.EACH

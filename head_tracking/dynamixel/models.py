@@ -93,7 +93,6 @@ class ServoModel:
     family: str  # "Dynamixel", "STS" or "SCS"; families cannot share a line
     modes: Mapping[str, RequiredMode]  # required values by register name
     offset: Register | None  # that is added to the position; None: there is none
-    fast_sync_read: int | None  # first firmware with it; None: none
     watchdog: int | None  # first firmware with a Bus Watchdog; None: none
     aliases: tuple[str, ...]  # other names of the model
 
@@ -235,7 +234,6 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         family=family,
         modes=MappingProxyType(modes),
         offset=None if offset is None else table[offset],
-        fast_sync_read=facts.pop("fast_sync_read", None) or None,
         watchdog=facts.pop("watchdog", None) or None,
         aliases=tuple(facts.pop("aliases", ())),
         **facts,

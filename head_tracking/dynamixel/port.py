@@ -40,7 +40,6 @@ from head_tracking.dynamixel.protocol import (
     describe_status,
     encode_packet,
     find_packet,
-    split_joint_status,
     sync_write_packet,
     write_packet,
 )
@@ -205,15 +204,10 @@ class DynamixelPort:
             for instruction in instructions:
                 try:
                     status = self._receive(instruction, received_at)
-                    if instruction.id == BROADCAST_ID:
-                        found += _split(asked, status)
-                        continue
                     if status.error or len(status.data) != asked.length:
                         self._check(status, instruction)
                     found.append(status)
                 except CorruptReplyError as cause:
-                    if instruction.id == BROADCAST_ID:
-                        raise
                     found.append(cause)
         except CommunicationError as cause:
             for instruction in instructions[len(found) + 1 :]:
@@ -542,15 +536,6 @@ class DynamixelPort:
     def _lost(self, cause: Exception) -> PortLostError:
         self.close()
         return PortLostError(self.name, cause)
-
-
-def _split(group: ReadGroup, joint: Status) -> list[Status]:
-    """Return the reply of each servo in the reply to a fast sync read."""
-    parts = split_joint_status(joint, group.length, len(group.ids))
-    damaged = any([part.error & ~ALERT == StatusCode.CRC for part in parts])
-    if damaged or [part.id for part in parts] != list(group.ids):
-        raise CorruptReplyError(f"damaged reply to a fast sync read of {group.ids}")
-    return parts
 
 
 def _refuses(protocol: int, status: Status) -> bool:

@@ -43,7 +43,6 @@ class Instruction(IntEnum):
     REBOOT = 0x08
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
-    FAST_SYNC_READ = 0x8A
     BULK_READ = 0x92
 
 
@@ -172,13 +171,10 @@ def write_packet(protocol: int, servo_id: int, address: int, data: bytes) -> byt
     return encode_packet(protocol, servo_id, Instruction.WRITE, where + data)
 
 
-def sync_read_packet(
-    protocol: int, ids: Sequence[int], address: int, length: int, *, fast: bool = False
-) -> bytes:
+def sync_read_packet(protocol: int, ids: Sequence[int], address: int, length: int) -> bytes:
     """Return the instruction to read the same bytes of several servos (2.0, Feetech STS)."""
-    code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
     where = address.to_bytes(protocol, "little") + length.to_bytes(protocol, "little")
-    return encode_packet(protocol, BROADCAST_ID, code, where + bytes(ids))
+    return encode_packet(protocol, BROADCAST_ID, Instruction.SYNC_READ, where + bytes(ids))
 
 
 def bulk_read_packet(ids: Sequence[int], address: int, length: int) -> bytes:
@@ -243,7 +239,7 @@ def decode_status(protocol: int, packet: bytes, stamp: float = 0.0) -> Status | 
     if not is_valid(2, packet) or packet[7] != STATUS or len(packet) < OVERHEAD[2]:
         return None
     data = packet[9:-2]
-    if packet[4] != BROADCAST_ID and _STUFFED in packet[7:-2]:  # a fast sync read is not stuffed
+    if _STUFFED in packet[7:-2]:
         data = packet[7:-2].replace(_STUFFED + b"\xfd", _STUFFED)[2:]
     return Status(packet[4], packet[8], data, stamp)
 
@@ -285,22 +281,3 @@ def _packet_length(protocol: int, buffer: bytes, start: int) -> int:
     if servo_id > MAX_ID[protocol] and servo_id != BROADCAST_ID:
         return 0
     return whole if length > protocol and whole <= LONGEST[protocol] else 0
-
-
-def joint_status_size(count: int, length: int) -> int:
-    """Return the bytes of data of the reply of several servos to a fast sync read."""
-    return (length + 4) * count - 3
-
-
-def split_joint_status(status: Status, length: int, count: int) -> list[Status]:
-    """Return the reply of each servo in the reply to a fast sync read; [] if its size is wrong.
-
-    Each part is ERROR ID DATA and a CRC of the packet so far; the last CRC is the packet's own, and
-    its error byte is the first servo's. Each servo has `length` bytes of data.
-    """
-    content = bytes((status.error,)) + status.data
-    size = length + 4
-    if len(content) != size * count - 2:
-        return []
-    parts = [content[start : start + size] for start in range(0, len(content), size)]
-    return [Status(part[1], part[0], part[2 : 2 + length], status.stamp) for part in parts]

@@ -8,10 +8,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from head_tracking.dynamixel.protocol import (
-    BROADCAST_ID,
     OVERHEAD,
     bulk_read_packet,
-    joint_status_size,
     read_packet,
     status_prefix,
     sync_read_packet,
@@ -24,7 +22,6 @@ class ReadMethod(Enum):
     EACH = "a packet for each"
     BULK = "bulk read"
     SYNC = "sync read"
-    FAST_SYNC = "fast sync read"
 
 
 class InstructionPacket(NamedTuple):
@@ -32,7 +29,7 @@ class InstructionPacket(NamedTuple):
 
     packet: bytes
     protocol: int
-    id: int  # of the servo; BROADCAST_ID if several reply in one packet
+    id: int  # of the servo
     length: int  # bytes of data of the reply
     size: int  # bytes of the reply
     prefix: bytes  # first bytes of the reply
@@ -57,23 +54,19 @@ class ReadGroup:
     address: int  # of the first byte
     length: int  # bytes
     ids: tuple[int, ...]
-    # the packet, once for each expected reply
+    # the packet, once for the reply of each servo
     replies: tuple[InstructionPacket, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         protocol, address, length, ids = self.protocol, self.address, self.length, self.ids
-        size, senders = length, ids
         if len(ids) == 1:
             packet = read_packet(protocol, ids[0], address, length)
         elif self.method is ReadMethod.BULK:
             packet = bulk_read_packet(ids, address, length)
-        elif self.method is ReadMethod.SYNC:
-            packet = sync_read_packet(protocol, ids, address, length)
         else:
-            packet = sync_read_packet(2, ids, address, length, fast=True)
-            size, senders = joint_status_size(len(ids), length), (BROADCAST_ID,)
+            packet = sync_read_packet(protocol, ids, address, length)
         what = f"read of {length} byte(s) at {address}"
-        replies = [instruction_packet(packet, protocol, each, size, what) for each in senders]
+        replies = [instruction_packet(packet, protocol, each, length, what) for each in ids]
         object.__setattr__(self, "replies", tuple(replies))
 
     def extended(self, extra: int) -> ReadGroup:

@@ -10,13 +10,10 @@ from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.motion import STEP, Coupling
 from head_tracking.simulation.packets import (
     BROADCAST,
-    LONGEST,
     DamagedPacket,
     Instruction,
     Packet,
     PacketParser,
-    Status,
-    encode_joint_status,
     encode_status,
 )
 from head_tracking.simulation.servo import SimulatedServo
@@ -212,7 +209,7 @@ def _group_reads(packet: Packet, protocol: int) -> list[tuple[int, int, int]] | 
     def word(at: int) -> int:
         return int.from_bytes(data[at : at + 2], "little")
 
-    if code in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
+    if code == Instruction.SYNC_READ:
         return [(servo_id, word(0), word(2)) for servo_id in data[4:]]
     if code == Instruction.BULK_READ:
         starts = range(0, len(data), 5) if len(data) % 5 == 0 else ()
@@ -227,34 +224,20 @@ def _read_in_turn(
     servos: Sequence[SimulatedServo],
     now: int,
 ) -> Iterator[Answer]:
-    fast = code == Instruction.FAST_SYNC_READ
     able = [s for s in servos if _supports(s, code)]
-    shares: list[Status] = []
-    first_delay = 0
     for turn, (servo_id, address, length) in enumerate(reads):
         answered = False
         for servo in able:
             status = servo.answer_read(address, length, now) if servo.id == servo_id else None
-            if status is None:
-                continue
-            if not fast:
+            if status is not None:
                 yield Answer(encode_status(protocol, status), servo.return_delay, turn)
-            elif not answered:
-                first_delay = first_delay or servo.return_delay
-                shares.append(status)
-            answered = True
+                answered = True
         if not answered:
             break
-    size = sum(length + 4 for _, _, length in reads)
-    if shares and size <= LONGEST[2]:  # otherwise it exceeds the maximum size of a packet
-        yield Answer(encode_joint_status(shares, [length for _, _, length in reads]), first_delay)
 
 
 def _supports(servo: SimulatedServo, code: int) -> bool:
     model = servo.model
-    if model.protocol == 1:
-        return model.bulk_read if code == Instruction.BULK_READ else model.control == "sts"
-    first = model.fast_sync_read
-    if code != Instruction.FAST_SYNC_READ:
+    if model.protocol == 2:
         return True
-    return first is not None and servo.register("Firmware Version") >= first
+    return model.bulk_read if code == Instruction.BULK_READ else model.control == "sts"

@@ -94,7 +94,6 @@ class SimulatedModel:
         heat_error: Bit of the error state.
         overload_error: Bit of the error state.
         bulk_read: Whether it supports the bulk read of protocol 1.0.
-        fast_sync_read: First firmware that supports fast sync read; None: not supported.
         baud_rates: Bits per second by the value of the Baud Rate register.
     """
 
@@ -116,7 +115,6 @@ class SimulatedModel:
     heat_error: int
     overload_error: int
     bulk_read: bool
-    fast_sync_read: int | None
     baud_rates: Mapping[int, int]
 
     @property
@@ -157,7 +155,6 @@ def _model(row: Mapping[str, str]) -> SimulatedModel:
         heat_error=1 << int(row["heat_bit"]),
         overload_error=1 << int(row["overload_bit"]),
         bulk_read=row["bulk_read"] == "yes",
-        fast_sync_read=int(row["fast_sync_read"]) if row["fast_sync_read"] else None,
         baud_rates={int(code): int(rate) for code, rate in rates},
     )
 

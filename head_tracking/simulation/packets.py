@@ -9,7 +9,6 @@ CODE is the instruction. In a status packet of protocol 1.0 it is the error byte
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import IntEnum
 from typing import Final, NamedTuple
 
@@ -34,7 +33,6 @@ class Instruction(IntEnum):
     REBOOT = 8
     SYNC_READ = 130
     SYNC_WRITE = 131
-    FAST_SYNC_READ = 138
     BULK_READ = 146
 
 
@@ -97,23 +95,6 @@ def encode_status(protocol: int, status: Status) -> bytes:
     if protocol == 1:
         return encode(1, Packet(status.id, status.error, status.data))
     return encode(2, Packet(status.id, STATUS, bytes([status.error]) + status.data))
-
-
-def encode_joint_status(shares: Sequence[Status], lengths: Sequence[int]) -> bytes:
-    """Return the common status packet of several servos to a fast sync or bulk read.
-
-    It has no byte stuffing; each share ends with the CRC of all bytes before.
-
-    Args:
-        shares: Status of each servo that answers.
-        lengths: Bytes of data of each requested servo.
-    """
-    size = 1 + sum(length + 4 for length in lengths)
-    packet = b"\xff\xff\xfd\x00\xfe" + size.to_bytes(2, "little") + b"\x55"
-    for share, length in zip(shares, lengths, strict=False):
-        packet += bytes([share.error, share.id]) + share.data.ljust(length, b"\0")
-        packet += crc(packet).to_bytes(2, "little")
-    return packet
 
 
 def decode(protocol: int, data: bytes) -> Packet | None:

@@ -73,7 +73,6 @@ _METHODS = {
     Instruction.READ: ReadMethod.EACH,
     Instruction.BULK_READ: ReadMethod.BULK,
     Instruction.SYNC_READ: ReadMethod.SYNC,
-    Instruction.FAST_SYNC_READ: ReadMethod.FAST_SYNC,
 }
 
 
@@ -84,10 +83,7 @@ _METHODS = {
         ("MX-28", 41, ReadMethod.BULK),
         ("MX-28(2.0)", 45, ReadMethod.SYNC),
         ("XL-320", 30, ReadMethod.SYNC),
-        ("XM430-W350", 44, ReadMethod.SYNC),
-        ("XM430-W350", 45, ReadMethod.FAST_SYNC),
-        ("XL330-M288", 45, ReadMethod.SYNC),
-        ("XL330-M288", 46, ReadMethod.FAST_SYNC),
+        ("XM430-W350", 45, ReadMethod.SYNC),
     ],
 )
 def test_servos_are_read_with_as_few_packets_as_they_understand(

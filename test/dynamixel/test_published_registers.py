@@ -83,7 +83,7 @@ like = "XM430-W350"
 name = "XM999-T1"
 no_load_rpm = 100.0
 aliases = ["XM999"]
-fast_sync_read = false
+watchdog = false
 absent = ["LED"]
 
 [registers]
@@ -121,7 +121,7 @@ def test_a_new_model_is_one_data_file(folder: Path) -> None:
     model, base = add(folder, NEW_MODEL), servo_model("XM430-W350")
     assert (model.name, model.model_number, model.aliases) == ("XM999-T1", 9990, ("XM999",))
     assert model.no_load_speed == pytest.approx(10.471976)
-    assert (model.fast_sync_read, model.watchdog) == (None, base.watchdog)
+    assert (model.watchdog, model.offset) == (None, base.offset)
     table = model.control_table
     assert table["Velocity Limit"].initial == 400
     assert table["Velocity Limit"].address == base.control_table["Velocity Limit"].address

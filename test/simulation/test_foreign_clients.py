@@ -61,9 +61,6 @@ def test_rustypot_reads_and_moves_servos(name: str, kind: str) -> None:
         assert controller.read_present_position(1) == pytest.approx([position], abs=2.1 * tick)
         if kind in ("Xl330", "Sts3215"):
             assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
-        if kind == "Xl330":
-            controller.set_fast_sync_read(True)
-            assert controller.sync_read_raw_present_position([1, 2]) == [2049, 2050]
         controller.sync_write_torque_enable([1, 2], [True, True])
         controller.sync_write_goal_position(
             [1, 2], [(goal - center) * tick for goal in goals.values()]

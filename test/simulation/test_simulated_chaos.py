@@ -27,7 +27,7 @@ PACKETS = (
     InstructionPacket.write(1, 24, b"\x01").encode(),
     InstructionPacket2.read(2, 126, 21).encode(),
     InstructionPacket2.sync_read(132, 4, (2, 3)).encode(),
-    InstructionPacket2.sync_read(0, 600, (2, 3), fast=True).encode(),
+    InstructionPacket2.sync_read(0, 600, (2, 3)).encode(),
     InstructionPacket2.write(2, 98, b"\x02").encode(),
     InstructionPacket2.write(2, 64, b"\x01").encode(),
     InstructionPacket2.reboot(3).encode(),

@@ -6,7 +6,6 @@ import pytest
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.protocol import crc16
 from head_tracking.simulation import Answer, SimulatedBus, SimulatedServo
 from head_tracking.simulation.serial_line import SerialLine
 
@@ -56,19 +55,6 @@ def test_bulk_read_reads_what_each_is_asked() -> None:
         StatusPacket2(1, 0, (120).to_bytes(2, "little")),
         StatusPacket2(2, 0, bytes((30,))),
     ]
-
-
-def test_fast_sync_read_is_one_packet() -> None:
-    published = "FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2"
-    answers = bus(3, 4, 7).receive(bytes.fromhex(published), 0)
-    assert len(answers) == 1
-    data = answers[0].data
-    assert data[:8] == bytes.fromhex("FF FF FD 00 FE 19 00 55")
-    for number, servo_id in enumerate((3, 7, 4)):
-        start = 8 + 8 * number
-        assert data[start : start + 6] == b"\0" + bytes((servo_id,)) + position(servo_id).data
-        assert crc16(data[: start + 6]) == int.from_bytes(data[start + 6 : start + 8], "little")
-    assert len(data) == 7 + 0x19
 
 
 def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:

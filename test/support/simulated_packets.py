@@ -63,11 +63,8 @@ class InstructionPacket2(InstructionPacket):
         return cls(servo_id, Instruction.REBOOT)
 
     @classmethod
-    def sync_read(
-        cls, address: int, length: int, ids: Sequence[int], *, fast: bool = False
-    ) -> Self:
-        code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
-        return cls(BROADCAST, code, cls.words(address, length) + bytes(ids))
+    def sync_read(cls, address: int, length: int, ids: Sequence[int]) -> Self:
+        return cls(BROADCAST, Instruction.SYNC_READ, cls.words(address, length) + bytes(ids))
 
 
 class StatusPacket(Status):
