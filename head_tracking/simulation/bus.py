@@ -122,13 +122,13 @@ class SimulatedBus:
     def _advance_coupled(self, now: int) -> None:
         """Simulate coupled shafts in small steps."""
         time = self._now or now
-        while time + STEP < now and not self.at_rest:
+        while time + STEP <= now and not self.at_rest:
             time += STEP
             for servo in self._servos:
                 servo.advance(time)
             for coupling in self._couplings:
                 coupling.pull()
-        self._now = now
+        self._now = now if self.at_rest else time
 
     def receive(self, data: bytes, now: int, baud_rate: int | None = None) -> list[Answer]:
         """Receive bytes from the master; return the answers.
@@ -144,6 +144,8 @@ class SimulatedBus:
             answers += more
         if not data:
             return answers
+        if self._couplings:
+            self.advance(now)
         for protocol, parser in self._parsers.items():
             for packet in parser.feed(data, now):
                 receivers = [

@@ -8,7 +8,7 @@ import pytest
 from simulated_packets import InstructionPacket, write
 
 from head_tracking.dynamixel import servo_model
-from head_tracking.simulation import SimulatedServo
+from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 AX_12 = servo_model("AX-12")
 MS = 1_000_000
@@ -164,3 +164,16 @@ def test_torque_falls_with_the_supply(volts: float) -> None:
 
     assert lifts(0.9)
     assert not lifts(1.05)
+
+
+@pytest.mark.parametrize("gap", [1_000_000, 700_000, 100_000_000])
+def test_coupled_shafts_turn_together_however_often_the_bus_is_simulated(gap: int) -> None:
+    bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)])
+    bus.couple(1, 2)
+    bus.advance(SECOND)
+    bus[1].lead(700.0, 0.1)
+    for now in range(SECOND, 2 * SECOND, gap):
+        bus.advance(now)
+    bus.advance(2 * SECOND)
+    assert bus[1].true_position > 0.7
+    assert bus[2].true_position == pytest.approx(-bus[1].true_position, abs=0.01)
