@@ -231,7 +231,7 @@ def _check_directions(geometry: HeadGeometry, seen: _Observations) -> None:
         raise CalibrationError(
             Reason.MIRRORED,
             "the target moves through the images as in a mirror: switch the mirroring off, or "
-            "measure the directions of the joints with `head_tracking servo calibrate`",
+            "measure the directions of the joints with `head_tracking new-robot`",
         )
     if abs(rolled) > enough:
         raise CalibrationError(

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from head_tracking.cli.servo.calibrate import (
+from head_tracking.cli.by_hand import (
     ServoPoses,
     calibration_of,
     configuration,
@@ -99,7 +99,7 @@ def _describe(
     session = make_session(terminal, options.port, options.baud or USUAL_BAUD_RATES[0])
     rate, joints = _calibrate(options, session)
     model = _model(options, [first for first, *_ in joints], measures)
-    text = configuration(joints, options.port, rate, "head_tracking new-robot")
+    text = configuration(joints, options.port, rate)
     _check_and_write(files, (model, text))
     script = share_directory() / "scripts" / "run"  # adds what the page needs
     in_checkout = Path(sys.prefix) == script.parents[1] / ".venv" and script.exists()

@@ -7,9 +7,8 @@ from contextlib import closing
 from importlib.util import find_spec
 
 import pytest
-import yaml
 from dynamixel_sdk import PacketHandler, PortHandler
-from rig import JOINTS, TICK, command
+from rig import JOINTS, command
 from terminal import Terminal
 from waiting import wait_for
 
@@ -97,26 +96,6 @@ def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
         terminal.waits_for(r"\$ ")
         terminal.type("echo code $?\n")
         assert f"code {130 if ended == 'by ctrl-c' else 1}" in terminal.waits_for(r"code \d+\r")
-
-
-def test_calibration_is_led_by_hand_and_written_to_a_file(bench):
-    file = bench.folder / "head.yaml"
-    unattended = bench.start(
-        "servo", "--port", bench.servos.name, "calibrate", "head_pan:1", "--output", str(file)
-    )
-    assert unattended.end() == 3, unattended.output
-    assert not file.exists()
-    with closing(on_terminal(bench, "calibrate", "head_pan:1", "--output", str(file))) as terminal:
-        for tick, prompt in ((512, "zero"), (300, "lowest"), (700, "highest")):
-            terminal.waits_for(prompt)
-            bench.servos.turn_by_hand(1, (tick - 512) * TICK)
-            wait_for(lambda: abs(bench.servos.ticks[0] - tick) < 10)  # noqa: B023
-            bench.servos.at_rest()
-            terminal.type("\n")
-        wait_for(file.exists)
-    motor = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
-    motor = motor["head_pan_controller"]["motor"]
-    assert [motor[key] for key in ("init", "min", "max")] == pytest.approx([512, 306, 694], abs=14)
 
 
 @pytest.mark.skipif(find_spec("mcap_ros2") is None, reason="needs requirements/viewer.txt")

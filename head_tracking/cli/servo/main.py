@@ -1,4 +1,4 @@
-"""servo: shows, configures and calibrates servos."""
+"""servo: shows and configures servos."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 
-from head_tracking.cli.servo.calibrate import calibrate
 from head_tracking.cli.servo.changes import relax, set_baud_rate, set_register
 from head_tracking.cli.servo.overview import info, monitor, scan
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session
@@ -15,14 +14,9 @@ from head_tracking.command_line import (
     baud_rate,
     between,
     exit_code,
-    named_id,
-    read_by,
     servo_id,
     with_negative_values,
-    writable_file,
 )
-from head_tracking.dynamixel.exceptions import ConfigurationError
-from head_tracking.dynamixel.models import servo_model
 
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
 
@@ -47,8 +41,6 @@ def _common() -> argparse.ArgumentParser:
     add = common.add_argument
     add("--port", metavar="DEV", help=f"serial port ({_DEFAULT_PORT})")
     add("--baud", type=baud_rate, metavar="RATE", help=f"its baud rate ({_DEFAULT_BAUD_RATE})")
-    known = read_by(servo_model, ConfigurationError)
-    add("--model", type=known, help="model of a servo that answers no reads")
     add("--yes", action="store_true", help="answer every question with yes")
     return common
 
@@ -56,12 +48,12 @@ def _common() -> argparse.ArgumentParser:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="servo",
-        description="Shows, configures and calibrates servos.",
+        description="Shows and configures servos.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[_common()],
     )
-    parser.set_defaults(port=_DEFAULT_PORT, baud=None, model=None, yes=False)
+    parser.set_defaults(port=_DEFAULT_PORT, baud=None, yes=False)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     def add_command(
@@ -84,13 +76,12 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add = add_command(
         "info", "show all registers of a servo",
-        lambda s, o: info(s, o.id, o.model, all_of_them=o.all), "ID",
+        lambda s, o: info(s, o.id, all_of_them=o.all), "ID",
     )  # fmt: skip
     add("--all", action="store_true", help="also the indirect registers")
     add = add_command(
-        "set", "write a register",
-        lambda s, o: set_register(s, o.id, o.register, o.value, o.model), "ID",
-    )  # fmt: skip
+        "set", "write a register", lambda s, o: set_register(s, o.id, o.register, o.value), "ID"
+    )
     add("register", metavar="REGISTER", help="its name or its address")
     add(
         "value", metavar="VALUE",
@@ -98,37 +89,24 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add_command(
         "set-id", "change the id of a servo",
-        lambda s, o: set_register(s, o.id, "ID", str(o.new), o.model), "ID", "NEW",
+        lambda s, o: set_register(s, o.id, "ID", str(o.new)), "ID", "NEW",
     )  # fmt: skip
     add = add_command(
-        "set-baud", "change the baud rate of a servo",
-        lambda s, o: set_baud_rate(s, o.id, o.rate, o.model), "ID",
+        "set-baud", "change the baud rate of a servo", lambda s, o: set_baud_rate(s, o.id, o.rate),
+        "ID",
     )  # fmt: skip
     add("rate", type=int, metavar="RATE")
-    add = add_command("relax", "switch torque off", lambda s, o: relax(s, _once(o.ids), o.model))
+    add = add_command("relax", "switch torque off", lambda s, o: relax(s, _once(o.ids)))
     add("ids", type=servo_id, nargs="*", metavar="ID", help="none: all servos")
     add = add_command(
         "monitor", "show measured values until Ctrl-C",
-        lambda s, o: monitor(s, _once(o.ids), o.model, rate=o.rate, count=o.count),
+        lambda s, o: monitor(s, _once(o.ids), rate=o.rate, count=o.count),
     )  # fmt: skip
     add("ids", type=servo_id, nargs="*", metavar="ID", help="none: ids 0 to 29")
     add("--rate", type=between(0.1, 100, "Hz"), default=10.0, metavar="HZ", help="(%(default)s)")
     add(
         "--count", type=between(1, 1e9, "times", int), default=0, metavar="N",
         help="stop after N times",
-    )  # fmt: skip
-    add = add_command(
-        "calibrate", "measure zero, range and direction of joints moved by hand",
-        lambda s, o: calibrate(s, o.servos, o.model, output=o.output, margin=o.margin),
-    )  # fmt: skip
-    add(
-        "servos", type=_named_servo, nargs="+", metavar="NAME:ID",
-        help="name in the configuration and servo id, such as head_pan:1 head_tilt:2",
-    )  # fmt: skip
-    add("--output", type=writable_file, metavar="FILE", help="YAML to write (stdout)")
-    add(
-        "--margin", type=between(0.0, 1.0, "rad"), default=0.03, metavar="RAD",
-        help="distance of the limits from both ends (%(default)s)",
     )  # fmt: skip
     return parser
 
@@ -148,10 +126,3 @@ def _ids(text: str) -> range:
     if not ids:
         raise argparse.ArgumentTypeError(f"{text!r} is not a range of ids, such as 10-20")
     return ids
-
-
-def _named_servo(text: str) -> tuple[str, int]:
-    name, number = named_id(text)
-    if not name.isidentifier():
-        raise argparse.ArgumentTypeError(f"{name!r} is not a name, such as head_pan")
-    return name, number

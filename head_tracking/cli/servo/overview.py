@@ -33,7 +33,7 @@ from head_tracking.dynamixel.exceptions import (
     PortPermissionError,
     ServoError,
 )
-from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
+from head_tracking.dynamixel.models import servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import describe_errors
 from head_tracking.dynamixel.servo import Servo, model_name, run
@@ -144,10 +144,10 @@ def _found(port: DynamixelPort, servo_id: int, protocol: int, tries: int) -> Fou
     return FoundServo(rate, servo_id, protocol, model, is_corrupt)
 
 
-def info(session: Session, servo_id: int, model: ServoModel | None, *, all_of_them: bool) -> int:
+def info(session: Session, servo_id: int, *, all_of_them: bool) -> int:
     """Show the registers of a servo and return the exit code."""
     with session.port() as port:
-        servo = find_servo(port, servo_id, model)
+        servo = find_servo(port, servo_id)
         registers = servo.registers()
     session.terminal.show(
         f"servo {servo_id}: {servo.model.name}, protocol {servo.model.protocol}.0"
@@ -163,9 +163,7 @@ def info(session: Session, servo_id: int, model: ServoModel | None, *, all_of_th
     return 0
 
 
-def monitor(
-    session: Session, ids: Sequence[int], model: ServoModel | None, *, rate: float, count: int
-) -> int:
+def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) -> int:
     """Show the measured values of servos `count` times, 0: until Ctrl-C; return the exit code."""
     with session.port() as port:
         present = ids or [
@@ -173,7 +171,7 @@ def monitor(
             for servo_id in _FIRST_IDS
             if protocol_of(port, servo_id, attempts=1) and protocol_of(port, servo_id)  # no noise
         ]
-        servos = [find_servo(port, servo_id, model) for servo_id in present]
+        servos = [find_servo(port, servo_id) for servo_id in present]
         if not servos:
             raise ToolError(
                 f"no servo with an id up to {_FIRST_IDS[-1]} answers at {session.baud_rate} baud; "

@@ -1,70 +1,20 @@
-"""servo calibrate: measures zero, range and direction of joints moved by hand; writes YAML."""
+"""Zero, range and direction of joints that are moved by hand, and their parameter file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from head_tracking.cli.servo.session import Session, find_servo
 from head_tracking.cli.terminal import Terminal
 from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
-from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
 
 _READINGS = 9
 _SMALLEST_RANGE = 0.1  # rad
-_PROMPTS = (
-    "Move it to its zero, with the head straight ahead",
-    "Move it to its lowest position (pan: right; tilt: up)",
-    "Move it to its highest position (pan: left; tilt: down)",
-)
-
-
-def calibrate(
-    session: Session,
-    named: Sequence[tuple[str, int]],
-    model: ServoModel | None,
-    *,
-    output: Path | None,
-    margin: float,
-) -> int:
-    """Ask for three poses of each joint, write the configuration and return the exit code.
-
-    Args:
-        session: the terminal and the port.
-        named: name in the configuration and id of each servo.
-        model: model of a servo that answers no reads.
-        output: file to write; None: print.
-        margin: distance of the limits from the lowest and highest pose [rad].
-    """
-    for values in zip(*named, strict=True):
-        if len(set(values)) < len(values):
-            raise RefusedError(
-                f"{', '.join(map(str, values))}: each joint needs a name and a servo of its own"
-            )
-    terminal = session.terminal
-    if output is not None and output.exists():
-        terminal.confirm(f"Replace {output}?")
-    calibrations: list[ServoCalibration] = []
-    with session.port() as port:
-        servos = [find_servo(port, servo_id, model) for _, servo_id in named]
-        relax_for_hand(terminal, servos)
-        for (name, servo_id), servo in zip(named, servos, strict=True):
-            terminal.print(f"\n{name}: servo {servo_id}, {servo.model.name}")
-            ticks = [ticks_by_hand(terminal, [servo], prompt)[servo_id] for prompt in _PROMPTS]
-            calibrations.append(calibration_of(name, ServoPoses(servo, *ticks), margin))
-    text = configuration([[each] for each in calibrations], session.port_name, session.baud_rate)
-    if output is None:
-        terminal.show(text)
-    else:
-        output.write_text(text)
-        terminal.print(f"written: {output}")
-    return 0
 
 
 def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:
@@ -124,15 +74,11 @@ def calibration_of(name: str, motion: ServoPoses, margin: float) -> ServoCalibra
 
 
 def configuration(
-    joints: Iterable[Sequence[ServoCalibration]],
-    port_name: str,
-    baud_rate: int,
-    program: str = "servo calibrate",
+    joints: Sequence[Sequence[ServoCalibration]], port_name: str, baud_rate: int
 ) -> str:
     """Return the parameters of servo_bus as YAML; each joint has one servo or two."""
-    joints = tuple(joints)
     lines = [
-        f"# Written by `{program}`.",
+        "# Written by `head_tracking new-robot`.",
         "",
         "/**/servo_bus:",
         "  ros__parameters:",
