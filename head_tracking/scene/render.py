@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -9,14 +11,16 @@ import numpy.typing as npt
 
 from head_tracking.scene.drawings import Texture
 from head_tracking.scene.objects import Ball, Board, Panel, Scene, Wall
-from head_tracking.transforms import Transform
+from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.opencv import cv2
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
 _NEAR = 0.05  # m: minimum depth
-_EDGE = 2  # pixels around a texture, for the interpolation at its edge
+_FARTHEST = np.float32(1e-6)  # 1/m: least inverse depth
+_EDGE_ON = 1e-3  # cubic metres times square pixels: least volume of a plane and its distance
+_EDGE = 1  # pixels around a texture, for the interpolation at its edge
 _LIGHT = np.array([-0.5, 0.35, 0.8]) / np.linalg.norm([-0.5, 0.35, 0.8])
 
 
@@ -45,25 +49,24 @@ class Canvas(NamedTuple):
 
 
 class _Plane(NamedTuple):
-    """A flat image in the optical frame: upper left corner and edges [m]."""
+    """A flat image in the optical frame: upper left corner and edges, shape (3,) [m]."""
 
+    thing: Board | Panel
     texture: Texture
     corner: Array
     right: Array
     down: Array
-    is_wall: bool
 
-    @classmethod
-    def of(cls, thing: Board | Panel, T_optical_scene: Transform, time: float) -> _Plane:
-        """Return the plane of a thing at a time [s]."""
-        texture = thing.image(time)
-        corner, right, down = T_optical_scene.apply_many(_corners(thing, texture, time))
-        return cls(texture, corner, right - corner, down - corner, isinstance(thing, Wall))
+    @property
+    def is_wall(self) -> bool:
+        """Whether it is a side of the room."""
+        return isinstance(self.thing, Wall)
 
-    def distance(self) -> float:
-        """Return the distance of the farthest corner [m]: objects on the plane are drawn later."""
-        sides = (self.right * i + self.down * j for i in (0, 1) for j in (0, 1))
-        return max(float(np.linalg.norm(self.corner + side)) for side in sides)
+    @property
+    def corners(self) -> Array:
+        """The corners around the plane, shape (4, 3) [m]."""
+        corner, right, down = self.corner, self.right, self.down
+        return np.array((corner, corner + right, corner + right + down, corner + down))
 
 
 class Renderer:
@@ -86,18 +89,19 @@ class Renderer:
         """
         shape = (self.camera.height, self.camera.width)
         T_optical_scene = T_scene_optical.inverse()
-        drawn: list[tuple[float, Ball | _Plane]] = []
-        walls = []
-        for thing in self.scene.things.values():
+        things = self.scene.things.values()
+        planes = self._planes(T_optical_scene, time)
+        walls = [plane for plane in planes if plane.is_wall]
+        # by the farthest corner: objects on a plane are drawn after it
+        drawn: list[tuple[float, Ball | _Plane]] = [
+            (float(np.square(plane.corners).sum(axis=1).max()), plane)
+            for plane in planes
+            if not plane.is_wall
+        ]
+        for thing in things:
             if isinstance(thing, Ball):
-                middle = np.array(T_optical_scene @ thing.path(time))
-                drawn.append((float(np.linalg.norm(middle)), thing))
-                continue
-            plane = _Plane.of(thing, T_optical_scene, time)
-            if plane.is_wall:
-                walls.append(plane)
-            else:
-                drawn.append((plane.distance(), plane))
+                x, y, z = T_optical_scene @ thing.path(time)
+                drawn.append((x * x + y * y + z * z, thing))
         canvas = Canvas(np.full((*shape, 4), 120, np.uint8), self._room(walls) if depth else None)
         for wall in walls:
             self._draw_plane(canvas, wall)
@@ -110,90 +114,102 @@ class Renderer:
         none = np.empty((0, 0), np.float32)
         return Rendering(picture, none if canvas.depth is None else canvas.depth)
 
+    def _planes(self, T_optical_scene: Transform, time: float) -> list[_Plane]:
+        """Return boards and panels at a time [s]."""
+        things = [each for each in self.scene.things.values() if not isinstance(each, Ball)]
+        textures = [thing.image(time) for thing in things]
+        corners = [
+            _corners(thing, texture, time) for thing, texture in zip(things, textures, strict=True)
+        ]
+        seen = T_optical_scene.apply_many(np.reshape(corners, (-1, 3))).reshape(-1, 3, 3)
+        seen[:, 1:] -= seen[:, :1]
+        return [
+            _Plane(thing, texture, corner, right, down)
+            for thing, texture, (corner, right, down) in zip(things, textures, seen, strict=True)
+        ]
+
     def _room(self, walls: list[_Plane]) -> npt.NDArray[np.float32]:
         """Return the depths of the walls; in a convex room, the nearest plane is visible."""
         nearest = np.zeros((self.camera.height, self.camera.width), np.float32)
         for wall in walls:
-            np.maximum(nearest, self._inverse_depth(wall), out=nearest)
+            inverse = self._inverse(wall)
+            if inverse is not None:
+                np.maximum(nearest, self._linear(inverse[2]), out=nearest)
         with np.errstate(divide="ignore"):
             return np.divide(1.0, nearest, out=nearest)
 
-    def _inverse_depth(
-        self, plane: _Plane, rows: slice = slice(None), columns: slice = slice(None)
+    def _inverse(self, plane: _Plane) -> Array | None:
+        """Return the matrix from image pixels to a plane; None: it is seen edge on.
+
+        The matrix times (u, v, 1) is (i, j, 1) / z: the point corner + i right + j down, and its
+        inverse depth [1/m].
+        """
+        to_image = self.camera.matrix @ np.column_stack((plane.right, plane.down, plane.corner))
+        if abs(np.linalg.det(to_image)) < _EDGE_ON:
+            return None
+        return np.asarray(np.linalg.inv(to_image))
+
+    def _linear(
+        self, row: Array, rows: slice = slice(None), columns: slice = slice(None)
     ) -> npt.NDArray[np.float32]:
-        """Return the inverse depths of a plane in a part of the image [1/m]."""
-        (a, b, c), (d, e, f), (px, py, pz) = plane.right, plane.down, plane.corner
-        normal = b * f - c * e, c * d - a * f, a * e - b * d
-        away = normal[0] * px + normal[1] * py + normal[2] * pz
-        if abs(away) < 1e-9:  # seen edge on
-            return np.zeros((1, 1), np.float32)
-        x, y, z = (part / away for part in normal)
-        camera = self.camera
-        across = (self._u[columns] - np.float32(camera.cx)) * np.float32(x / camera.fx)
-        down = (self._v[rows] - np.float32(camera.cy)) * np.float32(y / camera.fy)
-        return across + (down + np.float32(z))
+        """Return a row of such a matrix times (u, v, 1) for a part of the image."""
+        a, b, c = row.astype(np.float32)
+        return np.asarray(a * self._u[columns] + (b * self._v[rows] + c))
 
     def _draw_plane(self, canvas: Canvas, plane: _Plane) -> None:
         """Draw a plane; the depths of walls are set before."""
-        outline = self._outline(plane.corner, plane.right, plane.down)
+        outline = self._outline(plane)
         if outline is None:
             return
         rows, columns = _bounds(outline, canvas.picture.shape)
         if rows.stop <= rows.start or columns.stop <= columns.start:
             return
-        c, offset = self.camera, np.array([columns.start, rows.start], np.float64)
-        inside = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
-        edge = np.round(outline - offset).astype(np.int32)
-        cv2.fillConvexPoly(inside, edge, 255)
-        if plane.is_wall:  # avoid gaps between neighbouring walls
-            cv2.polylines(inside, [edge], True, 255, 3)
-        texture = self._fitting(plane)
-        height, width = (size - 2 * _EDGE for size in texture.shape[:2])
-        # from texture pixels to image pixels of the drawn part
-        to_image = c.matrix @ np.column_stack(
-            (plane.right / width, plane.down / height, plane.corner)
-        )
-        to_image = np.array([[1, 0, -offset[0]], [0, 1, -offset[1]], [0, 0, 1.0]]) @ to_image
-        half = np.array([[1, 0, 0.5 - _EDGE], [0, 1, 0.5 - _EDGE], [0, 0, 1.0]])
-        seen = cv2.warpPerspective(texture, to_image @ half, inside.shape[::-1])
-        if plane.is_wall:
-            whole = cv2.compare(cv2.min(inside, seen[..., 3]), 255, cv2.CMP_EQ)
-            cv2.copyTo(seen, whole, canvas.picture[rows, columns])
+        inverse = self._inverse(plane)
+        if inverse is None:
             return
-        _blend(canvas.picture[rows, columns], cv2.copyTo(seen, inside))
+        texture = self._fitting(plane)
+        # a point behind the camera is outside any texture
+        nearness = np.maximum(self._linear(inverse[2], rows, columns), _FARTHEST)
+        depth = np.reciprocal(nearness)
+        height, width = (size - 2 * _EDGE for size in texture.shape[:2])
+        middle = (_EDGE - 0.5) * inverse[2]
+        x = depth * self._linear(width * inverse[0] + middle, rows, columns)
+        y = depth * self._linear(height * inverse[1] + middle, rows, columns)
+        part = canvas.picture[rows, columns]
+        if plane.is_wall:
+            cv2.remap(texture, x, y, cv2.INTER_LINEAR, part, cv2.BORDER_TRANSPARENT)
+            return
+        seen = cv2.remap(texture, x, y, cv2.INTER_LINEAR)
+        _blend(part, seen)
         if canvas.depth is not None:
-            solid = (inside > 0) & (seen[..., 3] > 127)
-            inverse = self._inverse_depth(plane, rows, columns)
-            np.divide(1.0, inverse, out=canvas.depth[rows, columns], where=solid & (inverse > 0))
+            np.copyto(canvas.depth[rows, columns], depth, where=seen[..., 3] > 127)
 
     def _fitting(self, plane: _Plane) -> Texture:
         """Return the smallest copy of a texture that is not coarser than the image."""
         # keeping the texture keeps its id unique
         _, sizes = self._sizes.get(id(plane.texture), (None, []))
         if not sizes:
-            sizes = _sizes(plane.texture)
+            # neighbouring panels leave no gap; the edge of a board is smooth
+            is_panel = isinstance(plane.thing, Panel)
+            edge = cv2.BORDER_REPLICATE if is_panel else cv2.BORDER_CONSTANT
+            sizes = _sizes(plane.texture, edge)
             self._sizes[id(plane.texture)] = plane.texture, sizes
-        ends = [plane.corner, plane.corner + plane.right, plane.corner + plane.down]
-        nearest = max(_NEAR, min(float(end[2]) for end in ends))
-        pixels = float(np.linalg.norm(plane.right)) * self.camera.fx / nearest
+        nearest = max(_NEAR, float(plane.corners[:, 2].min()))
+        pixels = math.hypot(*plane.right.tolist()) * self.camera.fx / nearest
         return next((t for t in reversed(sizes) if t.shape[1] >= 0.8 * pixels), sizes[0])
 
-    def _outline(self, corner: Array, right: Array, down: Array) -> Array | None:
-        """Return the visible outline of a plane, shape (N, 2) [pixels]; None: not visible."""
-        points = [corner, corner + right, corner + right + down, corner + down]
-        kept: list[Array] = []
+    def _outline(self, plane: _Plane) -> list[tuple[float, float]] | None:
+        """Return the visible outline of a plane [pixels]; None: not visible."""
+        points = plane.corners.tolist()
+        kept: list[tuple[float, float, float]] = []
         for here, there in zip(points, points[1:] + points[:1], strict=True):
             if here[2] >= _NEAR:
                 kept.append(here)
             if (here[2] >= _NEAR) != (there[2] >= _NEAR):
                 share = (_NEAR - here[2]) / (there[2] - here[2])
-                kept.append(here + share * (there - here))
-        if len(kept) < 3:
-            return None
-        x, y, z = np.array(kept).T
+                kept.append(tuple(a + share * (b - a) for a, b in zip(here, there, strict=True)))
         c = self.camera
-        outline = np.column_stack((c.fx * x / z + c.cx, c.fy * y / z + c.cy))
-        return np.asarray(np.clip(outline, -1e5, 1e5))
+        return [(c.fx * x / z + c.cx, c.fy * y / z + c.cy) for x, y, z in kept] or None
 
     def _draw_ball(
         self, canvas: Canvas, ball: Ball, T_scene_optical: Transform, time: float
@@ -210,7 +226,9 @@ class Renderer:
         edges = np.array([[low[0], low[1]], [high[0], high[1]]]) / min(z, middle[2])
         outline = np.vstack((edges, (middle[:2] - radius) / (middle[2] + ball.radius)))
         outline = np.vstack((outline, (middle[:2] + radius) / (middle[2] + ball.radius)))
-        rows, columns = _bounds(outline * [c.fx, c.fy] + [c.cx, c.cy], canvas.picture.shape)
+        rows, columns = _bounds(
+            (outline * [c.fx, c.fy] + [c.cx, c.cy]).tolist(), canvas.picture.shape
+        )
         if rows.stop <= rows.start or columns.stop <= columns.start:
             return
         x = (np.arange(columns.start, columns.stop) - c.cx) / c.fx
@@ -234,27 +252,31 @@ class Renderer:
             np.copyto(canvas.depth[rows, columns], depth, where=root > 0, casting="same_kind")
 
 
-def _corners(thing: Board | Panel, texture: Texture, time: float) -> list[Array]:
+def _corners(thing: Board | Panel, texture: Texture, time: float) -> list[Vector3]:
     """Return upper left, upper right and lower left corner [m]."""
     if isinstance(thing, Panel):
-        corner, right, down = map(np.array, (thing.corner, thing.right, thing.down))
-        return [corner, corner + right, corner + down]
-    position = np.array(thing.path(time))
-    outwards = np.array([position[0], position[1], 0.0])
-    outwards /= max(float(np.linalg.norm(outwards)), 1e-9)
-    right = np.cross(outwards, [0.0, 0.0, 1.0]) * thing.width
-    down = np.array([0.0, 0.0, -thing.width * texture.shape[0] / texture.shape[1]])
-    corner = position - right * thing.anchor[0] - down * thing.anchor[1]
-    return [corner, corner + right, corner + down]
+        return [thing.corner, _sum(thing.corner, thing.right), _sum(thing.corner, thing.down)]
+    x, y, z = thing.path(time)
+    away = max(math.hypot(x, y), 1e-9)
+    across, along = thing.width * y / away, -thing.width * x / away
+    height = thing.width * texture.shape[0] / texture.shape[1]
+    aside, above = thing.anchor
+    corner = x - aside * across, y - aside * along, z + above * height
+    return [corner, _sum(corner, (across, along, 0.0)), _sum(corner, (0.0, 0.0, -height))]
 
 
-def _bounds(outline: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    left, top = np.floor(outline.min(axis=0)).astype(int) - 1
-    right, bottom = np.ceil(outline.max(axis=0)).astype(int) + 2
-    return (
-        slice(min(max(top, 0), shape[0]), min(max(bottom, 0), shape[0])),
-        slice(min(max(left, 0), shape[1]), min(max(right, 0), shape[1])),
-    )
+def _sum(a: Vector3, b: Vector3) -> Vector3:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _bounds(outline: Sequence[tuple[float, float]], shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the rows and columns of the pixels around an outline in an image."""
+    return _range([v for _, v in outline], shape[0]), _range([u for u, _ in outline], shape[1])
+
+
+def _range(places: Sequence[float], size: int) -> slice:
+    first, last = math.floor(min(places)) - 1, math.ceil(max(places)) + 2
+    return slice(min(max(first, 0), size), min(max(last, 0), size))
 
 
 def _blend(picture: Texture, seen: Texture) -> None:
@@ -272,11 +294,11 @@ def _premultiplied(texture: Texture) -> Texture:
     return np.asarray(cv2.multiply(texture, factors, scale=1 / 255))
 
 
-def _sizes(texture: Texture) -> list[Texture]:
-    """Return a texture and reduced copies, with premultiplied alpha and an edge."""
+def _sizes(texture: Texture, edge: int) -> list[Texture]:
+    """Return a texture and reduced copies, with premultiplied alpha and a kind of edge."""
     copies = [_premultiplied(texture)]
     while min(copies[-1].shape[:2]) >= 8:
         height, width = copies[-1].shape[:2]
         half = cv2.resize(copies[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
         copies.append(np.asarray(half))
-    return [cv2.copyMakeBorder(copy, *[_EDGE] * 4, cv2.BORDER_REPLICATE) for copy in copies]
+    return [cv2.copyMakeBorder(copy, *[_EDGE] * 4, edge) for copy in copies]
