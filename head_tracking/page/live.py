@@ -18,7 +18,7 @@ from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage, robot_for_browser
 from head_tracking.page.status import faults
-from head_tracking.recording.recording import LastMinute, Observation
+from head_tracking.recording.recording import Observation
 from head_tracking.ros.kit.diagnostics import Level, Part
 from head_tracking.ros.kit.images import frame_pose
 from head_tracking.transforms import RobotModel, Vector3
@@ -29,15 +29,14 @@ _WIDEST = 640  # pixels of a picture
 _DISTANCE = 1.5  # m: of a point in an image without a target
 _OTHER = "follow"  # what `visual_target` sees and does not follow
 _FACE = 0.24  # m: side of the box around a person's face
-_HIDDEN = 10**9  # ns: a person that was measured longer ago is not marked
 _SLOW_PERIOD = 0.25  # s between samples of what changes slowly
-_RECORDED = 60.0  # s
+_MOST_FRAMES = 300  # that are offered
 _MOST_LISTED = 200_000  # characters of values in diagnostics
 _ORDER = {Level.ERROR: 0, Level.STALE: 1, Level.WARN: 2, Level.OK: 3}
 
 
 class Live:
-    """Samples the robot; for one thread, except `point_at` and `last_minute`.
+    """Samples the robot; for one thread, except `point_at`.
 
     Args:
         robot: is sampled.
@@ -53,7 +52,6 @@ class Live:
             differs for each: stamp [ns, 8 bytes, little-endian], then a JPEG.
         meshes: of that robot.
         failing: parts that can't be shown, each with the reason.
-        last_minute: what has been sampled.
         observation: the latest sample.
         calibration: of the camera.
     """
@@ -76,14 +74,12 @@ class Live:
         self.pictures: Mapping[str, tuple[int, bytes]] = {}
         self.meshes: tuple[bytes, ...] = ()
         self.failing: dict[str, str] = {}
-        self.last_minute = LastMinute(_RECORDED)
         self.observation = Observation(0)
         self.calibration = CameraCalibration(robot, partial(self.latest_picture, exact=True))
 
-    def observe(self, *, watched: bool = False) -> None:
-        """Add what the robot does now to the last minute."""
-        self._attempt("robot", self._follow_model)
-        self._attempt("motion", lambda: self._observe(watched))
+    def poll(self) -> None:
+        """Receive what has come, while no browser watches."""
+        self._attempt("robot", self._robot.poll)
 
     def sample(self, topics: Collection[str] = ()) -> None:
         """Update the texts and pictures. A part that fails is named in `failing`.
@@ -91,7 +87,8 @@ class Live:
         Args:
             topics: of the pictures; empty texts: the default topic.
         """
-        self.observe(watched=True)
+        self._attempt("robot", self._follow_model)
+        self._attempt("motion", self._observe)
         parts = {"joints": self._move, "boxes": self._boxes}
         texts = [self._attempt(part, partial(_members, add)) for part, add in parts.items()]
         self.state_text = _message("state", *texts)
@@ -162,48 +159,30 @@ class Live:
         about = {"type": "robot", **robot.about, "view": self._view}
         self.robot_text = json.dumps(about, allow_nan=False)
 
-    def _observe(self, watched: bool) -> None:
-        self.observation = self._robot.observe(watched=watched)
-        if self._model is not None:
-            self.last_minute.add(self.observation)
+    def _observe(self) -> None:
+        self.observation = self._robot.observe()
 
     def _move(self) -> dict[str, Any]:
         return {} if self._motion is None else self._motion.of(self.observation)
 
     def _boxes(self) -> dict[str, Any]:
-        """Return boxes in the default picture: of what is followed, and of people's faces."""
-        latest, oldest = self._robot.buffer.latest_stamps(), self.observation.stamp - _HIDDEN
-        people = {
-            name: transform
-            for name, transform in self.observation.frames.items()
-            if "person" in name and latest.get(name, 0) > oldest
-        }
+        """Return boxes in the default picture: of what is followed, and of what else is seen."""
         mode, topics = self._robot.mode, self._robot.topics
-        finds = mode in FOUND_IN_PICTURES
-        region = topics.region() if finds else None
-        picture = self.latest_picture() if people or finds else None
+        picture = self.latest_picture() if mode in FOUND_IN_PICTURES else None
         if picture is None or self._model is None:
             return {"boxes": [], "boxes_of": ""}
-        camera, boxes = self._camera(picture), []
-        pose = frame_pose(self._robot.buffer, self._model.root, picture.frame_id, picture.stamp)
+        camera, boxes, region = self._camera(picture), [], topics.region()
         if region is not None:
+            pose = frame_pose(self._robot.buffer, self._model.root, picture.frame_id, picture.stamp)
             target, distance = self.observation.target, None
             if pose is not None and target is not None:
                 distance = math.dist(pose.translation, target)
             boxes.append(_box("", str(mode), region, camera, distance))
-        for index, other in enumerate(topics.others(picture.frame_id) if finds else ()):
+        for index, other in enumerate(topics.others(picture.frame_id)):
             face = _face(other.point, camera)
             if face is not None:
                 one = _box(f"{_OTHER} {index}", _OTHER, face, camera, math.hypot(*other.point))
                 boxes.append({**one, "select": {**asdict(other), "stamp": str(other.stamp)}})
-        if pose is not None:
-            T_camera_root = pose.inverse()
-            for name, transform in sorted(people.items()):
-                point = T_camera_root @ transform.translation
-                face = _face(point, camera)
-                if face is not None:
-                    label, distance = name.replace("_", " "), math.hypot(*point)
-                    boxes.append(_box(name, label, face, camera, distance))
         return {"boxes": boxes, "boxes_of": picture.topic}
 
     def _slow(self) -> dict[str, Any]:
@@ -238,7 +217,7 @@ class Live:
                 for one in faults(health, robot.modes.missing(), robot.silent_joints())
             ],
             "health": _listed(health),
-            "frames": sorted({*live.frames, *links}),
+            "frames": sorted({*robot.buffer.frames()[:_MOST_FRAMES], *links}),
             "images": sorted(robot.topics.images(), key=_rank),
             "recording": robot.recorder.file is not None,
             "recorder": robot.recorder.status,
@@ -273,8 +252,6 @@ class Live:
         if before is not None and before[0] == picture.number:
             return before
         data = picture.jpeg(_WIDEST)
-        if not topic:
-            self.last_minute.add_picture(data)
         stamp = picture.stamp.to_bytes(8, "little", signed=True)
         return picture.number, stamp + data
 

@@ -11,8 +11,8 @@ from typing import IO, Any, NamedTuple
 from head_tracking.page.motion import MotionView
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, robot_for_browser
-from head_tracking.recording.recording import LastMinute, Recording, RecordingError
-from head_tracking.recording.recording_file import read_recording, write_recording
+from head_tracking.recording.recording import Recording, RecordingError
+from head_tracking.recording.recording_file import read_recording
 from head_tracking.transforms import RobotModelError, parse_robot_model
 
 _MOST = 6  # open recordings; then the one that was not used for the longest time is closed
@@ -31,31 +31,20 @@ class Replays:
 
     Args:
         robot: the present robot.
-        last_minute: what the page has sampled.
         find_package: for meshes at package:// addresses.
     """
 
-    def __init__(self, robot: Robot, last_minute: LastMinute, find_package: FindPackage) -> None:
-        self._robot, self._last_minute, self._find_package = robot, last_minute, find_package
+    def __init__(self, robot: Robot, find_package: FindPackage) -> None:
+        self._robot, self._find_package = robot, find_package
         self._open: dict[str, OpenRecording] = {}
         self._lock = threading.Lock()
 
-    def last_minute(self) -> bytes:
-        """Return the last minute as an MCAP file.
-
-        Raises:
-            RecordingError: nothing has been sampled.
-        """
-        return write_recording(self._present())
-
-    def open(self, file: Path | IO[bytes] | None = None) -> dict[str, Any]:
-        """Open a recording, or the last minute; return its key, duration, moments, robot for JSON.
+    def open(self, file: Path | IO[bytes]) -> dict[str, Any]:
+        """Open a recording; return its key, duration, moments and robot for JSON.
 
         Raises:
             RecordingError: the file can't be read, or has no model of the robot.
         """
-        if file is None:
-            return self._add(self._present())
         try:
             with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
                 return self._add(read_recording(stream))
@@ -90,10 +79,6 @@ class Replays:
                 raise RecordingError("This recording was closed for others: open it again.")
             self._open[key] = one
         return one
-
-    def _present(self) -> Recording:
-        model = self._robot.model()
-        return self._last_minute.recording("" if model is None else model.urdf)
 
     def _add(self, recording: Recording) -> dict[str, Any]:
         try:

@@ -30,7 +30,6 @@ from head_tracking.transforms import RobotModel, RobotModelError, TransformExcep
 
 _DISCOVERY_PERIOD = 1.0  # s
 _PATIENCE = 2.0  # s
-_GONE = 60.0  # s: a frame, such as a person's, that was updated longer ago is left out
 _STOPPED = 0.5  # s in which a bus with `stop` publishes that it is stopped
 _POLL = 0.01  # s
 
@@ -95,7 +94,7 @@ class Robot:
         self.modes = HeadModes(node, self)
         TopicListener(self._polled, PointStamped, "target_point", self.modes.hear)
         self.joints = JointPanel(node, self)
-        self._joint_watch, self._frame_watch = SilenceWatch(_PATIENCE), SilenceWatch(_GONE)
+        self._joint_watch = SilenceWatch(_PATIENCE)
         steady_timer(requests, _DISCOVERY_PERIOD, self._discover)
         steady_timer(node, _DISCOVERY_PERIOD, self.topics.end_unused)
         self._requests.start()
@@ -131,12 +130,8 @@ class Robot:
         """Return what is unusual about the set-up."""
         return tuple(filter(None, (self._no_head, self.modes.conflict())))
 
-    def observe(self, *, watched: bool = True) -> Observation:
-        """Return the latest of everything; never wait.
-
-        Args:
-            watched: with the pointing error, whose topic is frequent.
-        """
+    def observe(self) -> Observation:
+        """Return the latest of everything; never wait."""
         self.poll()
         model, mode = self._model, self.modes.mode()
         self.mode = mode
@@ -149,10 +144,9 @@ class Robot:
             self.buffer,
             model,
             self._followed.of(self._targets.latest(), controller, status),
-            self.topics.error(controller) if controller and watched else None,
+            self.topics.error(controller) if controller else None,
             controller,
             status,
-            self._frame_watch.silent(self.buffer.latest_stamps()),
         )
 
     def status(self, live: Observation) -> Summary:
@@ -206,7 +200,7 @@ class Robot:
 
 
 class SilenceWatch:
-    """Detects joints or frames whose stamps do not change any more.
+    """Detects joints whose stamps do not change any more.
 
     It uses this machine's clock: the clock of the stamps may differ or stand still.
 

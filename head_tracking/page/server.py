@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import io
 import json
 import socket
 import sys
@@ -52,7 +51,7 @@ _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in
 _MESSAGES = 200.0  # per second; a browser sends one for each picture
 _PART = 64 * 1024  # bytes of a recording that are read at a time
 _RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
-_UNWATCHED = 0.5  # s between samples while no browser watches
+_UNWATCHED = 0.5  # s between polls while no browser watches
 
 _LAST = 50  # the number of requests after which one ends its connection: uvicorn reads on for each
 _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of STOP
@@ -125,8 +124,8 @@ class Page:
         report: Callable[[str], None],
     ) -> None:
         self._robot = robot
-        self._live = live = Live(robot, find_package, parameters.horizontal_view, report)
-        self._replays = Replays(robot, live.last_minute, find_package)
+        self._live = Live(robot, find_package, parameters.horizontal_view, report)
+        self._replays = Replays(robot, find_package)
         self._limit, self._period = parameters.max_browsers, 1.0 / parameters.rate
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._sampled = asyncio.Event()
@@ -134,7 +133,6 @@ class Page:
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
         self._stopping: tuple[Attempt, asyncio.Future[None]] | None = None
-        self._saving: asyncio.Future[bytes] | None = None
         self._resuming = ThreadPoolExecutor(8, "resume")
         self._working = ThreadPoolExecutor(8, "command")
         self._reading = ThreadPoolExecutor(1, "recording")  # several would leave STOP no processor
@@ -195,7 +193,7 @@ class Page:
         await loop.run_in_executor(None, sampling.join)
 
     def _sample(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Sample the robot for all browsers; rarely while no browser watches."""
+        """Sample the robot for all browsers; while none watches, only receive what has come."""
         pause = 0.0
         while not self._ending.wait(pause):
             start, watchers = time.monotonic(), list(self._browsers.values())
@@ -204,7 +202,7 @@ class Page:
                 self._live.sample(topics)
                 loop.call_soon_threadsafe(self._offer)
             else:
-                self._live.observe()
+                self._live.poll()
             period = self._period if watchers else _UNWATCHED
             pause = max(start + period - time.monotonic(), 0.1 * period)
 
@@ -236,8 +234,7 @@ class Page:
         }
 
         def open_recording(fields: dict[str, Any]) -> Any:
-            name = str(fields.get("name", ""))
-            return replays.open(self._recording(name) if name else None)
+            return replays.open(self._recording(str(fields["name"])))
 
         return [
             Route("/head/stop", self._stop, methods=["POST"]),
@@ -248,7 +245,6 @@ class Page:
             Route("/", lambda _: FileResponse(_STATIC / "page.html")),
             *(self._route("GET", *one, self._working) for one in get.items()),
             *(self._route("POST", *one, self._working) for one in post.items()),
-            Route("/head/last-minute.mcap", self._save),
             self._route("POST", "replay/open", open_recording, self._reading),
             Route("/head/replay/upload", self._upload, methods=["POST"]),
             WebSocketRoute("/head/live", self._watch),
@@ -261,14 +257,6 @@ class Page:
             self._stopping = attempt, asyncio.wrap_future(attempt.ended)
         await asyncio.wait([self._stopping[1]], timeout=ANSWER)
         return JSONResponse(attempt.outcome._asdict())
-
-    async def _save(self, _: Request) -> Response:
-        """Send the last minute; whoever asks while it is being encoded is sent the same."""
-        if self._saving is None:
-            loop = asyncio.get_running_loop()
-            self._saving = loop.run_in_executor(self._reading, self._replays.last_minute)
-            self._saving.add_done_callback(lambda _: setattr(self, "_saving", None))
-        return _download(await asyncio.shield(self._saving))
 
     def _route(self, method: str, path: str, answer: Answer, threads: ThreadPoolExecutor) -> Route:
         """Return the route of requests that are answered in one of these threads."""
@@ -457,15 +445,10 @@ def _picture(picture: bytes | None) -> Response:
     return Response(picture, status_code=204 if picture is None else 200)
 
 
-def _download(recording: Path | bytes) -> Response:
-    file: IO[bytes]
-    if isinstance(recording, Path):
-        name, size, file = recording.name, recording.stat().st_size, recording.open("rb")
-    else:
-        name = time.strftime("head-%Y%m%d-%H%M%S-last-minute.mcap")
-        size, file = len(recording), io.BytesIO(recording)
+def _download(recording: Path) -> Response:
+    file, size = recording.open("rb"), recording.stat().st_size
     headers = {
-        "Content-Disposition": f"attachment; filename*=utf-8''{quote(name)}",
+        "Content-Disposition": f"attachment; filename*=utf-8''{quote(recording.name)}",
         "Content-Length": str(size),
     }
     return StreamingResponse(_parts(file, size), headers=headers, media_type="application/mcap")

@@ -6,15 +6,13 @@ Format: https://mcap.dev/spec; the channels' metadata as rosbag2_storage_mcap re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import IO, Any, Final
+from typing import IO, Any
 
 import yaml
 from mcap.writer import Writer
-from mcap_ros2._dynamic import EncoderFunction, serialize_dynamic
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 
 from head_tracking.ros.kit.message_types import message_definition
-from head_tracking.transforms import Transform
 
 _CHUNK = 1 << 20  # bytes
 
@@ -39,13 +37,6 @@ def offer(profile: QoSProfile) -> dict[str, Any]:
     }
 
 
-_AUTOMATIC: Final = LivelinessPolicy.AUTOMATIC
-OFFER: Final = offer(QoSProfile(depth=10, liveliness=_AUTOMATIC))
-LATCHED_OFFER: Final = offer(
-    QoSProfile(depth=1, liveliness=_AUTOMATIC, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-)
-
-
 class BagWriter:
     """Writes one file. Complete chunks can be read even if the file is not finished.
 
@@ -60,10 +51,9 @@ class BagWriter:
         self.writer = Writer(stream, chunk_size=_CHUNK)
         self.writer.start(profile="ros2", library="head_tracking")
         self._schemas: dict[str, int] = {}
-        self._encoders: dict[int, EncoderFunction] = {}
 
     def channel(
-        self, topic: str, kind: str, offers: Sequence[Mapping[str, Any]], type_hash: str = ""
+        self, topic: str, kind: str, offers: Sequence[Mapping[str, Any]], type_hash: str
     ) -> int:
         """Register a channel; return its number.
 
@@ -76,41 +66,14 @@ class BagWriter:
         Raises:
             LookupError: the package of its type is not installed.
         """
-        definition = message_definition(kind)
         if kind not in self._schemas:
-            self._schemas[kind] = self.writer.register_schema(kind, "ros2msg", definition.encode())
+            definition = message_definition(kind).encode()
+            self._schemas[kind] = self.writer.register_schema(kind, "ros2msg", definition)
         plain = [dict(offer) for offer in offers]
         metadata = {"offered_qos_profiles": yaml.dump(plain, Dumper=_Dumper, sort_keys=False)}
         if type_hash:
             metadata["topic_type_hash"] = type_hash
-        number = self.writer.register_channel(topic, "cdr", self._schemas[kind], metadata)
-        self._encoders[number] = serialize_dynamic(kind, definition)[kind]
-        return number
-
-    def write(self, channel: int, stamp: int, message: Mapping[str, Any]) -> None:
-        """Write a message given by its fields; missing ones are zero or empty."""
-        self.writer.add_message(channel, stamp, self._encoders[channel](message), stamp)
-
-
-def header(stamp: int, frame_id: str) -> dict[str, Any]:
-    """Return the fields of a Header; the stamp in [ns]."""
-    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
-
-
-def xyz(numbers: Sequence[float]) -> dict[str, float]:
-    """Return the fields of a Point or a Vector3."""
-    return dict(zip("xyz", map(float, numbers), strict=True))
-
-
-def transform_of(stamp: int, parent: str, child: str, transform: Transform) -> dict[str, Any]:
-    """Return the fields of a TransformStamped of `T_parent_child`."""
-    rotation = dict(zip("xyzw", map(float, transform[3:]), strict=True))
-    return {
-        "header": header(stamp, parent),
-        "child_frame_id": child,
-        "transform": {"translation": xyz(transform[:3]), "rotation": rotation},
-    }
+        return self.writer.register_channel(topic, "cdr", self._schemas[kind], metadata)
 
 
 class _Dumper(yaml.SafeDumper):

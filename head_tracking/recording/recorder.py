@@ -315,7 +315,7 @@ class _Session:
 
     def _channel(self, topic: _Topic) -> int:
         if topic.is_image:
-            return self._bag.channel(f"{topic.name}/compressed", _COMPRESSED, topic.offers)
+            return self._bag.channel(f"{topic.name}/compressed", _COMPRESSED, topic.offers, "")
         return self._bag.channel(topic.name, topic.kind, topic.offers, topic.type_hash)
 
     def _compressed(self, topic: _Topic, message: Image) -> bytes | None:

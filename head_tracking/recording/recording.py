@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 import bisect
-import contextlib
-import threading
-from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from head_tracking.ros.targets.latest_target import TransformedTarget
-from head_tracking.transforms import (
-    RobotModel,
-    Transform,
-    TransformBuffer,
-    TransformException,
-    Vector3,
-)
+from head_tracking.transforms import RobotModel, TransformBuffer, Vector3
 
 _PICTURE_AGE = _TARGET_AGE = 2_000_000_000  # ns
-_MOST_FRAMES = 200  # outside the model
-_PICTURE_PERIOD = 200_000_000  # ns between pictures of the last minute, which need memory
 ERRORS = {"head_tracker": "head_tracker/tracking_error", "point_head": "point_head/pointing_error"}
 """The topic on which each controller publishes its error."""
 
@@ -37,7 +26,6 @@ class Observation:
     Attributes:
         stamp: when [ns].
         joints: the known joint positions [rad or m].
-        frames: frames outside the model, as transforms into the model's root.
         target: the target in the model's root [m]; None: there is none.
         target_text: the target as it was sent.
         error: angle by which the head misses the target [rad].
@@ -50,7 +38,6 @@ class Observation:
 
     stamp: int
     joints: Mapping[str, float] = field(default_factory=dict)
-    frames: Mapping[str, Transform] = field(default_factory=dict)
     target: Vector3 | None = None
     target_text: str = ""
     error: float | None = None
@@ -93,7 +80,6 @@ def observed(
     error: float | None,
     controller: str,
     status: Mapping[str, str],
-    without: Collection[str] = (),
 ) -> Observation:
     """Return the robot at a moment.
 
@@ -107,20 +93,13 @@ def observed(
         error: angle by which the head misses the target [rad].
         controller: the node that controls the head; empty: none.
         status: the fields of its `~/status`.
-        without: frames that are left out.
     """
-    frames = {}
-    outside = set(buffer.frames()).difference(model.children_of_joints, without, [model.root])
-    for frame in sorted(outside)[:_MOST_FRAMES]:
-        with contextlib.suppress(TransformException):
-            frames[frame] = buffer.lookup_transform(model.root, frame).transform
     is_recent = target is not None and abs(now - target.stamp) <= _TARGET_AGE
     has_target = status.get("target", "true" if is_recent else "false") == "true"
     sent, point, stamp = target if target is not None and has_target else ("", None, None)
     return Observation(
         now,
         known_joints(buffer, model),
-        frames,
         point,
         str(sent),
         error,
@@ -207,47 +186,3 @@ class Recording:
         index = max(0, bisect.bisect_right(self.pictures, stamp, key=lambda one: one.stamp) - 1)
         found = self.pictures[index] if self.pictures else None
         return None if found is None or abs(stamp - found.stamp) > _PICTURE_AGE else found
-
-
-class LastMinute:
-    """Keeps the observations and pictures of the last `seconds`; for any thread."""
-
-    def __init__(self, seconds: float) -> None:
-        self._length = round(seconds * 1e9)
-        self._seen: deque[Observation] = deque()
-        self._pictures: deque[RecordedPicture] = deque()
-        self._lock = threading.Lock()
-
-    def add(self, seen: Observation) -> None:
-        """Add an observation."""
-        with self._lock:
-            if self._seen and seen.stamp < self._seen[-1].stamp:
-                self._seen.clear()  # time jumped back
-                self._pictures.clear()
-            self._seen.append(seen)
-            for kept in (self._seen, self._pictures):
-                while kept and seen.stamp - kept[0].stamp > self._length:
-                    kept.popleft()
-
-    def add_picture(self, picture: bytes) -> None:
-        """Add a JPEG that belongs to the latest observation; of several in a while, the first."""
-        with self._lock:
-            if not self._seen:
-                return
-            stamp = self._seen[-1].stamp
-            if not self._pictures or stamp - self._pictures[-1].stamp >= _PICTURE_PERIOD:
-                self._pictures.append(RecordedPicture(stamp, picture))
-
-    def recording(self, urdf: str = "") -> Recording:
-        """Return what is kept as a recording of the robot with this model.
-
-        A moment tells where the pictures begin, if that is late.
-
-        Raises:
-            RecordingError: there are none.
-        """
-        with self._lock:
-            seen, pictures = tuple(self._seen), tuple(self._pictures)
-        late = pictures[0].stamp - seen[0].stamp if pictures else 0
-        begin = Moment(late * 1e-9, "the pictures begin: no browser has watched before")
-        return Recording(seen, urdf, (begin,) if late > _PICTURE_AGE else (), pictures=pictures)

@@ -1,11 +1,9 @@
-"""Recordings as MCAP files: the page's own, and those of `ros2 bag record`."""
+"""Reads MCAP files of the recorder and of `ros2 bag record` as observations of a robot."""
 
 from __future__ import annotations
 
 import contextlib
-import io
 import math
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,14 +16,6 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_ros2.decoder import DecoderFactory
 
-from head_tracking.recording.bag_writer import (
-    LATCHED_OFFER,
-    OFFER,
-    BagWriter,
-    header,
-    transform_of,
-    xyz,
-)
 from head_tracking.recording.recording import (
     ERRORS,
     FollowedTarget,
@@ -418,62 +408,3 @@ class _Reading:
 
 def _stamp(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
-
-
-def write_recording(recording: Recording) -> bytes:
-    """Return a recording as an MCAP file, with the topics that a robot publishes."""
-    stream = io.BytesIO()
-    bag = BagWriter(stream)
-    description = bag.channel("/robot_description", _STRING, [LATCHED_OFFER])
-    joints = bag.channel("/joint_states", "sensor_msgs/msg/JointState", [OFFER])
-    transforms = bag.channel("/tf", "tf2_msgs/msg/TFMessage", [OFFER])
-    images = bag.channel("/camera/image/compressed", _COMPRESSED, [OFFER])
-    target = bag.channel("/target_point", "geometry_msgs/msg/PointStamped", [OFFER])
-    nodes = {
-        node: (
-            bag.channel(f"/{error}", "std_msgs/msg/Float64", [OFFER]),
-            bag.channel(f"/{node}/status", _STATUS, [LATCHED_OFFER]),
-            bag.channel(f"/{node}/enabled", "std_msgs/msg/Bool", [LATCHED_OFFER]),
-        )
-        for node, error in ERRORS.items()
-    }
-    buffer, root = TransformBuffer(), "base_link"
-    if recording.urdf:
-        buffer.set_model(model := parse_robot_model(recording.urdf))
-        root = model.root
-        bag.write(description, recording.seen[0].stamp, {"data": recording.urdf})
-    before: str | None = None
-    pictures = deque(recording.pictures)
-    for seen in recording.seen:
-        stamp = seen.stamp
-        while pictures and pictures[0].stamp <= stamp:
-            message = {"header": header(stamp, ""), "format": "jpeg", "data": pictures[0].data}
-            bag.write(images, pictures.popleft().stamp, message)
-        names, positions = list(seen.joints), list(seen.joints.values())
-        message = {"header": header(stamp, ""), "name": names, "position": positions}
-        bag.write(joints, stamp, message)
-        buffer.set_joint_positions(stamp, seen.joints)
-        frames = [transform_of(stamp, root, name, found) for name, found in seen.frames.items()]
-        for joint in () if buffer.model is None else buffer.model.joints.values():
-            if buffer.can_transform(joint.parent, joint.child):
-                found = buffer.lookup_transform(joint.parent, joint.child).transform
-                frames.append(transform_of(stamp, joint.parent, joint.child, found))
-        bag.write(transforms, stamp, {"transforms": frames})
-        if seen.target is not None:
-            message = {"header": header(stamp, root), "point": xyz(seen.target)}
-            bag.write(target, stamp, message)
-        for node, (error_channel, status_channel, enabled) in nodes.items():
-            if seen.controller != before:
-                bag.write(enabled, stamp, {"data": seen.controller == node})
-            if seen.controller != node:
-                continue
-            if seen.error is not None:
-                bag.write(error_channel, stamp, {"data": seen.error})
-            fields = {key: getattr(seen, key) for key in ("state", "detail", "refusal")}
-            fields["target"] = "false" if seen.target is None else "true"
-            values = [{"key": key, "value": value} for key, value in fields.items()]
-            message = {"name": node, "message": seen.text, "values": values}
-            bag.write(status_channel, stamp, message)
-        before = seen.controller
-    bag.writer.finish()  # type: ignore[no-untyped-call]
-    return stream.getvalue()

@@ -456,15 +456,6 @@ class TransformBuffer:
         with self._lock:
             return tuple(sorted(self._names))
 
-    def latest_stamps(self) -> dict[str, int]:
-        """Return the latest stamp [ns] of each frame that is given by samples."""
-        with self._lock:
-            return {
-                child: edge.history.stamps[-1]
-                for child, edge in self._edges.items()
-                if isinstance(edge, SampledEdge) and edge.history
-            }
-
     def all_frames_as_string(self) -> str:
         """Return a sentence for each frame, as tf2 does."""
         with self._lock:

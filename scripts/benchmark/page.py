@@ -26,7 +26,7 @@ from simulated_run import (
 )
 
 SAMPLES = 8
-FIRST = 2.0  # minutes until the buffer of the last minute is full
+FIRST = 2.0  # minutes until all buffers are full
 SETTLING = 4.0  # s
 
 # floods the page with one kind of request, from 20 connections
@@ -47,7 +47,7 @@ for _ in range(20):
 FLOODS = {
     "nobody else": (),
     "20 clients change the mode": ("POST", "/head/do/mode", '{"mode": "track"}'),
-    "20 clients save the last minute": ("GET", "/head/last-minute.mcap", ""),
+    "20 clients ask for the parameters": ("GET", "/head/parameters", ""),
     "20 clients press STOP": ("POST", "/head/stop", ""),
 }
 STOPS = 100

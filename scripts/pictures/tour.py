@@ -69,7 +69,11 @@ def tabs(page: Any) -> Iterator[str]:
     yield "health-values"
     open_tab(page, "record")
     yield "record"
-    press(page, "Replay the last minute")
+    press(page, "Record everything")
+    page.get_by_role("button", name="End recording").wait_for()
+    page.wait_for_timeout(SETTLING)
+    press(page, "End recording")
+    page.get_by_role("button", name="Replay head-").first.click()
     page.locator("#replaying").wait_for()
     yield "replay"
     press(page, "Back to the robot")

@@ -65,7 +65,7 @@ EVERYTHING_OPEN = """() => {
   for (const one of document.querySelectorAll("details")) one.open = true;
   const { camera } = headPage;
   camera.mark([
-    {frame: "person_1", label: "person 1", box: [0.2, 0.3, 0.1, 0.2], distance: 2},
+    {frame: "follow 0", label: "follow", box: [0.2, 0.3, 0.1, 0.2], distance: 2},
     {label: "face", box: [0.6, 0.3, 0.1, 0.2], distance: 4},
   ]);
   camera.mark = () => {};
@@ -172,18 +172,22 @@ def test_the_page_shows_the_robot(page):
     assert page.title() == "kinectbot"
 
 
-def test_the_last_minute_is_saved_loaded_scrubbed_and_left_again(
+def test_a_recording_is_saved_loaded_scrubbed_and_left_again(
     robot, viewer, browser, page, tmp_path
 ):
+    open_tab(page, "record")
+    press(page, "Record everything")
+    page.get_by_role("button", name="End recording").wait_for()
+    open_tab(page, "joints")
     for pan in (0.4, -0.4):  # what is recorded
-        open_tab(page, "joints")
         joint_field(page, "head_pan_joint").fill(str(round(pan / DEGREE)))
         joint_field(page, "head_pan_joint").press("Enter")
         turned(robot, pan)
         robot.at_rest()  # or the extreme of the recording would be one moment
     open_tab(page, "record")
+    press(page, "End recording")
     with page.expect_download() as saved:
-        page.get_by_text("Save the last minute").click()
+        page.get_by_text("Download").first.click()
     file = tmp_path / "head.mcap"
     saved.value.save_as(file)
     with file.open("rb") as stream:

@@ -144,33 +144,14 @@ def test_a_parameter_that_becomes_something_else_hides_no_other(threads, viewer)
     wait_for(lambda: listed() & {"gains", "gain"} == {"gain"}, PATIENCE)
 
 
-@pytest.fixture
-def gone_soon(monkeypatch) -> None:
-    """A frame that is silent for a second is gone."""
-    monkeypatch.setattr("head_tracking.page.robot._GONE", 1.0, raising=False)
-
-
-def test_frames_of_people_who_are_gone_are_left_out_and_a_flood_is_limited(gone_soon, viewer):
-    robot, stamps = viewer.robot, iter(range(1, 10**9))
+def test_a_flood_of_frames_is_limited(viewer):
     place = Transform((1.0, 0.0, 1.0), Rotation.identity())
-    robot.buffer.set_transform(0, "base_link", "wall", place, static=True)
-    for number in range(5):
-        robot.buffer.set_transform(10**9, "base_link", f"person_{number}", place)
-    assert len(robot.observe().frames) == 6
-
-    def seen() -> set[str]:
-        robot.buffer.set_transform(10**9 + next(stamps), "base_link", "person_3", place)
-        return set(robot.observe().frames)
-
-    wait_for(lambda: seen() == {"wall", "person_3"}, PATIENCE)
-    offered = set(told(viewer)["frames"])
-    assert {"wall", "base_link"} <= offered
-    assert not {"person_0", "person_4"} & offered
-    robot.buffer.set_transform(2 * 10**9, "base_link", "person_1", place)  # comes back
-    assert seen() == {"wall", "person_1", "person_3"}
+    viewer.robot.buffer.set_transform(0, "base_link", "a wall", place, static=True)
     for number in range(1000):
-        robot.buffer.set_transform(10**9, "base_link", f"flood_{number}", place)
-    assert 100 < len(robot.observe().frames) < 300
+        viewer.robot.buffer.set_transform(10**9, "base_link", f"flood_{number}", place)
+    offered = set(told(viewer)["frames"])
+    assert "a wall" in offered
+    assert 100 < len(offered) < 400
 
 
 def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(viewer):

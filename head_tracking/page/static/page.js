@@ -35,7 +35,7 @@ class Page {
     this.steer = new Steering();
     this.camera = new CameraPicture(
       (u, v, stamp) => this.steer.send("look", { u, v, stamp, topic: by("source").value }),
-      ({ frame, select }) => (select ? command("select", select) : command("mode", { mode: "follow a frame", frame })),
+      ({ select }) => command("select", select),
     );
     this.joints = new Joints((joints) => this.steer.aim(joints));
     this.tuning = new Tuning();

@@ -268,7 +268,6 @@ export class Recordings {
   constructor(replay) {
     this.replay = replay;
     by("recorder").onclick = async () => { by("recorder").blur(); const outcome = await command("record", { on: !this.runs }); if (outcome.done) toast(outcome.text); };
-    by("replay-last").onclick = () => this.open("/head/replay/open", {}, "the last minute");
     by("upload").onchange = async () => {
       const [file] = by("upload").files;
       if (file) await this.open("/head/replay/upload", file, file.name);

@@ -14,9 +14,6 @@ _NESTED = re.compile(r"([a-zA-Z]\w*)/(\w+)")
 _WORDS = {"boolean": "bool", "float": "float32", "double": "float64", "octet": "byte"}
 """Types of OMG IDL that have another name in .msg files."""
 
-_KNOWN = {"tf2_msgs/msg/TFMessage": {"transforms": "sequence<geometry_msgs/TransformStamped>"}}
-"""Fields of types that are recorded also where their packages are not installed."""
-
 
 class MessagesMissingError(HeadTrackingError, LookupError):
     """A package of messages is not installed."""
@@ -54,12 +51,7 @@ def message_definition(name: str) -> str:
 
 
 def _fields(name: str) -> Mapping[str, str]:
-    try:
-        fields: Mapping[str, str] = message_class(name).get_fields_and_field_types()
-    except LookupError:
-        if name not in _KNOWN:
-            raise
-        return _KNOWN[name]
+    fields: Mapping[str, str] = message_class(name).get_fields_and_field_types()
     return fields
 
 
