@@ -88,9 +88,7 @@ class Robot:
         self._followed = FollowedTarget()
         self.topics = OtherTopics(node, self._polled, self.graph)
         self.parameters = OtherParameters(requests, self.graph, (node.get_name(),))
-        self.recorder = Recorder(
-            node, self.graph.is_below, recorder_parameters, self.parameters.values
-        )
+        self.recorder = Recorder(node, recorder_parameters)
         self.modes = HeadModes(node, self)
         TopicListener(self._polled, PointStamped, "target_point", self.modes.hear)
         self.joints = JointPanel(node, self)

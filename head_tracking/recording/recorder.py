@@ -10,15 +10,12 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain, count
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -68,21 +65,12 @@ class Recorder:
     compressed, ten per second; depth images and point clouds are left out.
 
     Args:
-        beside: the node that it belongs to.
-        belongs: whether a topic, by its full name, is this robot's.
+        beside: the node that it belongs to; the topics of the robot are those in its namespace.
         parameters: where recordings are kept; read at each start.
-        values: returns the parameters of all nodes, by node and name, which are attached.
     """
 
-    def __init__(
-        self,
-        beside: Node,
-        belongs: Callable[[str], bool],
-        parameters: RecorderParameters,
-        values: Callable[[], Mapping[str, Mapping[str, Any]]],
-    ) -> None:
-        self._parameters = parameters
-        self._begin = partial(_Session, beside, belongs, values)
+    def __init__(self, beside: Node, parameters: RecorderParameters) -> None:
+        self._beside, self._parameters = beside, parameters
         self._lock = threading.Lock()
         self._session: _Session | None = None
 
@@ -117,7 +105,8 @@ class Recorder:
             try:
                 self.directory.mkdir(parents=True, exist_ok=True)
                 file = _new_file(self.directory)
-                self._session = self._begin(file, self._parameters.record_limit * 1_000_000)
+                limit = self._parameters.record_limit * 1_000_000
+                self._session = _Session(self._beside, file, limit)
             except OSError as error:
                 return Outcome(False, f"Can't record: {error}. See the parameter record_directory.")
             return Outcome(True, f"Recording into {file}.")
@@ -177,16 +166,10 @@ class _Topic:
 class _Session:
     """One file, from its first to its last message."""
 
-    def __init__(
-        self,
-        beside: Node,
-        belongs: Callable[[str], bool],
-        values: Callable[[], Mapping[str, Mapping[str, Any]]],
-        file: Path,
-        limit: int,
-    ) -> None:
+    def __init__(self, beside: Node, file: Path, limit: int) -> None:
         self.file = file
-        self._belongs, self._values, self._limit = belongs, values, limit
+        self._limit = limit
+        self._base = beside.get_namespace().rstrip("/") + "/"
         self._stream = file.open("xb")
         self._bag = BagWriter(self._stream)
         self._topics: dict[str, _Topic] = {}
@@ -227,7 +210,6 @@ class _Session:
 
     def _run(self) -> None:
         discovery_due = chunk_due = 0.0
-        attached: dict[str, Any] = {}
         try:
             while not self._ending.is_set():
                 now = time.monotonic()
@@ -237,14 +219,12 @@ class _Session:
                 self._poll(now)
                 if now >= chunk_due:
                     chunk_due = now + _CHUNK_PERIOD
-                    attached = self._attach(attached)
                     self._bag.writer.flush()  # type: ignore[no-untyped-call]
                     self._size = self._stream.tell()
                     if self._is_full():
                         break
                 self._ending.wait(_PERIOD)
             self._poll(time.monotonic())
-            self._attach(attached)
             self._bag.writer.finish()  # type: ignore[no-untyped-call]
         except Exception as error:
             # a full disk, or a context that has ended: what was written up to here is kept
@@ -286,7 +266,7 @@ class _Session:
 
     def _is_wanted(self, name: str) -> bool:
         hidden = any(part.startswith("_") for part in name.split("/"))
-        return (self._belongs(name) or name in _SHARED) and not hidden
+        return (name.startswith(self._base) or name in _SHARED) and not hidden
 
     def _poll(self, now: float) -> None:
         """Write the messages that have come, in the order of their reception."""
@@ -328,18 +308,3 @@ class _Session:
             self._left_out[topic.name] = str(error)
             del self._topics[topic.name]
             return None
-
-    def _attach(self, before: Mapping[str, Any]) -> dict[str, Any]:
-        """Attach the parameters when there are new nodes, in the format of `--params-file`.
-
-        Later changes are on /parameter_events.
-        """
-        values = {name: dict(found) for name, found in self._values().items()}
-        if values.keys() <= before.keys():
-            return dict(before)
-        text = yaml.safe_dump({name: {"ros__parameters": values[name]} for name in sorted(values)})
-        now = time.time_ns()
-        self._bag.writer.add_attachment(
-            now, now, "parameters.yaml", "application/yaml", text.encode()
-        )
-        return values

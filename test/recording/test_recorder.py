@@ -29,7 +29,6 @@ from head_tracking.ros.kit.images import image_message
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
 
 PAN = "head_pan_joint"
-VALUES = {"/servo_bus": {"rate": 50.0, "port": "/dev/ttyUSB0", "ids": [1, 2]}}
 
 
 @pytest.fixture
@@ -37,7 +36,7 @@ def node(monkeypatch) -> Iterator[Node]:
     with own_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", domain)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        node = Node("robot")
+        node = Node("robot", namespace="left")
         yield node
         node.destroy_node()
         rclpy.try_shutdown()
@@ -45,12 +44,7 @@ def node(monkeypatch) -> Iterator[Node]:
 
 @pytest.fixture
 def recorder(node, tmp_path) -> Iterator[Recorder]:
-    recorder = Recorder(
-        node,
-        lambda topic: not topic.startswith("/other/"),
-        RecorderParameters(record_directory=str(tmp_path), record_limit=1),
-        lambda: VALUES,
-    )
+    recorder = Recorder(node, RecorderParameters(record_directory=str(tmp_path), record_limit=1))
     yield recorder
     recorder.stop()
 
@@ -82,7 +76,7 @@ def start(recorder: Recorder, node: Node, topics: int) -> Path:
     assert file is not None
     session = recorder._session
     wait_for(lambda: len(session._topics) + len(session._left_out) >= topics)
-    ours = ("/joint_states", "/text", "/diagnostics", "/picture")
+    ours = ("/left/joint_states", "/left/text", "/diagnostics", "/left/picture")
     wait_for(
         lambda: all(node.count_subscribers(name) for name in ours if node.count_publishers(name))
     )
@@ -110,17 +104,17 @@ def test_all_that_is_said_is_in_the_file_as_it_was_said(node, recorder):
     wait_for(lambda: recorder._session._count >= 41)
     assert recorder.stop().done
     found = messages(file)
-    assert "/points (" in recorder.status
-    said = [decoded for topic, decoded, _ in found if topic == "/joint_states"]
+    assert "/left/points (" in recorder.status
+    said = [decoded for topic, decoded, _ in found if topic == "/left/joint_states"]
     assert [str(plain(one)) for one in said] == [str(plain(one)) for one in sent]
-    assert [d.data for topic, d, _ in found if topic == "/text"] == ["said before"]
+    assert [d.data for topic, d, _ in found if topic == "/left/text"] == ["said before"]
     levels = [d.status[0].values[0].value for topic, d, _ in found if topic == "/diagnostics"]
     assert levels == [str(number) for number in range(20)]
     assert not [topic for topic, _, _ in found if topic.startswith("/other")]
     stamps = [record.log_time for _, _, record in found]
     assert stamps == sorted(stamps)
     assert abs(stamps[-1] * 1e-9 - time.time()) < 60.0
-    record = next(record for topic, _, record in found if topic == "/joint_states")
+    record = next(record for topic, _, record in found if topic == "/left/joint_states")
     assert str(deserialize_message(record.data, JointState)) == str(sent[0])  # it has a NaN
 
 
@@ -133,8 +127,7 @@ def test_the_file_tells_what_ros2_bag_wants_to_know(node, recorder):
         reader = make_reader(stream)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
-        (attachment,) = reader.iter_attachments()
-    channel = next(one for one in summary.channels.values() if one.topic == "/text")
+    channel = next(one for one in summary.channels.values() if one.topic == "/left/text")
     schema = summary.schemas[channel.schema_id]
     assert (channel.message_encoding, schema.name) == ("cdr", "std_msgs/msg/String")
     assert schema.encoding == "ros2msg"
@@ -144,8 +137,6 @@ def test_the_file_tells_what_ros2_bag_wants_to_know(node, recorder):
     assert offer["deadline"] == {"sec": 9223372036, "nsec": 854775807}
     assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
     assert summary.statistics.message_count == recorder._session._count
-    files = yaml.safe_load(attachment.data)
-    assert files == {"/servo_bus": {"ros__parameters": VALUES["/servo_bus"]}}
 
 
 def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, kinectbot):
@@ -201,14 +192,14 @@ def test_pictures_are_compressed_and_depths_left_out(node, recorder):
     def taken() -> bool:
         camera.publish(image_message(Header(frame_id="camera"), "rgb8", orange))
         depth.publish(image_message(Header(), "32FC1", np.ones((4, 4), np.float32)))
-        return recorder._session._count > 0 and "/depth" in recorder._session._left_out
+        return recorder._session._count > 0 and "/left/depth" in recorder._session._left_out
 
     wait_for(taken)
     recorder.stop()
     found = [(t, d) for t, d, _ in messages(file) if not t.startswith("/tf")]
     topic, picture = found[0]
-    assert {name for name, _ in found} == {"/picture/compressed"}
-    assert (topic, picture.header.frame_id) == ("/picture/compressed", "camera")
+    assert {name for name, _ in found} == {"/left/picture/compressed"}
+    assert (topic, picture.header.frame_id) == ("/left/picture/compressed", "camera")
     decoded = cv2.imdecode(np.frombuffer(bytes(picture.data), np.uint8), cv2.IMREAD_COLOR)
     assert decoded[30, 40] == pytest.approx([10, 120, 250], abs=6)
 
@@ -220,6 +211,6 @@ def test_what_cannot_be_recorded_says_why(node, recorder, tmp_path):
     recorder.stop()
     (tmp_path / "file").write_text("")
     parameters = RecorderParameters(record_directory=str(tmp_path / "file"))
-    outcome = Recorder(node, bool, parameters, dict).start()
+    outcome = Recorder(node, parameters).start()
     assert not outcome.done
     assert "record_directory" in outcome.text

@@ -203,7 +203,6 @@ class OtherParameters:
         self._clients: dict[str, dict[str, Any]] = {}
         self._settings: dict[str, dict[str, Setting]] = {}
         self._fixed: dict[str, dict[str, Any]] = {}
-        self._values: dict[str, dict[str, Any]] = {}
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
 
     def look(self) -> None:
@@ -221,7 +220,6 @@ class OtherParameters:
                 self._node.destroy_client(client)
             self._settings.pop(owner, None)
             self._fixed.pop(owner, None)
-            self._values.pop(owner, None)
         for owner in found - self._clients.keys() - silent:
             self._clients[owner] = {
                 name: self._node.create_client(kind, f"{owner}/{name}")
@@ -249,10 +247,6 @@ class OtherParameters:
             for name, value in list(values.items())
             if name.endswith(ending)
         }
-
-    def values(self) -> Mapping[str, Mapping[str, Any]]:
-        """Return all known parameters by full name of the node and name of the parameter."""
-        return {owner: dict(values) for owner, values in list(self._values.items())}
 
     def set(self, owner: str, name: str, value: Any) -> Outcome:
         """Set a parameter."""
@@ -317,7 +311,7 @@ class OtherParameters:
                 self._ask_for(owner, names[half:])
             return
         for name, descriptor, value in zip(names, descriptors, values, strict=True):
-            plain = self._values.setdefault(owner, {})[name] = _plain(value)
+            plain = _plain(value)
             if descriptor.read_only:
                 self._fixed.setdefault(owner, {})[name] = plain
             elif value.type in _TYPES:
@@ -326,14 +320,15 @@ class OtherParameters:
                     self._settings.setdefault(owner, {})[name] = setting
 
     def _on_event(self, event: ParameterEvent) -> None:
-        values = self._values.get(event.node, {})
         settings = self._settings.get(event.node, {})
         for changed in event.changed_parameters:
-            value = values[changed.name] = _plain(changed.value)
-            if changed.name in settings and changed.value.type not in _TYPES:
-                self._settings.pop(event.node, None)  # ask the node again
-            elif changed.name in settings:
+            if changed.name not in settings:
+                continue
+            if changed.value.type in _TYPES:
+                value = _plain(changed.value)
                 settings[changed.name] = replace(settings[changed.name], value=value)
+            else:
+                self._settings.pop(event.node, None)  # ask the node again
 
 
 def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor) -> Setting:

@@ -8,10 +8,9 @@ from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.others import Graph, OtherParameters
 from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 
-_DISCOVERY_PERIOD = 1.0  # s
+_PERIOD = 1.0  # s
 _NICENESS = 10
 
 
@@ -33,16 +32,8 @@ class RecorderNode(ClosingNode):
 
         super().__init__("recorder", **options)
         parameters = NodeParameters(self, RecorderParameters).value
-        self._graph = Graph(self)
-        self._others = OtherParameters(self, self._graph, (self.get_name(),))
-        self.recorder = Recorder(
-            self,
-            self._graph.is_below,
-            parameters,
-            self._others.values,
-        )
-        self._has_ended = False
-        steady_timer(self, _DISCOVERY_PERIOD, self._update)
+        self.recorder = Recorder(self, parameters)
+        self._watch = steady_timer(self, _PERIOD, self._check)
         outcome = self.recorder.start()
         if not outcome.done:
             raise HeadTrackingError(outcome.text)
@@ -54,11 +45,9 @@ class RecorderNode(ClosingNode):
             self.recorder.stop()
             self.get_logger().info(self.recorder.status)
 
-    def _update(self) -> None:
-        self._graph.look()
-        self._others.look()
-        if self.recorder.file is None and not self._has_ended:
-            self._has_ended = True
+    def _check(self) -> None:
+        if self.recorder.file is None:
+            self._watch.cancel()
             self.get_logger().error(self.recorder.status)
 
 
