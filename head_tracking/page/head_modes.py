@@ -17,7 +17,7 @@ from head_tracking.compatibility import StrEnum
 from head_tracking.page.path import ClosedPath
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.target_point import target_from_message, target_message
+from head_tracking.ros.kit.target_point import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tracking import Target
 from head_tracking.transforms import TransformException, Vector3
@@ -35,8 +35,6 @@ _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
 _BUSY = 1.0  # s that a target waits for a change of the mode
 _POLL = 0.02  # s
-_RECENT = 1.0  # s
-_MOST_SENT = 64  # targets that may still arrive
 
 P = ParamSpec("P")
 
@@ -152,8 +150,6 @@ class HeadModes:
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
         self._selections = node.create_publisher(PointStamped, f"{VISUAL}/select_point", 10)
         self._sending: _Sending | None = None
-        self._sent: tuple[Target, ...] = ()
-        self._begun = self._others_sent = -math.inf
         self._send_lock = threading.Lock()
         self._timer = steady_timer(node, _SEND_PERIOD, self._send_next)
         self._timer.cancel()
@@ -191,20 +187,9 @@ class HeadModes:
         if len(controllers) > 1:
             return f"{' and '.join(controllers)} both control the head"
         senders = [name for name in SENDERS if self._is_enabled(name)]
-        recently = max(self._begun, time.monotonic() - _RECENT)
-        if self._sending is not None and self._others_sent > recently:
-            able = self._graph.publishers_beside("target_point", own=True)
-            others = [name for name in able if name not in SENDERS]
-            senders = [f"another program ({' or '.join(others)})", "this page"]
         if self._is_enabled(TRACKER) and len(senders) > 1:
             return f"{' and '.join(senders)} all send targets"
         return ""
-
-    def hear(self, message: PointStamped) -> None:
-        """Note who sends a target that has come: a page on this robot has the same name."""
-        target, now = target_from_message(message), time.monotonic()
-        if target not in self._sent and now > self._begun + _RECENT:  # earlier ones come late
-            self._others_sent = now
 
     @_answered
     def look_at(self, frame: str, point: Vector3) -> None:
@@ -406,7 +391,6 @@ class HeadModes:
         with self._send_lock:
             is_idle, self._sending = self._timer.is_canceled(), _Sending(mode, target, stops)
             if is_idle:
-                self._begun = time.monotonic()
                 self._timer.reset()
         if is_idle:
             self._send_next()
@@ -452,7 +436,6 @@ class HeadModes:
                 return
             target = sending.target()
             if target is not None:
-                self._sent = (*self._sent[1 - _MOST_SENT :], target)
                 self._targets.publish(target_message(target))
             if sending.mode is Mode.POINT:
                 self._sending = None

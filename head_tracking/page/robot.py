@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-from geometry_msgs.msg import PointStamped
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
@@ -23,15 +22,12 @@ from head_tracking.recording.recording import FollowedTarget, Observation, obser
 from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
-from head_tracking.ros.kit.topics import TopicListener
 from head_tracking.ros.targets.latest_target import LatestTarget
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.transforms import RobotModel, RobotModelError, TransformException
 
 _DISCOVERY_PERIOD = 1.0  # s
 _PATIENCE = 2.0  # s
-_STOPPED = 0.5  # s in which a bus with `stop` publishes that it is stopped
-_POLL = 0.01  # s
 
 
 class Robot:
@@ -90,7 +86,6 @@ class Robot:
         self.parameters = OtherParameters(requests, self.graph, (node.get_name(),))
         self.recorder = Recorder(node, recorder_parameters)
         self.modes = HeadModes(node, self)
-        TopicListener(self._polled, PointStamped, "target_point", self.modes.hear)
         self.joints = JointPanel(node, self)
         self._joint_watch = SilenceWatch(_PATIENCE)
         steady_timer(requests, _DISCOVERY_PERIOD, self._discover)
@@ -170,11 +165,7 @@ class Robot:
 
     def _disable_modes(self, attempt: Attempt) -> None:
         """Disable what turns the head, unless the bus ignores commands until `resume`."""
-        attempt.wait()
-        deadline = time.monotonic() + _STOPPED
-        while not self.stop.stopped and time.monotonic() < deadline:
-            time.sleep(_POLL)
-        if not self.stop.stopped:
+        if not (attempt.wait().done or self.stop.stopped):
             with suppress(InvalidHandle):  # the page may have ended meanwhile
                 self.modes.set_mode(Mode.OFF)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import suppress
 from typing import Any
@@ -19,20 +18,16 @@ from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import EVERY_CHANGE, LATCHED
 
 ANSWER = 0.45  # s after which who asks for STOP hears what is known
-_HANGS = 0.12  # s without an answer until the other service is called as well
 _RETRY = 0.25  # s between attempts
 _POLL = 0.01  # s
-_LATE = 5.0  # s after `relax` in which a `stop` may still be discovered
-_SERVICES = "stop", "relax", "resume"
+_SERVICES = "stop", "resume"
 
 
 class Stop:
     """Calls `stop` of the servo bus until every servo is confirmed relaxed; `resume` ends that.
 
-    If the bus offers no `stop`, or does not answer it, `relax` is called; and `stop` as well if it
-    is discovered later: only that holds until `resume`. The services are relative names: those of
-    another namespace belong to another robot. A bus without these short names is called by the
-    name in its `joint_control`.
+    The services are relative names: those of another namespace belong to another robot. A bus
+    without these short names is called by the name in its `joint_control`.
 
     Args:
         beside: the node that it belongs to.
@@ -134,30 +129,16 @@ class Stop:
 
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
-        called: set[str] = set()
-
-        def call(service: str) -> bool:
-            """Call a service; return whether it exists."""
+        while not attempt.ended.done() and self._own.node.context.ok():
+            client = self._ready("stop")
+            if client is None:
+                attempt.wait(_POLL)  # until it is discovered
+                continue
             with suppress(Exception):  # of any kind: the next attempt may succeed
-                client = self._ready(service)
-                if client is None:
-                    return False
                 future = client.call_async(Trigger.Request())
                 future.add_done_callback(attempt.on_answer)
                 pending.append((client, future))
-                called.add(service)
-                return True
-            return False
-
-        while not attempt.ended.done() and self._own.node.context.ok():
-            attempt.answered.clear()
-            is_answered = call("stop") and attempt.answered.wait(_HANGS)
-            was_called = is_answered or call("relax") or bool(pending)
-            attempt.wait(_RETRY if was_called else _POLL)  # until a service is discovered
-        deadline = time.monotonic() + _LATE
-        while "stop" not in called and self._attempt is attempt and time.monotonic() < deadline:
-            if not call("stop"):  # of the bus that was relaxed, if it is discovered late
-                time.sleep(_POLL)
+            attempt.wait(_RETRY)
         for client, future in pending:
             client.remove_pending_request(future)
 
@@ -167,13 +148,11 @@ class Attempt:
 
     Attributes:
         ended: is done when it has ended.
-        answered: is set by each answer of a service.
         outcome: the result so far.
     """
 
     def __init__(self, where: str) -> None:
         self.ended: Future[None] = Future()
-        self.answered = threading.Event()
         self.outcome = Outcome(
             False, f"NOT confirmed: no servo_bus {where} has answered; the page keeps trying"
         )
@@ -196,4 +175,3 @@ class Attempt:
         self.outcome = Outcome(bool(answer.success), str(answer.message))
         if answer.success:
             self.end()
-        self.answered.set()

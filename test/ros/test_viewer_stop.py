@@ -4,7 +4,6 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from typing import Any
 
 import httpx
@@ -65,28 +64,6 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, pa
     assert robot.stop.outcome is None
 
 
-def test_a_bus_without_stop_is_relaxed_and_what_turned_the_head_switched_off(start, page):
-    bus, tracker = start(BusStandIn(offers=("relax",))), start(ControllerStandIn("head_tracker"))
-    robot = page()
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
-    assert robot.stop_everything().wait().done
-    assert set(bus.calls) == {"relax"}
-    wait_for(lambda: not tracker.on)  # such a bus obeys the next command
-
-
-def test_a_stop_that_hangs_does_not_keep_the_servos_from_being_relaxed(start, page):
-    other = start(BusStandIn(offers=("relax",)))
-    robot = page()
-    bus = BusStandIn(offers=("stop",))
-    bus.hangs["stop"] = 2.0
-    with closing(NodeThreads()) as elsewhere:
-        elsewhere.start(bus)
-        wait_for(lambda: robot.stop._ready("stop"))
-        assert robot.stop.begin().wait().done
-        assert bus.calls == ["stop"]
-        assert "relax" in other.calls
-
-
 def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
     bus = start(BusStandIn(offers=("~/stop", "~/relax", "~/resume")))
     robot = page()
@@ -97,24 +74,15 @@ def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
     assert bus.calls == ["~/stop", "~/resume"]
 
 
-def test_without_a_bus_stop_says_so_in_time_and_is_done_when_one_comes(start, page):
-    robot = page()
-    outcome = robot.stop.begin().wait()
+def test_without_a_bus_stop_disables_the_tracker_and_is_done_when_one_comes(start, page):
+    tracker, robot = start(ControllerStandIn("head_tracker")), page()
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    outcome = robot.stop_everything().wait()
     assert not outcome.done
     assert "NOT confirmed" in outcome.text
+    wait_for(lambda: not tracker.on)
     bus = start(BusStandIn())
     wait_for(lambda: "stop" in bus.calls)
-
-
-def test_a_stop_that_is_discovered_after_relax_is_called_too(start, page, monkeypatch):
-    monkeypatch.setattr("head_tracking.page.stop._LATE", PATIENCE)
-    start(BusStandIn(offers=("relax",)))
-    robot = page()
-    wait_for(lambda: robot.stop._ready("relax"))
-    assert robot.stop.begin().wait().done
-    rest_of_the_bus = start(BusStandIn(offers=("stop",)))
-    wait_for(lambda: rest_of_the_bus.calls == ["stop"], PATIENCE)
-    wait_for(lambda: robot.stop.stopped)
 
 
 def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
@@ -146,8 +114,9 @@ def test_a_stop_ends_what_the_page_sends_for_good(tracked, by_page):
 def test_many_requests_of_stop_are_one_attempt_and_no_thread_waits_for_each(
     start: Callable[[Any], Any], threads: NodeThreads, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bus = start(BusStandIn(offers=("relax",)))
+    bus = start(BusStandIn())
     bus.confirms = set()
+    bus.say_stopped = lambda _: None
     node, go_on = view(threads), threading.Event()
     monkeypatch.setattr(node.robot.modes, "set_mode", lambda _: go_on.wait(60.0))
 
@@ -314,23 +283,6 @@ def test_of_two_pages_without_hardware_one_publishes_the_joints(page):
     wait_for(lambda: not pages[1].joints.free, PATIENCE)
     wait_for(lambda: pages[1].observe().joints.get("head_pan_joint") == 0.25, PATIENCE)
     assert pages[0].joints.free
-
-
-def test_two_pages_that_both_send_targets_name_each_other(start, page):
-    start(ControllerStandIn("head_tracker"))
-    pages = [page(), page()]
-    for number, robot in enumerate(pages):
-        wait_for(lambda robot=robot: robot.modes.mode() is Mode.TRACK, PATIENCE)
-        assert robot.modes.look_at("base_link", (1.0, 0.1 * number, 0.5)).done
-        wait_for(lambda robot=robot: robot.observe().target is not None)
-        assert robot.notices() == ()
-
-    def notices() -> list[str]:
-        return ["".join(robot.observe() and robot.notices()) for robot in pages]
-
-    wait_for(lambda: all("(viewer)" in one for one in notices()), PATIENCE)
-    pages[0].modes.stop_sending()
-    wait_for(lambda: notices() == ["", ""], PATIENCE)
 
 
 # servos and hardware, joints that fall silent and nodes that have gone

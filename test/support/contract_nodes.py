@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -26,7 +25,6 @@ class BusStandIn(Node):
     Attributes:
         calls: the services that were called, oldest first.
         confirms: joints that confirm that they are relaxed.
-        hangs: services that answer only after so long [s].
         commands: messages on joint_commands.
     """
 
@@ -36,7 +34,6 @@ class BusStandIn(Node):
         super().__init__("servo_bus", namespace=namespace)
         self.calls: list[str] = []
         self.confirms = set(JOINTS)
-        self.hangs: dict[str, float] = {}
         self.commands: list[JointState] = []
         self._stopped = self.create_publisher(Bool, "stopped", LATCHED)
         self._control = self.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
@@ -82,7 +79,6 @@ class BusStandIn(Node):
     def _callback(self, name: str) -> Any:
         def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             self.calls.append(name)
-            time.sleep(self.hangs.get(name, 0.0))
             response.success = name.endswith("resume") or self.confirms == set(JOINTS)
             response.message = ", ".join(
                 f"{joint} {'relaxed' if joint in self.confirms else 'NOT confirmed'}"
