@@ -1,4 +1,4 @@
-"""A robot for the browser: its joints, the shapes of its links, and the range of its head."""
+"""A robot for the browser: its joints, the shapes of its links, and its head."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import io
 import logging
 import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import unquote
@@ -14,7 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.transforms import RobotModel, Transform, Vector3
+from head_tracking.transforms import RobotModel, Transform
 from head_tracking.transforms.urdf import import_yourdfpy
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 _GREY = [0.6, 0.6, 0.62, 1.0]
 _PLACEHOLDER = {"kind": "box", "size": [0.05] * 3, "rgba": [0.9, 0.25, 0.25, 1.0]}  # m
 _LARGEST = 1e3  # m: a larger shape is a mistake
-_MERIDIANS, _PARALLELS, _SEGMENTS = 9, 5, 24
 
 FindPackage = Callable[[str], Path | None]
 """Returns the shared files of a ROS package; None if it is not installed."""
@@ -93,7 +91,6 @@ def robot_for_browser(
             "axis": list(head.pointing_axis),
             "pan_limits": _finite(head.pan_limits),
             "tilt_limits": _finite(head.tilt_limits),
-            "field": _reachable_field(model, head),
         }
     return RobotForBrowser(about, tuple(shapes.meshes))
 
@@ -229,23 +226,6 @@ def mesh_file(address: str, find_package: FindPackage) -> Path:
     if not path.is_file():
         raise MeshAddressError(f"the mesh {address!r}: there is no file {path}")
     return path
-
-
-def _reachable_field(model: RobotModel, head: PanTiltHead) -> list[float]:
-    """Return lines 1 m from the camera, in the root: x, y, z of both ends of each."""
-    pan, tilt = _finite(head.pan_limits), _finite(head.tilt_limits)
-    chain, axis = model.chain(model.root, head.pointing_frame), head.pointing_axis
-
-    def at(pan_position: float, tilt_position: float) -> Vector3:
-        positions = {head.pan_joint: pan_position, head.tilt_joint: tilt_position}
-        return chain.transform(*[positions.get(joint, 0.0) for joint in chain.joints]) @ axis
-
-    def along(limits: list[float], lines: int) -> list[float]:
-        return [float(position) for position in np.linspace(limits[0], limits[1], lines)]
-
-    lines = [[at(p, t) for t in along(tilt, _SEGMENTS + 1)] for p in along(pan, _MERIDIANS)]
-    lines += [[at(p, t) for p in along(pan, _SEGMENTS + 1)] for t in along(tilt, _PARALLELS)]
-    return [round(x, 4) for line in lines for ends in pairwise(line) for end in ends for x in end]
 
 
 def _finite(limits: Any) -> list[float]:

@@ -3,11 +3,11 @@ import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
 const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
 const FITTED = 0.5, PREDICTED = 0.5, SLOWEST = 0.02, CERTAIN = 4; // s, s, m/s, standard deviations
-const CLICK = 6, GRASP = 0.04, PERIOD = 33, SLOW_PERIOD = 250; // pixels, rad, ms
-const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff, "reachable field": 0x7896dc };
+const CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // pixels, ms
+const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff };
 
-function lineOf(colour, points, kind = THREE.Line) {
-  const line = new kind(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
+function lineOf(colour, points) {
+  const line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
   line.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * points), 3));
   line.geometry.setDrawRange(0, 0);
   line.frustumCulled = false;
@@ -76,7 +76,6 @@ export class RobotScene {
     const gl = this.renderer.getContext(), about = gl.getExtension("WEBGL_debug_renderer_info");
     this.isSlow = /swiftshader|llvmpipe|software/i.test(about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "");
     this.scene = new THREE.Scene();
-    this.caster = new THREE.Raycaster();
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.02, 50);
     this.camera.position.set(1.6, -1.9, 1.1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
@@ -98,44 +97,27 @@ export class RobotScene {
     this.prediction = lineOf(COLOURS.prediction, 2);
     this.points = [];
     this.parts = { trail: this.trail, prediction: this.prediction };
-    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, "reachable field": false, frames: false };
+    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, frames: false };
     this.scene.add(this.target, this.trail, this.prediction);
     this.listen(onPoint);
     new ResizeObserver(() => this.resize()).observe(place);
   }
 
-  /** A click on the floor looks there; dragging the target moves it parallel to the screen. */
+  /** A click on the floor looks there. */
   listen(onPoint) {
-    const canvas = this.renderer.domElement, floor = new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), { ray } = this.caster;
-    let pressed = null, dragged = null;
-    const aim = ({ clientX, clientY }) => {
+    const canvas = this.renderer.domElement, floor = new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), caster = new THREE.Raycaster();
+    let pressed = null;
+    canvas.addEventListener("pointerdown", (event) => { pressed = event; }, { capture: true }); // before the view's own listener
+    canvas.addEventListener("pointerup", ({ clientX, clientY }) => {
+      const from = pressed;
+      pressed = null;
+      if (!from || Math.hypot(clientX - from.clientX, clientY - from.clientY) > CLICK) return;
       const { left, top, width, height } = canvas.getBoundingClientRect();
-      this.caster.setFromCamera(new THREE.Vector2((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height), this.camera);
-    };
-    const look = (event, plane) => {
-      aim(event);
-      const point = ray.intersectPlane(plane, new THREE.Vector3());
+      caster.setFromCamera(new THREE.Vector2((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height), this.camera);
+      const point = caster.ray.intersectPlane(floor, new THREE.Vector3());
       if (point && point.distanceTo(this.camera.position) < FARTHEST) onPoint(point.toArray());
-    };
-    canvas.addEventListener("pointerdown", (event) => {
-      pressed = [event.clientX, event.clientY];
-      aim(event);
-      const { position, visible } = this.target;
-      if (!visible || ray.distanceToPoint(position) > GRASP * ray.origin.distanceTo(position)) return;
-      dragged = new THREE.Plane().setFromNormalAndCoplanarPoint(this.camera.getWorldDirection(new THREE.Vector3()), position);
-      this.controls.enabled = false;
-      canvas.setPointerCapture(event.pointerId);
-    }, { capture: true }); // before the view's own listener
-    const isClick = (event) => pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= CLICK;
-    canvas.addEventListener("pointermove", (event) => {
-      if (dragged && !isClick(event)) look(event, dragged);
     });
-    canvas.addEventListener("pointerup", (event) => {
-      if (dragged ? !isClick(event) : isClick(event)) look(event, dragged ?? floor);
-      pressed = dragged = null;
-      this.controls.enabled = true;
-    });
-    canvas.addEventListener("pointercancel", () => { pressed = dragged = null; this.controls.enabled = true; });
+    canvas.addEventListener("pointercancel", () => { pressed = null; });
   }
 
   /** Show or hide a part. */
@@ -214,12 +196,9 @@ export class RobotScene {
     }
     const line = lineOf(COLOURS["line of sight"], 2);
     draw(line, [[0, 0, 0], [0, 0, SIGHT]]);
-    const field = lineOf(COLOURS["reachable field"], robot.field.length / 3, THREE.LineSegments);
-    draw(field, Array.from({ length: robot.field.length / 3 }, (_, number) => robot.field.slice(3 * number, 3 * number + 3)));
     const cone = new THREE.Group();
     view.add(line, cone);
-    this.root.add(field);
-    Object.assign(this.parts, { "line of sight": line, "view cone": cone, "reachable field": field });
+    Object.assign(this.parts, { "line of sight": line, "view cone": cone });
     this.addFrustum(cone, AHEAD * Math.tan(this.view / 2));
   }
 
