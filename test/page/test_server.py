@@ -41,8 +41,10 @@ class _Robot:
         self.parameters = SimpleNamespace(settings=tuple)
         self.stop = SimpleNamespace(resume=lambda: Outcome(True, ""))
 
-    def model(self) -> Any:
+    def poll(self) -> None:
         raise RuntimeError("the robot fails")
+
+    model = poll
 
     def stop_everything(self) -> Attempt:
         self.stops += 1

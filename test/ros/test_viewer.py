@@ -521,7 +521,7 @@ def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer,
     press(page, "Record everything")
     page.get_by_role("button", name="End recording").wait_for()
     robot.look_at(1.0, 0.2, 0.5, "base_link")
-    (file,) = viewer.robot.recorder.files()
+    file = viewer.robot.recorder.file
     turned(robot, bearing(0.2, 1.0))
     robot.at_rest()
     press(page, "End recording")
