@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from head_tracking.transforms import report
-from head_tracking.transforms.chain import Chain
 from head_tracking.transforms.exceptions import (
     ExtrapolationException,
     InvalidArgumentException,
@@ -71,55 +70,6 @@ class Waiter:
     callback: Callable[[], object]
 
 
-class Route:
-    """A path between two frames: the first lookup multiplies its edges, the next ones use a chain.
-
-    Args:
-        path: between the frames.
-    """
-
-    __slots__ = ("_chain", "_histories", "_path", "_used")
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        histories = [edge.history for edge in (*path.above_source, *reversed(path.above_target))]
-        self._histories = [history for history in histories if history is not None]
-        self._used = False
-        self._chain: Chain | None = None
-
-    def latest(self) -> int:
-        """Return the latest common time [ns]; as in tf2 a stamp of 0 does not count.
-
-        Raises:
-            ExtrapolationException: there is none.
-        """
-        latest = LATEST
-        for history in self._histories:
-            if not history.stamps:
-                raise ExtrapolationException("there are no samples")
-            stamp = history.stamps[-1]
-            if stamp and (stamp < latest or not latest):
-                latest = stamp
-        return latest
-
-    def covers(self, stamp: int) -> bool:
-        """Return whether all edges are known at this time [ns]."""
-        return all(history.covers(stamp) for history in self._histories)
-
-    def transform(self, stamp: int) -> Transform:
-        """Return `T_target_source` at this time [ns].
-
-        Raises:
-            ExtrapolationException: it is not known.
-        """
-        if self._chain is None:
-            if not self._used:
-                self._used = True
-                return self._path.transform(stamp)
-            self._chain = self._path.chain()
-        return self._chain.transform(stamp)
-
-
 class TransformBuffer:
     """A tree of frames over the last `cache_time` [ns]; safe to use from several threads.
 
@@ -139,7 +89,7 @@ class TransformBuffer:
         self._model: RobotModel | None = None
         self._authorities: dict[str, str] = {}
         # by target and source; only those that samples cannot change
-        self._routes: dict[tuple[str, str], Route] = {}
+        self._routes: dict[tuple[str, str], Path] = {}
         # the keys of the routes that depend on a frame
         self._routes_through: dict[str, set[tuple[str, str]]] = {}
         self._requests: list[Waiter] = []
@@ -307,7 +257,7 @@ class TransformBuffer:
             if joint_positions:
                 stamp, transform = self._given(target_frame, source_frame, stamp, joint_positions)
             else:
-                stamp, transform = self._query(target_frame, source_frame, stamp, Route.transform)
+                stamp, transform = self._query(target_frame, source_frame, stamp, Path.transform)
         if transform[6] < 0.5:
             transform = signed_as_tf2(transform)
         return tuple.__new__(StampedTransform, (stamp, target_frame, source_frame, transform))
@@ -377,7 +327,7 @@ class TransformBuffer:
             )
         try:
             with self._lock:
-                return self._query(target_frame, source_frame, stamp, Route.covers)[1]
+                return self._query(target_frame, source_frame, stamp, Path.covers)[1]
         except TransformException:
             return False
 
@@ -479,7 +429,7 @@ class TransformBuffer:
     # With the lock held
 
     def _query(
-        self, target: str, source: str, stamp: int, method: Callable[[Route, int], Result]
+        self, target: str, source: str, stamp: int, method: Callable[[Path, int], Result]
     ) -> tuple[int, Result]:
         """Return the time [ns], and the result of a method of the route at this time."""
         route = self._routes.get((target, source))
@@ -494,10 +444,10 @@ class TransformBuffer:
                 return at, method(route, at)
             except ExtrapolationException:
                 pass  # find_path raises it with the reason
-        path = find_path(self._edges, target, source, stamp)
-        return path.stamp, method(Route(path), path.stamp)
+        at, path = find_path(self._edges, target, source, stamp)
+        return at, method(path, at)
 
-    def _permanent(self, target: str, source: str) -> Route | None:
+    def _permanent(self, target: str, source: str) -> Path | None:
         """Make and keep the route between two frames, if samples cannot change it."""
         found = permanent_path(self._edges, target, source)
         if found is None:
@@ -505,8 +455,8 @@ class TransformBuffer:
         if len(self._routes) >= MOST_ROUTES:
             self._routes.clear()
             self._routes_through.clear()
-        path, frames = found
-        route = self._routes[target, source] = Route(path)
+        route, frames = found
+        self._routes[target, source] = route
         through, ends = self._routes_through, (target, source)
         for frame in frames:
             if frame in through:
@@ -540,8 +490,8 @@ class TransformBuffer:
         if target == source:
             return stamp or self._latest_of(source), Transform.identity()
         self._check(target, source)
-        path = find_path(edges, target, source, stamp)
-        return path.stamp, path.transform(path.stamp)
+        at, path = find_path(edges, target, source, stamp)
+        return at, path.transform(at)
 
     def _check(self, *frames: str) -> None:
         """Raise for names that cannot be looked up, in the order of tf2."""
@@ -667,5 +617,5 @@ def _checked(parent: str, child: str, transform: Transform) -> Transform:
 
 
 _ROUNDING = 4e-16
-_NO_PATH = Route(Path(LATEST, [], []))
+_NO_PATH = Path([], [])
 """From a frame to itself."""

@@ -121,11 +121,6 @@ class Rotation(NamedTuple):
             math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
         )
 
-    def angle(self) -> float:
-        """Return the angle [rad], 0 to pi."""
-        vector = math.sqrt(self.x * self.x + self.y * self.y + self.z * self.z)
-        return 2 * math.atan2(vector, abs(self.w))
-
     def inverse(self) -> Rotation:
         """Return the inverse rotation."""
         return Rotation(-self.x, -self.y, -self.z, self.w)

@@ -112,38 +112,66 @@ Edges: TypeAlias = Mapping[str, Edge]
 """The edge above each frame, by its child."""
 
 
-@dataclass(frozen=True, slots=True)
 class Path:
-    """The path between two frames at one time.
+    """The path between two frames: the first lookup multiplies its edges, the next use a chain.
 
-    Attributes:
-        stamp: the time [ns].
-        above_target: the edges from the target up to the common ancestor.
+    Args:
+        above_target: the edges from the target up to a common ancestor.
         above_source: the edges from the source up to it.
     """
 
-    stamp: int
-    above_target: list[Edge]
-    above_source: list[Edge]
+    __slots__ = ("_above_source", "_above_target", "_chain", "_histories", "_used")
+
+    def __init__(self, above_target: list[Edge], above_source: list[Edge]) -> None:
+        while above_target and above_source and above_target[-1] is above_source[-1]:
+            above_target.pop()
+            above_source.pop()
+        self._above_target, self._above_source = above_target, above_source
+        histories = [edge.history for edge in (*above_source, *reversed(above_target))]
+        self._histories = [history for history in histories if history is not None]
+        self._used = False
+        self._chain: Chain | None = None
+
+    def latest(self) -> int:
+        """Return the latest common time [ns]; as in tf2 a stamp of 0 does not count.
+
+        Raises:
+            ExtrapolationException: there is none.
+        """
+        latest = LATEST
+        for history in self._histories:
+            if not history.stamps:
+                raise ExtrapolationException("there are no samples")
+            stamp = history.stamps[-1]
+            if stamp and (stamp < latest or not latest):
+                latest = stamp
+        return latest
+
+    def covers(self, stamp: int) -> bool:
+        """Return whether all edges are known at this time [ns]."""
+        return all(history.covers(stamp) for history in self._histories)
 
     def transform(self, stamp: int) -> Transform:
         """Return `T_target_source` at a time [ns], or raise an ExtrapolationException."""
-        T_top_source = _product([edge.at(stamp) for edge in self.above_source])
-        if not self.above_target:
+        if self._chain is None:
+            if not self._used:
+                self._used = True
+                return self._product(stamp)
+            target, source = self._above_target, self._above_source
+            steps = [step for edge in target for step in edge.steps_back]
+            steps += [step for edge in reversed(source) for step in edge.steps]
+            self._chain = Chain(steps, [history.at for history in self._histories])
+        return self._chain.transform(stamp)
+
+    def _product(self, stamp: int) -> Transform:
+        T_top_source = _product([edge.at(stamp) for edge in self._above_source])
+        if not self._above_target:
             return T_top_source
-        T_target_top = _product([edge.at(stamp) for edge in self.above_target]).inverse()
-        return T_target_top @ T_top_source if self.above_source else T_target_top
-
-    def chain(self) -> Chain:
-        """Return the same as a function of the time, which is faster."""
-        target, source = self.above_target, self.above_source
-        steps = [step for edge in target for step in edge.steps_back]
-        steps += [step for edge in reversed(source) for step in edge.steps]
-        histories = [edge.history for edge in (*source, *reversed(target))]
-        return Chain(steps, [history.at for history in histories if history is not None])
+        T_target_top = _product([edge.at(stamp) for edge in self._above_target]).inverse()
+        return T_target_top @ T_top_source if self._above_source else T_target_top
 
 
-def find_path(edges: Edges, target: str, source: str, stamp: int) -> Path:
+def find_path(edges: Edges, target: str, source: str, stamp: int) -> tuple[int, Path]:
     """Climb as tf2 does: from the source as far as is known at that time, then from the target.
 
     Args:
@@ -151,6 +179,9 @@ def find_path(edges: Edges, target: str, source: str, stamp: int) -> Path:
         target: the target frame.
         source: the source frame.
         stamp: the time [ns]; 0 for the latest common time.
+
+    Returns:
+        The time and the path.
 
     Raises:
         LookupException: there is a loop, or a joint has no position yet.
@@ -168,8 +199,7 @@ def find_path(edges: Edges, target: str, source: str, stamp: int) -> Path:
         if edge is None:
             raise _unconnected(target, source, end, top)
         raise _unknown(edge, target, source, stamp)
-    _cut(above_target, above_source)
-    return Path(stamp, above_target, above_source)
+    return stamp, Path(above_target, above_source)
 
 
 def latest_common_time(edges: Edges, target: str, source: str) -> int:
@@ -214,8 +244,7 @@ def permanent_path(edges: Edges, target: str, source: str) -> tuple[Path, set[st
     frames = {edge.child for edge in above_target}
     frames.update([edge.child for edge in above_source])
     frames.add(root)
-    _cut(above_target, above_source)
-    return Path(LATEST, above_target, above_source), frames
+    return Path(above_target, above_source), frames
 
 
 def _product(climbed: list[Transform]) -> Transform:
@@ -226,13 +255,6 @@ def _product(climbed: list[Transform]) -> Transform:
     for transform in climbed[1:]:
         numbers = product(transform, numbers)
     return tuple.__new__(Transform, numbers)
-
-
-def _cut(above_target: list[Edge], above_source: list[Edge]) -> None:
-    """Remove the common edges of both sides."""
-    while above_target and above_source and above_target[-1] is above_source[-1]:
-        above_target.pop()
-        above_source.pop()
 
 
 def _climb(

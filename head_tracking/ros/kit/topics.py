@@ -84,12 +84,8 @@ class TopicListener:
         )
 
     def _subscribe_again(self) -> None:
-        self.close()
-        self._subscription = self._node.create_subscription(*self._arguments, MEASUREMENT)
-
-    def close(self) -> None:
-        """Unsubscribe."""
         self._node.destroy_subscription(self._subscription)
+        self._subscription = self._node.create_subscription(*self._arguments, MEASUREMENT)
 
 
 def unheard(node: Node, kind: type[Any], topic: str) -> str:
