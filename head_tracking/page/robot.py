@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 
 from rclpy.exceptions import InvalidHandle
@@ -87,7 +87,7 @@ class Robot:
         self.recorder = Recorder(node, recorder_parameters)
         self.modes = HeadModes(node, self)
         self.joints = JointPanel(node, self)
-        self._joint_watch = SilenceWatch(_PATIENCE)
+        self._measured: dict[str, tuple[int | None, float]] = {}  # stamp, and since when
         steady_timer(requests, _DISCOVERY_PERIOD, self._discover)
         steady_timer(node, _DISCOVERY_PERIOD, self.topics.end_unused)
         self._requests.start()
@@ -174,45 +174,21 @@ class Robot:
         return int(self._node.get_clock().now().nanoseconds)
 
     def silent_joints(self) -> tuple[str, ...]:
-        """Return joints of the head whose measurements should come and do not."""
-        head = self.head
+        """Return joints of the head whose measurements should come and do not.
+
+        By this machine's clock: the clock of the stamps may differ or stand still.
+        """
+        head, now = self.head, time.monotonic()
         joints = () if head is None or self.joints.free else (head.pan_joint, head.tilt_joint)
-        latest = {joint: self.buffer.latest_joint_position(joint) for joint in joints}
-        return self._joint_watch.silent(
-            {joint: None if found is None else found[0] for joint, found in latest.items()}
-        )
+        measured = {}
+        for joint in joints:
+            found, last = self.buffer.latest_joint_position(joint), self._measured.get(joint)
+            stamp = None if found is None else found[0]
+            measured[joint] = (stamp, now) if last is None or last[0] != stamp else last
+        self._measured = measured
+        return tuple(joint for joint, (_, since) in measured.items() if now - since > _PATIENCE)
 
     def _discover(self) -> None:
         self.graph.look()
         self.parameters.look()
         self.joints.discover()
-
-
-class SilenceWatch:
-    """Detects joints whose stamps do not change any more.
-
-    It uses this machine's clock: the clock of the stamps may differ or stand still.
-
-    Args:
-        patience: how long a stamp may stay the same [s].
-        clock: monotonic time [s].
-    """
-
-    def __init__(self, patience: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._patience = patience
-        self._clock = clock
-        self._changed: dict[str, tuple[int | None, float]] = {}
-
-    def silent(self, stamps: Mapping[str, int | None]) -> tuple[str, ...]:
-        """Return the names whose latest stamp has not changed for too long.
-
-        Args:
-            stamps: the latest stamp of each expected name [ns]; None: there has been none.
-        """
-        now = self._clock()
-        for name in self._changed.keys() - stamps.keys():
-            del self._changed[name]
-        for name, stamp in stamps.items():
-            if name not in self._changed or self._changed[name][0] != stamp:
-                self._changed[name] = stamp, now
-        return tuple(name for name in stamps if now - self._changed[name][1] > self._patience)

@@ -1,6 +1,8 @@
 """Records all topics of a robot into an MCAP file, as `ros2 bag record --all` does.
 
-The subscriptions have the quality of service that all publishers of a topic can serve.
+The subscriptions have the quality of service that all publishers of a topic can serve. The file
+has what rosbag2 writes: profile ros2, definitions of the messages, QoS of the publishers.
+Format: https://mcap.dev/spec; the channels' metadata as rosbag2_storage_mcap reads them.
 """
 
 from __future__ import annotations
@@ -16,15 +18,16 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+import yaml
+from mcap.writer import Writer
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 
 from head_tracking.parameters import parameter
-from head_tracking.recording.bag_writer import BagWriter, offer
 from head_tracking.ros.kit.images import compressed_message
-from head_tracking.ros.kit.message_types import message_class
+from head_tracking.ros.kit.message_types import message_class, message_definition
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.threads import take_message
 from head_tracking.vision.images import ImageError
@@ -32,6 +35,7 @@ from head_tracking.vision.opencv import OpenCVMissingError
 
 _PERIOD = 0.02  # s between polls
 _DISCOVERY_PERIOD = 0.5  # s
+_CHUNK = 1 << 20  # bytes
 _CHUNK_PERIOD = 1.0  # s: what a crash loses at most
 _PICTURE_PERIOD = 0.1  # s
 _DEPTH = 200  # messages of a topic between two polls
@@ -147,7 +151,7 @@ class _Topic:
         self.channel: int | None = None
         self.polled = 0.0
         profiles = [one.qos_profile for one in endpoints]
-        self.offers = [offer(one) for one in profiles]
+        self.offers = [_offer(one) for one in profiles]
         self.type_hash = str(endpoints[0].topic_type_hash)
         latched = all(one.durability is DurabilityPolicy.TRANSIENT_LOCAL for one in profiles)
         reliable = all(one.reliability is ReliabilityPolicy.RELIABLE for one in profiles)
@@ -171,7 +175,9 @@ class _Session:
         self._limit = limit
         self._base = beside.get_namespace().rstrip("/") + "/"
         self._stream = file.open("xb")
-        self._bag = BagWriter(self._stream)
+        self._writer = Writer(self._stream, chunk_size=_CHUNK)
+        self._writer.start(profile="ros2", library="head_tracking")
+        self._schemas: dict[str, int] = {}
         self._topics: dict[str, _Topic] = {}
         self._left_out: dict[str, str] = {}
         self._count, self._size, self._end = 0, 0, ""
@@ -219,13 +225,13 @@ class _Session:
                 self._poll(now)
                 if now >= chunk_due:
                     chunk_due = now + _CHUNK_PERIOD
-                    self._bag.writer.flush()  # type: ignore[no-untyped-call]
+                    self._writer.flush()  # type: ignore[no-untyped-call]
                     self._size = self._stream.tell()
                     if self._is_full():
                         break
                 self._ending.wait(_PERIOD)
             self._poll(time.monotonic())
-            self._bag.writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()  # type: ignore[no-untyped-call]
         except Exception as error:
             # a full disk, or a context that has ended: what was written up to here is kept
             self._end = f"ended by {type(error).__name__}: {error}"
@@ -289,14 +295,22 @@ class _Session:
                 topic.channel = self._channel(topic)
             self._count += 1
             number = about["publication_sequence_number"] or 0
-            self._bag.writer.add_message(
-                topic.channel, stamp, data, about["source_timestamp"], number
-            )
+            self._writer.add_message(topic.channel, stamp, data, about["source_timestamp"], number)
 
     def _channel(self, topic: _Topic) -> int:
+        """Register the channel of a topic; return its number."""
+        name, kind = topic.name, topic.kind
+        metadata = {
+            "offered_qos_profiles": yaml.dump(topic.offers, Dumper=_Dumper, sort_keys=False)
+        }
         if topic.is_image:
-            return self._bag.channel(f"{topic.name}/compressed", _COMPRESSED, topic.offers, "")
-        return self._bag.channel(topic.name, topic.kind, topic.offers, topic.type_hash)
+            name, kind = f"{name}/compressed", _COMPRESSED
+        else:
+            metadata["topic_type_hash"] = topic.type_hash
+        if kind not in self._schemas:
+            definition = message_definition(kind).encode()
+            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition)
+        return self._writer.register_channel(name, "cdr", self._schemas[kind], metadata)
 
     def _compressed(self, topic: _Topic, message: Image) -> bytes | None:
         """Return an image as JPEG; None if that fails: then its topic is left out."""
@@ -308,3 +322,30 @@ class _Session:
             self._left_out[topic.name] = str(error)
             del self._topics[topic.name]
             return None
+
+
+def _offer(profile: QoSProfile) -> dict[str, Any]:
+    """Return a publisher's quality of service as rosbag2 writes it (its format 9)."""
+
+    def duration(of: Any) -> dict[str, int]:
+        seconds, nanoseconds = divmod(of.nanoseconds, 1_000_000_000)
+        return {"sec": seconds, "nsec": nanoseconds}
+
+    return {
+        "history": profile.history.name.lower(),
+        "depth": profile.depth,
+        "reliability": profile.reliability.name.lower(),
+        "durability": profile.durability.name.lower(),
+        "deadline": duration(profile.deadline),
+        "lifespan": duration(profile.lifespan),
+        "liveliness": profile.liveliness.name.lower(),
+        "liveliness_lease_duration": duration(profile.liveliness_lease_duration),
+        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
+    }
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes no anchors: other readers may not support them."""
+
+    def ignore_aliases(self, _: Any) -> bool:
+        return True

@@ -4,7 +4,6 @@ import pytest
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.page.path import SHAPES, ClosedPath, path_ahead
-from head_tracking.page.robot_shapes import robot_for_browser
 
 
 def test_a_path_passes_its_points_and_returns_to_the_first():
@@ -45,9 +44,3 @@ def test_the_head_can_look_along_every_path_which_has_the_requested_width(robot,
     assert max(ys) - min(ys) == pytest.approx(0.6, abs=0.01)
     height = 0.3 if shape == "figure of eight" else 0.6
     assert max(zs) - min(zs) == pytest.approx(height, abs=0.01)
-
-
-def test_the_head_can_look_at_every_point_of_its_reachable_field(robot, head):
-    field = robot_for_browser(robot, head, "/mesh/").about["field"]
-    for index in range(0, len(field), 21):
-        assert miss(robot, head, tuple(field[index : index + 3])) < 1e-3
