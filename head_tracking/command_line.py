@@ -37,11 +37,6 @@ def exit_code(tool: str, work: Callable[[], int]) -> int:
         return 128 + interrupt.args[0] if interrupt.args else INTERRUPTED
 
 
-def finite(text: str) -> float:
-    """Convert a finite number."""
-    return _number(text, math.isfinite, "is not a finite number")
-
-
 def positive(text: str) -> float:
     """Convert a finite number above 0."""
     return _number(text, lambda number: 0.0 < number < math.inf, "is not a number above 0")

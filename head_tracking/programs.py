@@ -39,7 +39,6 @@ TOOLS: Final = (
     "relax",
     "transforms",
     "track_report",
-    "check_model",
     "simulated_bus",
     "head_setup",
     "new_robot",

@@ -73,7 +73,7 @@ ONLY_IN = {
     "cv2": {"vision/opencv.py"},
     "yourdfpy": {"transforms/urdf_parser.py"},
     "xacro": {"transforms/urdf_parser.py"},
-    "rich": {"cli/terminal.py", "cli/servo/overview.py"},
+    "rich": {"cli/terminal.py", "cli/servo/overview.py", "cli/doctor/findings.py"},
 }
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_srvs", "ament_index_python")
@@ -167,7 +167,7 @@ def test_the_core_works_without_ros():
         "import sys\n"
         f"for name in {ROS!r}: sys.modules[name] = None\n"
         + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
-        + "import head_tracking.cli.check_model, head_tracking.cli.simulated_bus\n"
+        + "import head_tracking.cli.doctor.__main__, head_tracking.cli.simulated_bus\n"
         + "import head_tracking.cli.servo.main\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent, timeout=120)

@@ -9,7 +9,6 @@ from head_tracking.command_line import (
     baud_rate,
     between,
     existing_file,
-    finite,
     named_id,
     point_in_frame,
     positive,
@@ -25,7 +24,6 @@ from head_tracking.run.options import parse_arguments
 @pytest.mark.parametrize(
     ("convert", "text", "value"),
     [
-        (finite, "-1.5", -1.5),
         (positive, "1e-3", 0.001),
         (between(0.1, 100.0, "Hz"), "0.1", 0.1),
         (between(0.1, 100.0, "Hz"), "100", 100.0),
@@ -48,7 +46,6 @@ def test_an_allowed_value_is_converted(convert, text, value):
 @pytest.mark.parametrize(
     ("convert", "texts"),
     [
-        (finite, ("nan", "inf", "x", "")),
         (positive, ("0", "-1", "nan", "inf", "x")),
         (between(0.1, 100.0, "Hz"), ("0.09", "100.1", "nan", "inf", "x")),
         (between(0, 508, "us", int), ("-1", "509", "1.5", "x")),
@@ -127,7 +124,7 @@ def test_an_empty_port_is_not_the_default(words: list[str], port: dict[str, str]
         ("transforms", "echo a b --count 0"),
         ("transforms", "echo a b --rate 0"),
         ("look", "1 2 3"),
-        ("look", "--centre --frame a"),
+        ("look", "--centre @a"),
         ("track_report", "--output /nowhere/picture.svg"),
         ("head_setup", ""),
         ("new_robot", ""),

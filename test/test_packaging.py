@@ -152,10 +152,11 @@ def test_an_installed_wheel_runs_without_its_environment_being_active(wheel, tmp
     assert {path.name for path in (prefix / "lib/head_tracking").iterdir()} == EXECUTABLES
     assert EXECUTABLES & {path.name for path in (prefix / "bin").iterdir()} == {"head_tracking"}
     link = tmp_path / "link"
-    link.symlink_to(prefix / "lib" / "head_tracking" / "check_model")
-    for program in ([link], [prefix / "bin" / "head_tracking", "check_model"]):
-        message = run(*program, "kinectbot", env=environment(), cwd=tmp_path)
-        assert "robot name is: kinectbot" in message
+    link.symlink_to(prefix / "lib" / "head_tracking" / "doctor")
+    words = ("--sim", "--listen", "0")
+    for program in ([link], [prefix / "bin" / "head_tracking", "doctor"]):
+        message = run(*program, *words, env=environment(), cwd=tmp_path)
+        assert "kinectbot: camera_link" in message
 
     variables = environment(AMENT_PREFIX_PATH=str(prefix))
     seen = run(python, "-c", REPORT + LOAD_ALL, env=variables, cwd=tmp_path)
@@ -194,7 +195,8 @@ def test_colcon_builds_what_ros2_run_looks_for(source, option, tmp_path):
     file, found, share = sourced(str(python), "-c", REPORT).splitlines()
     assert Path(file).is_relative_to(tmp_path)
     assert (found, share) == (str(prefix), str(prefix / "share" / "head_tracking"))
-    assert "robot name is: kinectbot" in sourced(str(programs / "check_model"), "kinectbot")
+    words = ("--sim", "--listen", "0")
+    assert "kinectbot: camera_link" in sourced(str(programs / "doctor"), *words)
 
 
 def test_package_xml_names_the_ros_packages_and_the_version_of_the_wheel():

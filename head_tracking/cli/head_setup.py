@@ -1,7 +1,4 @@
-"""head_setup: installs requirements beside the package. It prints its steps and asks first.
-
-It needs Python only, because it installs what the other tools need.
-"""
+"""head_setup: installs requirements beside the package. It prints its steps and asks first."""
 
 from __future__ import annotations
 
@@ -18,7 +15,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from head_tracking.command_line import DONE, FAILED, REFUSED, exit_code
+from head_tracking.cli.terminal import Terminal
+from head_tracking.command_line import DONE, exit_code
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.share import PACKAGE, share_directory
 
@@ -128,33 +126,22 @@ def _root(*command: str) -> tuple[str, ...]:
 
 def carry_out(
     steps: Sequence[Step],
-    *,
-    dry_run: bool,
-    yes: bool,
+    terminal: Terminal,
     execute: Callable[[Sequence[str]], int] = subprocess.call,
 ) -> int:
-    """Print the steps, ask, and run them; return the exit code."""
+    """Print the steps, ask, and run them; return the exit code.
+
+    Raises:
+        RefusedError: they are not confirmed.
+    """
     for step in steps:
-        print(f"{step.purpose}:\n    {shlex.join(step.command)}")
-    if dry_run:
-        return DONE
-    if not yes:
-        try:
-            answer = input("Continue? [y/N] ") if sys.stdin.isatty() else ""
-        except (EOFError, KeyboardInterrupt):
-            answer = ""
-        if answer.strip().lower() not in ("y", "yes"):
-            print("not confirmed; nothing was done (--yes confirms)", file=sys.stderr)
-            return REFUSED
+        print(f"{step.purpose}:\n    {shlex.join(step.command)}", flush=True)
+    terminal.confirm("Continue?")
     for step in steps:
-        try:
-            code = execute(step.command)
-        except FileNotFoundError:
-            code = 127
+        code = execute(step.command)
         if code:
             remedy = "; it needs python3-pip and the network" if "pip" in step.command else ""
-            print(f"head_setup: failed: {shlex.join(step.command)}{remedy}", file=sys.stderr)
-            return FAILED
+            raise HeadTrackingError(f"failed: {shlex.join(step.command)}{remedy}")
     return DONE
 
 
@@ -166,7 +153,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         epilog="exit codes: 0 done; 1 failed; 2 wrong command line; 3 not confirmed",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask")
-    parser.add_argument("--dry-run", action="store_true", help="only print the steps")
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     for what, (content, _) in _LIBRARIES.items():
         commands.add_parser(what, help=f"{content}, beside ROS on Ubuntu")
@@ -187,6 +173,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             steps = udev_steps(share_directory())
         else:
             steps = service_steps(share_directory(), rest)
-        return carry_out(steps, dry_run=options.dry_run, yes=options.yes)
+        return carry_out(steps, Terminal(assume_yes=options.yes))
 
     return exit_code("head_setup", run)

@@ -13,7 +13,6 @@ from geometry_msgs.msg import PointStamped
 from head_tracking.cli.client import Client, run_client
 from head_tracking.command_line import (
     PointInFrame,
-    finite,
     point_in_frame,
     positive,
     with_negative_values,
@@ -48,27 +47,28 @@ def look(client: Client, options: argparse.Namespace) -> int:
         client.call(["head_tracker/recenter", "point_head/recenter"], options.wait)
         centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
         return _wait(client, options, lambda: math.dist(positions(), centre))
-    targets = client.node.create_publisher(PointStamped, options.topic, 10)
+    point, frame = options.where
+    targets = client.node.create_publisher(PointStamped, "target_point", 10)
     client.wait_for(
         lambda: targets.get_subscription_count() > 0,
         options.wait,
-        f"no head subscribes to {options.topic}; is head_tracking running in this ROS_DOMAIN_ID?",
+        "no head subscribes to target_point; is head_tracking running in this ROS_DOMAIN_ID?",
     )
 
     def miss() -> float:
         try:
-            point = frames.transform_point(options.point, head.base_frame, options.frame)
+            seen = frames.transform_point(point, head.base_frame, frame)
         except TransformException as error:
             raise HeadTrackingError(f"the head does not move: {error}") from error
-        gaze = head.gaze(point, *positions())
+        gaze = head.gaze(seen, *positions())
         if not gaze.reached:
             raise HeadTrackingError(f"the head does not move: {gaze.reason}")
-        targets.publish(target_message(Target(LATEST, options.frame, options.point)))
-        return head.miss(point, *positions())
+        targets.publish(target_message(Target(LATEST, frame, point)))
+        return head.miss(seen, *positions())
 
     def others() -> str:
         count = client.node.count_publishers(targets.topic_name) - 1
-        return f"; {count} other publishers of {options.topic}: end them" if count else ""
+        return f"; {count} other publishers of target_point: end them" if count else ""
 
     return _wait(client, options, miss, others)
 
@@ -105,10 +105,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     add = parser.add_argument
     add(
-        "where", nargs="*", type=_number_or_point, metavar="x,y,z@frame",
-        help="a point [m] and its frame, such as 1,0.5,0@base_link; or X Y Z with --frame",
+        "where", nargs="?", type=_place, metavar="x,y,z@frame|@frame",
+        help="a point [m] and its frame, such as 1,0.5,0@base_link, or a frame",
     )  # fmt: skip
-    add("--frame", help="frame of X Y Z; without a point: the frame to look at")
     add("--follow", action="store_true", help="follow the target until Ctrl-C")
     add("--centre", "--center", action="store_true", help="look straight ahead")
     add(
@@ -117,26 +116,15 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )  # fmt: skip
     add("--timeout", type=positive, default=8.0, metavar="S", help="of the turn (%(default)s s)")
     add("--wait", type=positive, default=10.0, metavar="S", help="for a head (%(default)s s)")
-    add("--topic", default="target_point", help="default: %(default)s")
     add(
         "--pointing-frame", "--camera", default="camera_link",
         help="the frame that is pointed (%(default)s)",
     )  # fmt: skip
     add("--pan-joint", default="head_pan_joint", help="default: %(default)s")
     add("--tilt-joint", default="head_tilt_joint", help="default: %(default)s")
-    options = parser.parse_intermixed_args(with_negative_values(arguments))
-    where = options.where
-    if options.centre == bool(where or options.frame):
-        parser.error("give a target: x,y,z@frame, or --frame FRAME, or --centre")
-    options.point = tuple(where) or (0.0, 0.0, 0.0)
-    if len(where) == 1 and isinstance(where[0], PointInFrame) and options.frame is None:
-        options.point, options.frame = where[0]
-    elif where and (
-        len(where) != 3
-        or options.frame is None
-        or any(isinstance(each, PointInFrame) for each in where)
-    ):
-        parser.error("a point needs a frame, such as: look 1,1,0@base_link")
+    options = parser.parse_args(with_negative_values(arguments))
+    if options.centre == bool(options.where):
+        parser.error("give a target: x,y,z@frame, or @frame, or --centre")
     return options
 
 
@@ -145,8 +133,10 @@ def main() -> int:
     return run_client("look", _parse, look)
 
 
-def _number_or_point(text: str) -> float | PointInFrame:
-    return point_in_frame(text) if "@" in text or "," in text else finite(text)
+def _place(text: str) -> PointInFrame:
+    """Convert a point in a frame; @frame is the origin of the frame."""
+    is_frame = text.startswith("@") and text != "@"
+    return PointInFrame((0.0, 0.0, 0.0), text[1:]) if is_frame else point_in_frame(text)
 
 
 def _degrees(text: str) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -15,12 +14,11 @@ from simulated_device import Bench, as_device
 from head_tracking.cli.doctor import configured, network
 from head_tracking.cli.doctor.__main__ import main
 from head_tracking.cli.doctor.findings import Finding, Grade, show
-from head_tracking.cli.doctor.network import Times, Traffic, check_clocks, check_targets
+from head_tracking.cli.doctor.network import Traffic, check_clocks
 from head_tracking.dynamixel import Adapter, DynamixelPort, PortBusyError, servo_model
 from head_tracking.dynamixel.exceptions import PortMissingError, PortPermissionError
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedLine, SimulatedServo
 
-SOURCE = Path(__file__).resolve().parents[2]
 XM = servo_model("XM430-W350")
 
 
@@ -81,7 +79,7 @@ class Head:
         )
 
     def check(self) -> int:
-        code = main(self.arguments, make_port=self._make_port)
+        code = main(self.arguments, self._make_port)
         self.output = self._capsys.readouterr().out
         return code
 
@@ -231,26 +229,19 @@ def test_without_hardware_no_port_is_opened(head: Head) -> None:
 # Other nodes
 
 
-def _later(seconds: float) -> list[Times]:
-    return [Times(n, n + seconds, n) for n in range(10, 18)]
-
-
 @pytest.mark.parametrize(
-    ("seconds", "clocks", "targets"),
+    ("seconds", "level"),
     [
-        (0.0003, Grade.GREEN, Grade.GREEN),
-        (0.05, Grade.AMBER, Grade.GREEN),
-        (-0.005, Grade.AMBER, Grade.AMBER),
-        (3.0, Grade.RED, Grade.RED),
-        (1e8, Grade.RED, Grade.AMBER),
+        (0.0003, Grade.GREEN),
+        (0.05, Grade.AMBER),
+        (-0.005, Grade.AMBER),
+        (3.0, Grade.RED),
+        (-0.05, Grade.RED),
     ],
 )
-def test_clocks_and_stamps_that_differ_are_reported(
-    seconds: float, clocks: Grade, targets: Grade
-) -> None:
-    assert check_clocks({"joint_states": _later(0.0), "t": _later(seconds)}).level is clocks
-    assert check_targets(_later(seconds)).level is targets
-    assert check_clocks({}).level is check_targets([]).level is Grade.SKIPPED
+def test_clocks_that_differ_are_reported(seconds: float, level: Grade) -> None:
+    assert check_clocks({"joint_states": 0.0, "t": seconds}).level is level
+    assert check_clocks({}).level is Grade.SKIPPED
 
 
 def test_diagnostics_are_shown(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -269,21 +260,11 @@ def test_a_middleware_error_is_red(head: Head, monkeypatch: pytest.MonkeyPatch) 
     assert head.levels["network"] == "red"
 
 
-# Requirements of doctor itself
-
-
-def test_it_runs_without_libraries_and_without_ros() -> None:
-    code = (
-        f"import sys; sys.path.insert(0, {str(SOURCE)!r}); sys.modules['rclpy'] = None\n"
-        "from head_tracking.cli.doctor.__main__ import main\n"
-        "sys.exit(main(['--sim', '--listen', '0']))\n"
-    )
-    # libraries may be on PYTHONPATH, which -I ignores
-    command = [sys.executable, "-I", "-S", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    missing = {line.split()[3] for line in done.stdout.splitlines() if line.startswith("red")}
-    assert done.returncode == 2 and len(missing) == 1, done.stderr
-    assert not done.stderr
+def test_it_runs_without_ros(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, network.__name__, None)
+    head.arguments = []
+    assert head.check() == 1
+    assert head.levels["network"] == "amber"
 
 
 def test_servos_at_another_baud_rate_are_found_and_named(head: Head) -> None:

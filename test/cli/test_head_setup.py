@@ -10,9 +10,13 @@ from pathlib import Path
 
 import numpy
 import pytest
+from simulated_device import Keyboard
 
 from head_tracking.cli import head_setup
-from head_tracking.cli.head_setup import DONE, FAILED, REFUSED, Step, carry_out
+from head_tracking.cli.head_setup import Step, carry_out
+from head_tracking.cli.terminal import Terminal
+from head_tracking.command_line import FAILED, REFUSED
+from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.share import share_directory
 
 STEPS = [Step("first", ("one", "1")), Step("then", ("two",))]
@@ -37,10 +41,11 @@ def test_the_udev_rules_set_latency_and_group() -> None:
     assert 'GROUP="dialout"' in rules
 
 
-def test_nothing_is_done_without_confirmation() -> None:
+def test_nothing_is_done_without_confirmation(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", Keyboard("n\n"))
     done: list[Sequence[str]] = []
-    for dry_run, code in ((True, DONE), (False, REFUSED)):
-        assert carry_out(STEPS, dry_run=dry_run, yes=False, execute=done.append) == code
+    with pytest.raises(RefusedError):
+        carry_out(STEPS, Terminal(), done.append)
     assert not done
 
 
@@ -51,17 +56,16 @@ def test_a_failed_step_ends_the_set_up() -> None:
         done.append(command)
         return 1
 
-    assert carry_out(STEPS, dry_run=False, yes=True, execute=execute) == FAILED
+    with pytest.raises(HeadTrackingError):
+        carry_out(STEPS, Terminal(assume_yes=True), execute)
     assert done == [("one", "1")]
-    missing = [Step("x", ("no-such-program-anywhere",))]
-    assert carry_out(missing, dry_run=False, yes=True) == FAILED
 
 
 def test_the_unit_is_complete_with_the_arguments_of_the_head(
     workspace: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--port", "/dev/tty'1", "--sim", "--params", "a b.yaml"]
-    assert head_setup.main(["--dry-run", "service", *words]) == DONE
+    assert head_setup.main(["service", *words]) == REFUSED  # it cannot ask: no terminal
     printed = capsys.readouterr().out.split()
     text = Path(printed[printed.index("0644") + 1]).read_text()
     unit = configparser.RawConfigParser(strict=False)

@@ -146,13 +146,13 @@ def test_the_frames_can_be_printed(person):
 
 
 def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
-    look = bench.start("look", "1", "1", "0.4", "--frame", "base_link")
+    look = bench.start("look", "1,1,0.4@base_link")
     assert look.end() == 0, look.output
     assert person.pan == pytest.approx(pan_to(1, 1), abs=ROUGH)
     look = bench.start("look", "--centre")
     assert look.end() == 0, look.output
     assert person.looks_at(0.0, 0.0)
-    for words in ("-1,0,0.45@base_link", "--frame nose", "1 1 0 --frame base_link -t 1"):
+    for words in ("-1,0,0.45@base_link", "@nose", "1,1,0@base_link -t 1"):
         if words.endswith("1"):
             assert person.call("relax").success
         look = bench.start("look", *words.replace("-t", "--timeout").split())

@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Final, NoReturn
 
+from head_tracking.cli.doctor.configured import (
+    check_calibration,
+    check_configured,
+    check_model,
+)
 from head_tracking.cli.doctor.findings import Finding, Grade, show
-from head_tracking.command_line import baud_rate, between
+from head_tracking.cli.doctor.servos import check_bus
+from head_tracking.cli.servo.session import patient_port
+from head_tracking.command_line import INTERRUPTED, baud_rate, between
+from head_tracking.dynamixel import DynamixelPort
+from head_tracking.programs import NO_ROS
+from head_tracking.share import NotInstalledError, robot_parameters
 
 _WRONG_COMMAND_LINE: Final = 3
-_LIBRARIES: Final = {
-    "numpy": "sudo apt install python3-numpy",
-    "rich": "sudo apt install python3-rich",
-    "serial": "sudo apt install python3-serial",
-    "xacro": "sudo apt install ros-jazzy-xacro",
-    "yaml": "sudo apt install python3-yaml",
-    "yourdfpy": "ros2 run head_tracking head_setup yourdfpy",
-}
-"""Required libraries, and how to install them on Ubuntu with ROS."""
 
 _EPILOG = """\
 It moves nothing and writes to no servo. It does not use a port that another program has open.
 exit codes (of monitoring plugins): 0 all green; 1 something is amber; 2 something is red; 3 wrong
 command line. ROS arguments follow --ros-args.
 """
+
+MakePort = Callable[[str, int], DynamixelPort]
 
 
 class _Parser(argparse.ArgumentParser):
@@ -38,57 +40,42 @@ class _Parser(argparse.ArgumentParser):
         self.exit(_WRONG_COMMAND_LINE, f"{self.prog}: {message}\n")
 
 
-def main(arguments: Sequence[str] | None = None, **bus: Any) -> int:
-    """Check everything and return the exit code; `bus` has options of `check_bus`."""
+def main(arguments: Sequence[str] | None = None, make_port: MakePort = patient_port) -> int:
+    """Check everything and return the exit code; `make_port` makes a closed port."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     ros = words.index("--ros-args") if "--ros-args" in words else len(words)
     options = _parser().parse_args(words[:ros])
     worst = Grade.GREEN
     try:
-        for finding in _check(options, words[ros:], bus):
+        for finding in _check(options, words[ros:], make_port):
             show(finding)
             worst = max(worst, finding.level)
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
     print(f"\n{'all is' if worst is Grade.GREEN else 'something is'} {worst.name.lower()}")
     return worst
 
 
 def _check(
-    options: argparse.Namespace, ros: Sequence[str], bus: dict[str, Any]
+    options: argparse.Namespace, ros: Sequence[str], make_port: MakePort
 ) -> Iterator[Finding]:
-    missing = {name: reason for name in _LIBRARIES if (reason := _import_error(name))}
-    for name, reason in missing.items():
-        yield Finding("libraries", Grade.RED, f"{reason}: {_LIBRARIES[name]}, or ./scripts/run")
-    if not missing:
-        yield Finding("libraries", Grade.GREEN, f"Python {sys.version.split()[0]}")
-        yield from _check_head(options, bus)
-    reason = _import_error("head_tracking.cli.doctor.network")
-    if reason:
-        text = f"{reason}: nodes cannot run. Source /opt/ros/jazzy/setup.bash, or use ./scripts/run"
-        yield Finding("network", Grade.AMBER, text)
-    elif options.listen == 0.0:
+    try:
+        yield from _check_head(options, make_port)
+    except NotInstalledError as error:
+        yield Finding("configuration", Grade.RED, str(error))
+    if options.listen == 0.0:
         yield Finding("network", Grade.SKIPPED, "not checked with --listen 0")
-    else:
+        return
+    try:
         from head_tracking.cli.doctor.network import check_network
-
+    except ImportError as error:
+        yield Finding("network", Grade.AMBER, f"nodes cannot run: {error}. {NO_ROS}")
+    else:
         yield from check_network(ros, options.listen)
 
 
-def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Finding]:
-    from head_tracking.cli.doctor.configured import (
-        check_calibration,
-        check_configured,
-        check_model,
-    )
-    from head_tracking.cli.doctor.servos import check_bus
-    from head_tracking.share import NotInstalledError, robot_parameters
-
-    try:
-        files = [*robot_parameters(options.robot), *options.params]
-    except NotInstalledError as error:
-        yield Finding("configuration", Grade.RED, str(error))
-        return
+def _check_head(options: argparse.Namespace, make_port: MakePort) -> Iterator[Finding]:
+    files = [*robot_parameters(options.robot), *options.params]
     finding, buses = check_configured(files, options.port, options.baud)
     yield finding
     if buses:
@@ -96,16 +83,7 @@ def _check_head(options: argparse.Namespace, bus: dict[str, Any]) -> Iterator[Fi
     if options.calibration:
         yield check_calibration(options.robot, options.calibration)
     for each in buses if not options.sim else ():
-        yield from check_bus(each, **bus)
-
-
-def _import_error(module: str) -> str:
-    """Return why a module cannot be imported; empty if it can."""
-    try:
-        importlib.import_module(module)
-    except Exception as error:  # a broken library may raise anything
-        return f"{type(error).__name__}: {error}".splitlines()[0]
-    return ""
+        yield from check_bus(each, make_port)
 
 
 def _parser() -> argparse.ArgumentParser:

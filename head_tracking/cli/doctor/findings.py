@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import sys
-import textwrap
 from enum import IntEnum
 from typing import Final, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 
 class Grade(IntEnum):
@@ -27,20 +28,17 @@ class Finding(NamedTuple):
     text: str
 
 
-_INDENT: Final = 25  # columns before the text
-_SHORTEST: Final = 20  # columns of the text
-_COLOURS: Final = {Grade.GREEN: "32", Grade.AMBER: "33", Grade.RED: "31"}
+_COLOURS: Final = {Grade.GREEN: "green", Grade.AMBER: "yellow", Grade.RED: "red"}
+_PLAIN_WIDTH: Final = 2000  # columns without a terminal: each finding is one line
 
 
 def show(finding: Finding) -> None:
     """Print a finding, in colour on a terminal."""
-    level, colour = finding.level, _COLOURS.get(finding.level)
-    word = f"{'-' if level is Grade.SKIPPED else level.name.lower():5}"
-    if colour and sys.stdout.isatty() and "NO_COLOR" not in os.environ:
-        word = f"\033[{colour}m{word}\033[0m"
-    text = finding.text
-    if sys.stdout.isatty():
-        width = max(_SHORTEST, shutil.get_terminal_size().columns - _INDENT)
-        lines = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
-        text = f"\n{' ' * _INDENT}".join(lines)
-    print(f"{word}  {finding.check:17} {text}", flush=True)
+    row = Table.grid(padding=(0, 2))
+    row.add_column(width=5, style=_COLOURS.get(finding.level, ""))
+    row.add_column(width=17)
+    row.add_column()
+    word = "-" if finding.level is Grade.SKIPPED else finding.level.name.lower()
+    row.add_row(word, finding.check, Text(finding.text))
+    width = None if sys.stdout.isatty() else _PLAIN_WIDTH
+    Console(file=sys.stdout, highlight=False, width=width).print(row)

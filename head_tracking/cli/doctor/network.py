@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from statistics import median
 from typing import Any, Final, NamedTuple
 
 import rclpy
@@ -24,36 +24,26 @@ _TOPICS: Final = {
     "target_point": PointStamped,
     "/diagnostics": DiagnosticArray,
 }
-_SKEW: Final = (0.010, 0.100)  # s: amber, red; includes the transport time
-_AHEAD: Final = (0.020, 0.002)  # s that a message may be received before it was sent: red, amber
-_OLD: Final = (0.3, 1.0)  # s; older points are refused
-_OTHER_CLOCK: Final = 1e7  # s
-
-
-class Times(NamedTuple):
-    """Times when a message was sent and received, and its stamp (0: none) [s]."""
-
-    sent: float
-    received: float
-    stamp: float
+_LATE: Final = (0.100, 0.010)  # s after it was sent that a message is received: red, amber
+_AHEAD: Final = (0.020, 0.002)  # s before it was sent: red, amber
 
 
 class Traffic(NamedTuple):
     """The received messages.
 
     Attributes:
-        times: times of each message, by topic.
+        delays: shortest time between sending and receiving a message [s], by topic.
         diagnostics: latest level and message of each entry.
         nodes: number of other nodes.
     """
 
-    times: Mapping[str, Sequence[Times]]
+    delays: Mapping[str, float]
     diagnostics: Mapping[str, tuple[int, str]]
     nodes: int
 
 
 def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]:
-    """Listen for some seconds; check clocks, targets and diagnostics.
+    """Listen for some seconds; check clocks and diagnostics.
 
     Args:
         arguments: ROS arguments, such as --ros-args -r __ns:=/left.
@@ -66,8 +56,7 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
         yield Finding("network", Grade.RED, text)
         return
     yield Finding("network", Grade.GREEN, f"{received.nodes} other nodes")
-    yield check_clocks(received.times)
-    yield check_targets(received.times.get("target_point", ()))
+    yield check_clocks(received.delays)
     for name, (status, message) in sorted(received.diagnostics.items()):
         level = {0: Grade.GREEN, 2: Grade.RED}.get(status, Grade.AMBER)
         yield Finding("diagnostics", level, f"{name}: {message}")
@@ -75,16 +64,14 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
 
 def listen(arguments: Sequence[str], seconds: float) -> Traffic:
     """Receive messages with a silent node; raise RuntimeError if ROS does not start."""
-    times: dict[str, list[Times]] = {}
+    delays: dict[str, float] = {}
     diagnostics: dict[str, tuple[int, str]] = {}
 
     def receiver(topic: str) -> Callable[[Any, Any], None]:
         def receive(message: Any, info: Any) -> None:
-            stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-            received = (info["received_timestamp"] or time.time_ns()) * 1e-9
-            times.setdefault(topic, []).append(
-                Times(info["source_timestamp"] * 1e-9, received, stamp)
-            )
+            received, sent = info["received_timestamp"] or time.time_ns(), info["source_timestamp"]
+            if sent:  # else the middleware does not tell
+                delays[topic] = min(delays.get(topic, math.inf), (received - sent) * 1e-9)
             for entry in getattr(message, "status", ()):
                 diagnostics[entry.name] = (int.from_bytes(entry.level, "little"), entry.message)
 
@@ -99,47 +86,20 @@ def listen(arguments: Sequence[str], seconds: float) -> Traffic:
         deadline = time.monotonic() + seconds
         while (remaining := deadline - time.monotonic()) > 0.0:
             rclpy.spin_once(node, timeout_sec=remaining)
-        return Traffic(times, diagnostics, len(node.get_node_names()) - 1)
+        return Traffic(delays, diagnostics, len(node.get_node_names()) - 1)
     finally:
         rclpy.try_shutdown()
 
 
-def check_clocks(times: Mapping[str, Sequence[Times]]) -> Finding:
-    """Check the clocks of other machines by the fastest message of each topic."""
-    skews = {
-        topic: min(each.received - each.sent for each in found)
-        for topic, found in times.items()
-        if all(each.sent > 0.0 for each in found)
-    }
-    if not skews:
+def check_clocks(delays: Mapping[str, float]) -> Finding:
+    """Check the clocks of other machines by the fastest message of each topic [s]."""
+    if not delays:
         return Finding("clock skew", Grade.SKIPPED, "no message was received")
-    topic = max(skews, key=lambda name: abs(skews[name]))
-    skew = skews[topic]
-    text = f"{topic} is received at least {1e3 * skew:.1f} ms after it was sent"
-    return _graded(
-        "clock skew", skew, _SKEW, text, "synchronise the clocks (docs/guide/network.md)"
-    )
-
-
-def check_targets(times: Sequence[Times]) -> Finding:
-    """Check the stamps of targets, which must be those of their images."""
-    ages = [each.received - each.stamp for each in times if each.stamp]
-    if not ages:
-        return Finding("stamps of targets", Grade.SKIPPED, "no stamped target_point came")
-    age = median(ages)
-    if abs(age) > _OTHER_CLOCK:
-        text = "not wall-clock times; use_sim_time must be the same in all nodes"
-        return Finding("stamps of targets", Grade.AMBER, text)
-    text = f"{1e3 * age:.0f} ms old when received"
-    advice = "stamp each target with the time of its image; old targets are not followed"
-    return _graded("stamps of targets", age, _OLD, text, advice)
-
-
-def _graded(
-    check: str, late: float, limits: tuple[float, float], text: str, advice: str
-) -> Finding:
-    """Return a finding by how late something is [s]; limits: amber, red."""
-    for grade, ahead, limit in zip((Grade.RED, Grade.AMBER), _AHEAD, limits[::-1], strict=True):
-        if not -ahead <= late <= limit:
-            return Finding(check, grade, f"{text}: {advice}")
-    return Finding(check, Grade.GREEN, text)
+    topic = max(delays, key=lambda name: abs(delays[name]))
+    delay = delays[topic]
+    text = f"{topic} is received at least {1e3 * delay:.1f} ms after it was sent"
+    for grade, ahead, late in zip((Grade.RED, Grade.AMBER), _AHEAD, _LATE, strict=True):
+        if not -ahead <= delay <= late:
+            advice = "synchronise the clocks (docs/guide/network.md)"
+            return Finding("clock skew", grade, f"{text}: {advice}")
+    return Finding("clock skew", Grade.GREEN, text)

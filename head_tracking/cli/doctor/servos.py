@@ -8,7 +8,7 @@ from statistics import median
 from typing import Final
 
 from head_tracking.cli.doctor.findings import Finding, Grade
-from head_tracking.cli.servo.session import USUAL_BAUD_RATES, patient_port
+from head_tracking.cli.servo.session import USUAL_BAUD_RATES
 from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
     CommunicationError,
@@ -33,7 +33,7 @@ _INTERRUPTED_UPDATE: Final = (0, 255)  # firmware versions
 
 
 def check_bus(
-    bus: ConfiguredBus, make_port: Callable[[str, int], DynamixelPort] = patient_port
+    bus: ConfiguredBus, make_port: Callable[[str, int], DynamixelPort]
 ) -> Iterator[Finding]:
     """Check a port, its adapter and its servos; a port that is in use is not opened."""
     try:
