@@ -9,24 +9,20 @@ from head_tracking.parameters import ParameterError, ParameterInfo, checked
 SPEED = ParameterInfo("Speed.", "rad/s", 0.1, 2.0)
 
 
-@pytest.mark.parametrize("value", [0.0, 3.0, -1.0, math.nan, math.inf])
-def test_a_number_out_of_range_is_refused_with_the_range(value):
-    with pytest.raises(ValueError, match=r"speed is .*; allowed is 0.1 to 2 rad/s"):
-        checked("speed", SPEED, 1.0, value)
-
-
-@pytest.mark.parametrize("value", ["fast", True, None, [1.0]])
-def test_a_wrong_type_is_refused(value):
-    with pytest.raises(ValueError, match="must be a number"):
-        checked("speed", SPEED, 1.0, value)
-
-
-def test_each_element_of_a_list_is_checked():
-    assert checked("xyz", SPEED, (0.0,), [1, 2.0]) == (1.0, 2.0)
-    with pytest.raises(ValueError, match=r"xyz\[1\] is 9"):
-        checked("xyz", SPEED, (0.0,), [1, 9])
-    with pytest.raises(ValueError, match="must be a list"):
-        checked("xyz", SPEED, (0.0,), "1 2 3")
+@pytest.mark.parametrize(
+    ("default", "value"),
+    [
+        *((1.0, bad) for bad in (0.0, 3.0, -1.0, math.nan, math.inf)),  # out of range
+        *((1.0, bad) for bad in ("fast", True, None, [1.0])),  # of another type
+        ((0.0,), [1, 9]),
+        ((0.0,), "1 2 3"),
+    ],
+)
+def test_a_value_out_of_range_or_of_another_type_is_refused(default, value):
+    with pytest.raises(ParameterError) as refused:
+        checked("speed", SPEED, default, value)
+    assert "speed" in str(refused.value)
+    assert checked("speed", SPEED, (0.0,), [1, 2.0]) == (1.0, 2.0)
 
 
 NAMES = ParameterInfo("Topic.", ros_name=True)

@@ -137,14 +137,14 @@ def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench,
 
 
 def test_a_run_continues_with_a_closed_pipe_and_a_full_disk(bench):
+    words = ("head_tracking", "--sim", "--duration", "1", "--allow-others")
     reader, writer = os.pipe()
-    run = bench.start("head_tracking", "--sim", "--duration", "1", stdout=writer)
+    with open("/dev/full", "w") as full:
+        runs = [bench.start(*words, stdout=output) for output in (writer, full)]
     os.close(writer)
     os.read(reader, 1)
     os.close(reader)
-    assert run.end() == 0
-    with open("/dev/full", "w") as full:
-        assert bench.start("head_tracking", "--sim", "--duration", "1", stdout=full).end() == 0
+    assert [run.end() for run in runs] == [0, 0]
 
 
 def test_a_tool_that_waits_for_a_head_ends_by_ctrl_c_with_130(bench):
@@ -158,30 +158,24 @@ def test_a_tool_that_waits_for_a_head_ends_by_ctrl_c_with_130(bench):
 
 
 @pytest.mark.parametrize(
-    ("number", "environment"),
+    ("number", "environment", "in_all"),
     [
-        (signal.SIGTERM, {"HOME": None, "ROS_LOG_DIR": None}),
-        (signal.SIGHUP, {"ROS_LOG_DIR": "/proc/none", "PYTHONIOENCODING": "ascii"}),
+        (signal.SIGTERM, {"HOME": None, "ROS_LOG_DIR": None}, False),
+        (signal.SIGHUP, {"ROS_LOG_DIR": "/proc/none", "PYTHONIOENCODING": "ascii"}, False),
+        (signal.SIGINT, {}, True),
     ],
-    ids=str,
+    ids=["terminated", "hung up", "Ctrl-C in all processes"],
 )
-def test_a_signal_stops_and_relaxes_the_head_in_any_environment(bench, number, environment):
+def test_a_signal_stops_and_relaxes_the_head_in_any_environment(bench, number, environment, in_all):
     """Without a log file, and where only ASCII can be printed."""
-    run = bench.run("--target", "smooth", environment=environment)
+    run = bench.run("--target", "smooth", environment=environment, own_group=in_all)
     moves(bench)
-    assert run.end(number) == 0, run.output
+    if in_all:
+        os.killpg(run.process.pid, number)
+    assert run.end(None if in_all else number) == 0, run.output
     assert "Traceback" not in run.output
     assert bench.servos.torque == [0, 0]
     bench.servos.at_rest()
-
-
-def test_ctrl_c_in_all_processes_ends_the_run(bench):
-    run = bench.run("--target", "smooth", own_group=True)
-    moves(bench)
-    os.killpg(run.process.pid, signal.SIGINT)
-    assert run.end() == 0, run.output
-    assert "Traceback" not in run.output
-    assert bench.servos.torque == [0, 0]
 
 
 @pytest.mark.parametrize("delay", [0.0, 1.0])

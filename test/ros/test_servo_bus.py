@@ -4,9 +4,6 @@ import math
 import time
 
 import pytest
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -20,6 +17,7 @@ from head_tracking.ros.bus.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
+MAXIMUM = "head_pan_controller.motor.max"
 
 
 def test_relaxing_waits_for_no_other_service_and_for_no_other_client(threads, monkeypatch):
@@ -168,29 +166,14 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
 
     robot.simulated.use(narrow)
     assert robot.call("head_pan_controller/restart").success
-    client = robot.node.create_client(SetParameters, "servo_bus/set_parameters")
-    wait_for(client.service_is_ready)
-
-    def set_maximum(ticks):
-        value = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=ticks)
-        name = "head_pan_controller.motor.max"
-        request = SetParameters.Request(parameters=[ParameterMessage(name=name, value=value)])
-        future = client.call_async(request)
-        wait_for(future.done)
-        return future.result().results[0]
-
-    refused = set_maximum(450 + 70)
+    refused = robot.set("servo_bus", MAXIMUM, 450 + 70)
     assert refused.successful, refused.reason  # init, 512, is inside
     joint = robot.composition.nodes["servo_bus"].backend.joint(PAN)
     wait_for(lambda: joint.limits[1] == pytest.approx(8 * 0.00511327, abs=1e-3))
-
-    def narrower(bus):
-        bus[1].set_register("CW Angle Limit", 530)
-
-    robot.simulated.use(narrower)
-    assert set_maximum(1000).successful
+    robot.simulated.use(lambda bus: bus[1].set_register("CW Angle Limit", 530))
+    assert robot.set("servo_bus", MAXIMUM, 1000).successful
     wait_for(lambda: joint.limits[1] > 0.4)
     assert robot.call("head_pan_controller/restart").success
-    refused = set_maximum(520)
-    assert not refused.successful and "nothing in common" in refused.reason
+    refused = robot.set("servo_bus", MAXIMUM, 520)
+    assert not refused.successful and refused.reason
     assert joint.limits[1] > 0.4

@@ -10,7 +10,7 @@ from runs import sine
 
 from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.share import state_folder
-from head_tracking.tracking import LAWS, Learning, LearningParameters, ServoValues, Tracker
+from head_tracking.tracking import LAWS, ServoValues, Tracker
 
 VALUES = ServoValues(delay=0.1, deviation=0.015, dead_band=0.002)
 LATE = PlainServo(dead_time=0.1)
@@ -33,19 +33,6 @@ def test_a_head_that_knows_its_servos_tracks_well_at_once(head):
     knowing, again = follow(head, LATE, saved, duration=1.5, start=(0.1, 0.0))
     assert knowing.rms < 0.9 * fresh.rms
     assert not again.law.take_contradicted()
-
-
-def test_what_is_known_from_an_earlier_run_says_so(head):
-    law = LAWS["predictive"](head, 0.02)
-    assert {each.source for each in law.learned.values()} <= {"not observable"}
-    law.expect({head.pan_joint: VALUES})
-    assert law.delays[0] == pytest.approx(0.1, abs=0.02)
-    sources = {name: each.source for name, each in law.learned.items()}
-    assert {name for name, source in sources.items() if source == "saved"} == {
-        f"{head.pan_joint}: delay of its servo",
-        f"{head.pan_joint}: dead band",
-    }
-    assert not law.to_save, "nothing was learned yet"
 
 
 @pytest.mark.parametrize(
@@ -116,24 +103,21 @@ def test_what_was_not_measured_is_not_called_learned(head):
         assert (values["dead band"].source, values["acceleration"].source) == expected
 
 
-def test_what_is_kept_has_an_age_and_what_is_not_kept_has_none(head, tmp_path):
+def test_what_is_known_from_an_earlier_run_says_so_and_has_an_age(head, tmp_path):
     memory = ServoMemory({"pan": "usb-FTDI_A1 AX-12 1"}, tmp_path)
     memory.save({"pan": VALUES})
     saved = memory.load()["pan"]
     law = LAWS["predictive"](head, 0.02)
+    assert {each.source for each in law.learned.values()} <= {"not observable"}
     law.expect({head.pan_joint: saved})
+    assert law.delays[0] == pytest.approx(0.1, abs=0.02)
+    assert not law.to_save, "nothing was learned yet"
     values = law.servos[head.pan_joint].values
-    assert values["delay of its servo"].learned == pytest.approx(time.time(), abs=60.0)
-    assert values["dead band"].learned == values["delay of its servo"].learned
-    assert values["acceleration"].source == "not observable"
+    names = ("delay of its servo", "dead band", "acceleration")
+    sources = [values[name].source for name in names]
+    assert sources == ["saved", "saved", "not observable"]
+    for name in names[:2]:
+        assert values[name].learned == pytest.approx(time.time(), abs=60.0)
     ages = {0.0: "0 s", 90.0: "90 s", 600.0: "10 min", 7200.0: "2 h", 20 * 86_400.0: "20 days"}
     for age, text in ages.items():
         assert f", saved {text} ago" in values["dead band"].described(saved.saved + age)
-
-
-def test_what_is_frozen_says_so(head):
-    tracker = Tracker(head, LAWS["predictive"](head, 0.02))
-    tracker.learn(LearningParameters(Learning.FREEZE, Learning.LEARN))
-    assert [each.is_frozen for each in tracker.learned.values()] == 6 * [True] + [False]
-    tracker.learn(LearningParameters(Learning.LEARN, Learning.FREEZE))
-    assert [each.is_frozen for each in tracker.learned.values()] == 6 * [False] + [True]

@@ -33,16 +33,6 @@ def seen(life, until=1.0):
     return k / 30
 
 
-def test_a_target_is_acquired_and_then_tracked(make):
-    life = make()
-    life.seen(0.0, new=True)
-    assert life.state is TargetState.ACQUIRING
-    life.followed(REACHED, 0.4, 0.02)
-    assert life.state is TargetState.ACQUIRING
-    life.followed(REACHED, 0.01, 0.04)
-    assert life.state is TargetState.TRACKING
-
-
 def test_a_short_loss_is_coasted_over(make):
     life = make()
     last = seen(life)

@@ -37,14 +37,6 @@ def test_a_lookup_waits_for_the_joints_of_the_robot(buffer, kinectbot):
     join(timer)
 
 
-def test_both_halves_of_a_full_lookup_are_waited_for(buffer):
-    buffer.set_transform(SECOND, "odom", "base", STILL)
-    timer = later(buffer.set_transform, 2 * SECOND, "odom", "base", STILL)
-    found = buffer.lookup_transform_full("base", 2 * SECOND, "base", SECOND, "odom", timeout=30.0)
-    assert found.stamp == 2 * SECOND
-    join(timer)
-
-
 def test_a_wait_may_be_without_end(buffer):
     timer = later(buffer.set_transform, SECOND, "map", "base", STILL)
     assert buffer.can_transform("map", "base", timeout=math.inf)
@@ -71,16 +63,6 @@ def test_a_lookup_in_vain_ends_with_the_error_that_says_why(buffer):
     buffer.set_transform(SECOND, "map", "base", STILL)
     with pytest.raises(ExtrapolationException):
         buffer.lookup_transform("map", "base", 2 * SECOND, timeout=0.01)
-
-
-def test_a_callback_is_called_once_when_it_can_be_had_and_not_before(buffer):
-    called: list[int] = []
-    buffer.when(lambda: buffer.can_transform("map", "base", 2 * SECOND), lambda: called.append(1))
-    buffer.set_transform(SECOND, "map", "base", STILL)
-    assert called == []
-    buffer.set_transform(3 * SECOND, "map", "base", STILL)
-    buffer.set_transform(4 * SECOND, "map", "base", STILL)
-    assert called == [1]
 
 
 def test_many_threads_wait_for_different_times(buffer):

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from image_encodings import COLOURLESS, ENCODERS, raw
 from rendered_frames import KINECT, SMALL, View, watch
 
 from head_tracking.run.node_sets import TARGETS
@@ -26,7 +25,6 @@ from head_tracking.vision import (
     NearestParameters,
     Picture,
     VisualTracker,
-    decode_picture,
 )
 
 MM = 1e-3
@@ -83,29 +81,6 @@ def test_one_entry_makes_a_detector_a_target_of_a_run(what):
     spec = DETECTORS[what]
     assert TARGETS[spec.target][0].parameters == {"follow": what}
     assert spec.scene in SCENES
-
-
-@pytest.fixture(scope="module")
-def shots(kinectbot):
-    """Four frames of a ball and of a marker, with the truth."""
-    views = {name: View(scene(name), kinectbot, SMALL) for name in ("ball", "marker")}
-    return {name: (view, list(view.frames(4))) for name, view in views.items()}
-
-
-@pytest.mark.parametrize("encoding", ENCODERS)
-def test_position_error_in_every_encoding(shots, encoding):
-    what, name, worst = (
-        ("marker", "marker", 12) if encoding in COLOURLESS else ("colour", "ball", 30)
-    )
-    view, frames = shots[name]
-    eye = tracker(what)
-    for time, frame, pose in frames:
-        message = raw(encoding, ENCODERS[encoding](frame.picture.bgr), big_endian=True, padding=3)
-        sighting = eye.step(
-            Frame(frame.stamp, frame.camera, decode_picture(message), frame.depth), pose
-        )
-        truth = view.scene.seen_surface(name, time, pose)
-    assert math.dist(pose @ sighting.point, truth) < worst * MM
 
 
 def test_no_target_without_a_distance(kinectbot):
