@@ -29,7 +29,7 @@ from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, s
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
-from head_tracking.run.stop_key import HINT, execute
+from head_tracking.run.stop_key import HINT, STOP, execute
 from head_tracking.tf import Buffer, TransformListener, prefix_of
 from head_tracking.transforms.urdf import parse_in_child_process
 
@@ -268,12 +268,15 @@ class ControlProcess:
             self._others.on_report(message)
         elif "keys" in message:
             self._hint = [HINT] if message["keys"] else []
-        elif message["key"]:  # in a thread: the thread of the link must notice the end meanwhile
+        else:  # in a thread: the thread of the link must notice the end meanwhile
             threading.Thread(target=self._press, args=[message["key"]], daemon=True).start()
 
     def _press(self, key: str) -> None:
         if self._head is not None:
-            self._status.print(execute(key, self._head.stop, self._head.resume))
+            result = execute(key, self._head.stop, self._head.resume)
+            if key == STOP:
+                self._link.send(stopped=True)  # whether or not the servos have confirmed it
+            self._status.print(result)
 
 
 def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) -> int:

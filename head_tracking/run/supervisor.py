@@ -4,8 +4,9 @@
                ├─ vision    cameras and detectors; restarted if it ends
                └─ page      the page in the browser; restarted if it ends
 
-If control dies, the supervisor relaxes the servos. If the supervisor dies, its channels close, and
-the other processes end; control relaxes the servos first. The supervisor does not import ROS.
+If control dies, or hangs and does not carry out STOP, the supervisor relaxes the servos. If the
+supervisor dies, its channels close, and the other processes end; control relaxes the servos first.
+The supervisor does not import ROS.
 """
 
 from __future__ import annotations
@@ -31,11 +32,12 @@ from head_tracking.run.channel import Channel
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
 from head_tracking.run.options import Run
 from head_tracking.run.status_line import CLEAR_LINE
-from head_tracking.run.stop_key import StopKey
+from head_tracking.run.stop_key import STOP, StopKey
 
 _NICENESS: Final = {CONTROL: 0, VISION: 0, PAGE: 10}  # late images make a head swing
 _END_TIMEOUT: Final = {CONTROL: 8.0, VISION: 5.0, PAGE: 5.0}  # s; then the process is killed
 _PAUSES: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # s before each restart in a row
+_STOP_TIMEOUT: Final = 5.0  # s in which control must have carried out STOP; then it is killed
 _POLL_PERIOD: Final = 0.1  # s
 _STABLE_TIME: Final = 60.0  # s; after a longer life the next restart has the first pause
 
@@ -168,7 +170,7 @@ class Supervisor:
     def __init__(self, plan: Run) -> None:
         self._plan = plan
         self._ending = self._yields = self._is_ready = False
-        self._kill_at = math.inf
+        self._kill_at = self._stop_by = math.inf
         self._servos: list[tuple[str, int, dict[str, str]]] = []
         self._keys = StopKey()
         self._lock = HeadLock(plan.arguments, simulated=plan.simulated)
@@ -208,7 +210,7 @@ class Supervisor:
                     if key.fileobj is signals:
                         continue
                     if key.fileobj is self._keys:
-                        control.channel.send({"key": self._keys.read()})
+                        self._press(self._keys.read(), control)
                     else:
                         self._read(key.data, control)
                 self._update(control)
@@ -224,7 +226,7 @@ class Supervisor:
                 process = other.start()
                 self._selector.register(process, selectors.EVENT_READ, process)
         self._update_keys(control)
-        if self._ending and time.monotonic() > self._kill_at:
+        if time.monotonic() > min(self._kill_at, self._stop_by):
             control.kill()
         if self._lock.is_wanted and not self._ending:
             _print(f"{self._lock.reason}; this simulated head ends")
@@ -257,6 +259,14 @@ class Supervisor:
             control.channel.end_sending()
             self._kill_at = time.monotonic() + _END_TIMEOUT[CONTROL]
         self._ending = True
+
+    def _press(self, key: str, control: Process) -> None:
+        """Pass a key to control; plan to kill it if it hangs and does not carry out STOP."""
+        if not key or self._stop_by < math.inf:
+            return  # more messages to a process that hangs would block this one
+        if key == STOP:
+            self._stop_by = time.monotonic() + _STOP_TIMEOUT
+        control.channel.send({"key": key})
 
     def _on_signals(self, numbers: bytes, control: Process) -> None:
         if signal.SIGTSTP in numbers:
@@ -291,6 +301,8 @@ class Supervisor:
             self._servos = message["servos"]
         elif "ready" in message:
             self._is_ready = True
+        elif "stopped" in message:
+            self._stop_by = math.inf
         else:
             self._others[message["process"]].add(message)
 
@@ -298,7 +310,7 @@ class Supervisor:
         """Relax or hold the servos, because control has ended without doing it."""
         from head_tracking.dynamixel import DynamixelError, relax_servos
 
-        hold = self._plan.hold_on_crash
+        hold = self._plan.hold_on_crash and self._stop_by == math.inf
         success = "holds" if hold else "relaxed"
         results = [f"the control process {_describe_end(code)}"]
         for port, baud_rate, models in self._servos:

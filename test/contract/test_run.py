@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from processes import child
 from rig import JOINTS, SOURCE
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -277,6 +278,22 @@ def test_keys_stop_and_resume_a_run_in_the_foreground(bench, monkeypatch):
         terminal.waits_for(r"bus cycles.*\$ ")
         assert terminal.is_as_before()
     assert bench.servos.torque == [0, 0]
+
+
+def test_stop_relaxes_the_servos_of_a_control_process_that_hangs(bench, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
+    monkeypatch.chdir(SOURCE)
+    with closing(Terminal()) as terminal:
+        terminal.start(
+            f"-m head_tracking --port {bench.servos.name} --target smooth --on-crash hold &"
+        )
+        supervisor = int(terminal.waits_for(r"\[1\] \d+").split()[-1])
+        terminal.type("fg\n")
+        moves(bench)
+        terminal.waits_for("space: STOP")
+        os.kill(child(supervisor, "control"), signal.SIGSTOP)
+        wait_for(lambda: terminal.type(" ") or bench.servos.torque == [0, 0])
+        assert "SIGKILL" in terminal.waits_for(r"\$ ")
 
 
 # other heads

@@ -108,7 +108,7 @@ def test_a_crash_does_not_end_a_stop(tmp_path):
 
         run, person = start()
         before = stop_when_it_tracks(person)
-        os.kill(child(run, "control"), signal.SIGKILL)
+        os.kill(child(run.process.pid, "control"), signal.SIGKILL)
         run.end()
         run, person = start()
         assert person.stopped

@@ -38,7 +38,7 @@ def test_the_servos_are_relaxed_when_control_is_killed(bench):
     bench.servos.port.use(lambda bus: bus[2].power_on())
     wait_for(lambda: bench.servos.torque == [1, 1])
     time.sleep(random.uniform(0.3, 1.0))  # control reports new servos every 0.1 s
-    os.kill(child(run, "control"), signal.SIGKILL)
+    os.kill(child(run.process.pid, "control"), signal.SIGKILL)
     assert run.end() == 1, run.output
     assert bench.servos.torque == [0, 0]
     assert "SIGKILL" in run.output
@@ -47,7 +47,7 @@ def test_the_servos_are_relaxed_when_control_is_killed(bench):
 def loads_no_more_than_it_needs(run):
     """ROS in the supervisor, parser or cryptography in control: a fifth of control's memory."""
     assert "rclpy" not in Path(f"/proc/{run.process.pid}/maps").read_text()
-    libraries = Path(f"/proc/{child(run, 'control')}/maps").read_text()
+    libraries = Path(f"/proc/{child(run.process.pid, 'control')}/maps").read_text()
     assert "/numpy/" in libraries and "rclpy" in libraries
     return not any(x in libraries for x in ("lxml", "pyexpat", "_hashlib", "cv2", "scipy/"))
 
@@ -56,7 +56,7 @@ def test_the_servos_hold_after_a_crash_with_on_crash_hold(bench):
     run = under_way(bench, "--on-crash", "hold")
     bench.person.wait_for_joints()
     assert loads_no_more_than_it_needs(run)
-    os.kill(child(run, "control"), signal.SIGKILL)
+    os.kill(child(run.process.pid, "control"), signal.SIGKILL)
     assert run.end() == 1, run.output
     assert bench.servos.torque == [1, 1]
     bench.servos.at_rest()
@@ -65,7 +65,7 @@ def test_the_servos_hold_after_a_crash_with_on_crash_hold(bench):
 @pytest.mark.parametrize("moment", ["at once", "under way"])
 def test_the_servos_are_relaxed_and_all_processes_end_when_the_supervisor_is_killed(bench, moment):
     run = under_way(bench) if moment == "under way" else bench.run("--target", "smooth")
-    control = wait_for(lambda: child(run, "control"))
+    control = wait_for(lambda: child(run.process.pid, "control"))
     run.process.kill()
     wait_for(lambda: has_ended(control))
     assert bench.servos.torque == [0, 0]
@@ -74,7 +74,9 @@ def test_the_servos_are_relaxed_and_all_processes_end_when_the_supervisor_is_kil
 def restarted(run, name, pid):
     """Kill a process; return the process that takes its place."""
     os.kill(pid, signal.SIGKILL)
-    return wait_for(lambda: child(run, name) not in (0, pid) and child(run, name))
+    return wait_for(
+        lambda: child(run.process.pid, name) not in (0, pid) and child(run.process.pid, name)
+    )
 
 
 @needs_opencv
@@ -82,19 +84,19 @@ def test_vision_is_restarted_in_the_same_state(bench):
     """When it is killed during its start, too."""
     run = bench.start("head_tracking", "--sim", "--target", "ball")
     person = bench.person
-    vision = restarted(run, "vision", wait_for(lambda: child(run, "vision")))
+    vision = restarted(run, "vision", wait_for(lambda: child(run.process.pid, "vision")))
     enabled = person.hear("visual_target/enabled", Bool, LATCHED)
     wait_for(lambda: person.state("head_tracker") == "tracking")
     assert person.call("visual_target/enable", False).success
     wait_for(lambda: enabled and not enabled[-1].data)
-    control = child(run, "control")
+    control = child(run.process.pid, "control")
     time.sleep(0.3)  # the state is reported every 0.1 s
     enabled.clear()
     restarted(run, "vision", vision)
     wait_for(lambda: enabled and not enabled[-1].data)
     assert person.call("visual_target/enable", True).success
     wait_for(lambda: person.state("head_tracker") == "tracking")
-    assert child(run, "control") == control
+    assert child(run.process.pid, "control") == control
     assert run.end(signal.SIGINT) == 0, run.output
 
 
@@ -111,9 +113,9 @@ def test_a_node_that_could_not_start_can_be_requested_again_and_the_page_is_rest
         assert bench.person.call("node_starter/simulated_camera").success
     run.read_until("the robot is at http")
     has_camera = find_spec("cv2") is not None
-    wait_for(lambda: bool(child(run, "vision")) is has_camera)
+    wait_for(lambda: bool(child(run.process.pid, "vision")) is has_camera)
     bench.person.get("viewer", "port")
-    page = restarted(run, "page", child(run, "page"))
+    page = restarted(run, "page", child(run.process.pid, "page"))
     wait_for(lambda: run.output.count("the robot is at http") == 2)
     assert len(set(re.findall(r"http://\S+token=\S+", run.output))) == 1  # as open browsers know it
     run.process.kill()
@@ -135,8 +137,8 @@ def test_a_page_that_cannot_start_is_left_out(bench):
     run = bench.start("head_tracking", "--sim", "--viewer", *words)
     run.read_until("no_such")
     wait_for(lambda: bench.person.state("head_tracker") == "tracking")
-    page = child(run, "page")
+    page = child(run.process.pid, "page")
     time.sleep(2.0)  # it would be restarted after 1 s
-    assert child(run, "page") == page != 0
+    assert child(run.process.pid, "page") == page != 0
     assert run.end(signal.SIGINT) == 0, run.output
     assert run.output.count("no_such") == 1

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 
-def child(run: Any, name: str) -> int:
+def child(pid: int, name: str) -> int:
     """Return the process id of control, vision or page; 0 if there is none.
 
     Args:
-        run: a program of the rig, which is the supervisor.
+        pid: of the supervisor.
         name: of the process.
     """
-    pid = run.process.pid
     for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         try:
             words = Path(f"/proc/{word}/cmdline").read_bytes().split(b"\0")
