@@ -26,6 +26,12 @@ hypothesis.settings.load_profile("untimed")
 
 ROOT = Path(__file__).parents[1]
 
+SLOW = {
+    "contract", "chaos", "test_packaging.py", "test_document_code.py", "test_reference.py",
+    "test_viewer.py", "test_viewer_calibration.py", "test_exit_paths.py",
+}  # fmt: skip
+"""Folders and files whose tests start programs or a browser."""
+
 HANGS = 300.0  # s that a test never takes
 _output: list[int] = []
 
@@ -34,6 +40,12 @@ def pytest_configure(config: pytest.Config) -> None:
     capture = config.pluginmanager.getplugin("capturemanager")
     with capture.global_and_fixture_disabled():
         _output.append(os.dup(2))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if SLOW & {*item.path.parts}:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(hookwrapper=True)

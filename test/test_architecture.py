@@ -162,10 +162,10 @@ def test_the_simulator_shares_nothing_with_the_driver():
             assert not [name for name in imported(path) if "dynamixel" in name], path
 
 
-def test_the_core_works_without_ros():
+def test_the_core_loads_without_ros_and_without_opencv():
     code = (
         "import sys\n"
-        f"for name in {ROS!r}: sys.modules[name] = None\n"
+        f"for name in {(*ROS, 'cv2')!r}: sys.modules[name] = None\n"
         + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
         + "import head_tracking.cli.doctor.__main__, head_tracking.cli.simulated_bus\n"
         + "import head_tracking.cli.servo.main\n"

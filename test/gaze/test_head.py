@@ -151,26 +151,6 @@ def test_a_nearly_square_head_answers_as_a_square_one(target, pan, tilt):
         assert gaze.miss == pytest.approx(expected.miss, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("name", "frame"),
-    [
-        ("kinectbot", "camera_link"),
-        ("kinectbot", "camera_optical_frame"),
-        ("turtlebot", "camera_optical_frame"),
-    ],
-)
-def test_any_frame_of_the_head_can_be_pointed(request, name, frame):
-    robot = request.getfixturevalue(name)
-    head = PanTiltHead(robot, PAN, TILT, frame)
-    axis = (0.0, 0.0, 1.0) if "optical" in frame else (1.0, 0.0, 0.0)
-    rnd = random.Random(3)
-    for _ in range(300):
-        target = [rnd.uniform(0.3, 3.0), rnd.uniform(-2, 2), rnd.uniform(-0.5, 1.0)]
-        gaze = head.gaze(target, 0.0, 0.0)
-        assert gaze.reached
-        assert miss_by_kinematics(robot, head, target, gaze.pan, gaze.tilt, axis) < 1e-7
-
-
 def test_any_axis_can_be_pointed(kinectbot):
     head = PanTiltHead(kinectbot, PAN, TILT, "head_link", pointing_axis=(2.0, 0.0, 1.0))
     target = (1.0, 0.4, 0.2)

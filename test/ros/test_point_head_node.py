@@ -181,19 +181,6 @@ def test_the_cycle_goes_on_while_a_trajectory_is_examined(pointed, monkeypatch, 
     assert all(free)
 
 
-def test_goals_and_targets_pass_the_same_check(pointed):
-    world, frame = pointed.world, f"/{pointed.head.base_frame}"
-    for bearing, send in ((0.8, pointed.look_at), (-0.8, pointed.publish)):
-        send((2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.0), frame)
-        world.run(3.0)
-        assert pointed.true[0] == pytest.approx(bearing, abs=0.02)
-    for far in (1e308, math.nan):
-        assert pointed.node.actions.point_refusal(goal(far, 0.0, 0.0, frame))
-        pointed.publish((far, 0.0, 0.0), frame)
-        world.run(1.0)
-        assert pointed.true[0] == pytest.approx(-0.8, abs=0.02)
-
-
 def begun(head, kind):
     """A goal that turns pan for some seconds, and has just done so for a while."""
     if kind == "point":

@@ -83,17 +83,6 @@ def turned(found: TransformStamped) -> bool:
     return abs(found.transform.rotation.z) > 0.1
 
 
-def test_a_listener_in_a_node_that_spins(make_node, head):
-    buffer, node = Buffer(), make_node("listens", spin=True)
-    TransformListener(buffer, node)
-    head.move(0.0, 1)
-    head.move(0.5, 2)
-    found = buffer.lookup_transform("base_link", "camera_link", Time(seconds=2), PATIENCE)
-    assert turned(found)
-    found = buffer.lookup_transform("base_link", "camera_link", Time(seconds=1))
-    assert not turned(found)
-
-
 def test_a_callback_that_fails_does_not_end_the_thread(make_node, head):
     buffer, node = Buffer(), make_node("fails")
 

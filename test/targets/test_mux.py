@@ -39,17 +39,6 @@ def test_a_source_that_publishes_once_takes_over_until_its_timeout():
     assert mux.select(2.1) == "low"
 
 
-def test_a_person_can_pin_a_source(mux):
-    feed(mux, "high", 0.0, 1.0)
-    feed(mux, "low", 0.0, 1.0)
-    mux.pin("low")
-    assert mux.select(1.0) == "low"
-    assert mux.offer("high", 1.1) is False
-    assert mux.select(2.0) is None, "a pinned source without a target means no target"
-    mux.pin(None)
-    assert mux.offer("high", 2.0)
-
-
 def test_an_unknown_pin_and_impossible_sources_are_refused(mux):
     with pytest.raises(ValueError):
         mux.pin("hihg")

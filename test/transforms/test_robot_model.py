@@ -1,6 +1,5 @@
 import io
 import random
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -34,18 +33,6 @@ def test_forward_kinematics_of_both_robots_agree_with_yourdfpy(robot):
 @pytest.mark.parametrize("seed", range(3))
 def test_forward_kinematics_of_random_trees_agree_with_yourdfpy(seed):
     assert_agrees_with_yourdfpy(parse_robot_model(random_urdf(seed)), seed)
-
-
-def test_kinectbot_is_the_tree_of_the_tutorial(kinectbot):
-    chain = [
-        "base_link", "torso_link", "head_pan_link", "pan_tilt_bracket", "head_tilt_link",
-        "neck_link", "head_base_link", "head_post_link", "head_link",
-    ]  # fmt: skip
-    for parent, child in pairwise(chain):
-        assert kinectbot.children(parent) == (child,)
-    assert kinectbot.children("head_link")[:3] == ("hair_link", "left_eye_link", "right_eye_link")
-    assert kinectbot.joints["head_pan_joint"].parent == "head_pan_link"
-    assert kinectbot.joints["head_tilt_joint"].parent == "head_tilt_link"
 
 
 def test_both_robots_have_a_camera_and_a_limited_head(robot):
