@@ -105,9 +105,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     add = parser.add_argument
     add(
-        "where", nargs="?", type=_place, metavar="x,y,z@frame|@frame",
+        "where", nargs="*", metavar="x,y,z@frame|@frame",
         help="a point [m] and its frame, such as 1,0.5,0@base_link, or a frame",
     )  # fmt: skip
+    add("--frame", help="the frame, if the point is given as X Y Z, or without a point")
     add("--follow", action="store_true", help="follow the target until Ctrl-C")
     add("--centre", "--center", action="store_true", help="look straight ahead")
     add(
@@ -122,9 +123,16 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )  # fmt: skip
     add("--pan-joint", default="head_pan_joint", help="default: %(default)s")
     add("--tilt-joint", default="head_tilt_joint", help="default: %(default)s")
-    options = parser.parse_args(with_negative_values(arguments))
-    if options.centre == bool(options.where):
+    options = parser.parse_intermixed_args(with_negative_values(arguments))
+    frame = [] if options.frame is None else [options.frame]
+    text = "@".join([",".join(options.where), *frame])
+    if options.centre == bool(text):
         parser.error("give a target: x,y,z@frame, or @frame, or --centre")
+    if text:
+        try:
+            options.where = _place(text)
+        except argparse.ArgumentTypeError as error:
+            parser.error(str(error))
     return options
 
 

@@ -146,6 +146,8 @@ def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
     look = bench.start("look", "1,1,0.4@base_link")
     assert look.end() == 0, look.output
     assert person.pan == pytest.approx(pan_to(1, 1), abs=ROUGH)
+    look = bench.start("look", "1", "-1", "0.4", "--frame", "base_link")
+    assert look.end() == 0, look.output
     look = bench.start("look", "--centre")
     assert look.end() == 0, look.output
     assert person.looks_at(0.0, 0.0)
