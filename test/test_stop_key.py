@@ -4,7 +4,8 @@ import io
 
 import pytest
 
-from head_tracking.run.stop_key import RESUME, STOP, StopKey, execute, meaning
+from head_tracking.run.control import execute
+from head_tracking.run.stop_key import RESUME, STOP, StopKey, meaning
 
 
 @pytest.mark.parametrize("keys", [b"\x1b[A ", b"rrs", b"s" * 64, b"\x1b s"])
@@ -26,9 +27,9 @@ def test_without_a_terminal_no_keys_are_read():
 
 
 def test_a_failed_stop_is_not_confirmed():
-    def fail() -> list[str]:
+    def fail() -> dict[str, str]:
         raise RuntimeError("no bus")
 
-    shown = execute(STOP, fail, lambda: [])
+    shown = execute(STOP, fail, tuple)
     assert "RuntimeError: no bus" in shown
     assert "NOT confirmed" in shown

@@ -47,22 +47,15 @@ class JointOwners:
     A request or a goal carries the epoch in which it was made, from `permit` or `check`.
 
     Args:
-        exclusive: refuse commands for a joint of another owner; else the last command wins.
         clock: monotonic time [s].
 
     Attributes:
         stopped: whether everything but `resume` is refused.
     """
 
-    def __init__(
-        self,
-        *,
-        exclusive: bool = True,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.epoch = Epoch()
         self.stopped = False
-        self._exclusive = exclusive
         self._clock = clock
         self._lock = threading.Lock()
         self._owners: dict[str, tuple[str, float]] = {}
@@ -96,7 +89,7 @@ class JointOwners:
             StoppedError: the head is stopped, or was after the command was made.
         """
         with self._lock:
-            self._check(owner, joints, LEASE)
+            self._check(owner, joints)
             return self._permit(epoch)
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
@@ -108,8 +101,10 @@ class JointOwners:
         """
         joints = tuple(joints)
         with self._lock:
-            self._check(owner, joints, lease)
-            changed = self._give(owner, joints, lease)
+            self._check(owner, joints)
+            self._permit()
+            changed = any([self._owners.get(joint, ("",))[0] != owner for joint in joints])
+            self._owners |= dict.fromkeys(joints, (owner, self._clock() + lease))
         if changed:
             self._notify()
 
@@ -229,24 +224,12 @@ class JointOwners:
             raise StoppedError(_OVERTAKEN)
         return self.epoch.value
 
-    def _check(self, owner: str, joints: Iterable[str], lease: float) -> None:
+    def _check(self, owner: str, joints: Iterable[str]) -> None:
         now = self._clock()
         for joint in joints:
             other, until = self._owners.get(joint, ("", 0.0))
-            both_last = math.isinf(until) and math.isinf(lease)
-            if other != owner and now < until and (self._exclusive or both_last):
+            if other != owner and now < until:
                 raise OwnershipError(joint, other, leased=math.isfinite(until))
-        self._permit()
-
-    def _give(self, owner: str, joints: tuple[str, ...], lease: float) -> bool:
-        """Set the owner, unless a controller owns the joint; return whether one has changed."""
-        changed, until = False, self._clock() + lease
-        for joint in joints:
-            other, last = self._owners.get(joint, ("", 0.0))
-            if other == owner or math.isfinite(last) or math.isinf(lease):
-                changed |= other != owner
-                self._owners[joint] = (owner, until)
-        return changed
 
     def _stop(self) -> None:
         if not self.stopped:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
@@ -29,7 +29,7 @@ from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, s
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
-from head_tracking.run.stop_key import HINT, STOP, execute
+from head_tracking.run.stop_key import HINT, STOP
 from head_tracking.tf import Buffer, TransformListener, prefix_of
 from head_tracking.transforms.urdf import parse_in_child_process
 
@@ -46,7 +46,7 @@ class Composition:
         stop: ends the start between two nodes.
         start_elsewhere: starts the nodes of other processes; None: all nodes run in this process.
         on_servos: receives the node servo_bus before anything is commanded.
-        owners: of the joints; None: new ones for this plan.
+        owners: of the joints; None: new ones.
 
     Raises:
         EndRequestedError: `stop` was set.
@@ -57,8 +57,6 @@ class Composition:
         buffer: the transforms that they use together.
         loop: the control loop in the cycle of the servo bus.
         simulated: the servos, if they are simulated in this process.
-        true_position: returns the true position of a joint [rad], or None if no servo drives it;
-            None if the servos are not simulated.
     """
 
     def __init__(
@@ -72,10 +70,8 @@ class Composition:
     ) -> None:
         self.nodes: dict[str, Any] = {}
         self.buffer = Buffer()
-        owners = owners or JointOwners(exclusive=not plan.allow_others)
         self.loop = ControlLoop(self.buffer.core, owners)
         self.simulated: SimulatedJoints | None = None
-        self.true_position = self._true_position if plan.simulated else None
         self._threads, self._start_elsewhere = threads, start_elsewhere
         self._elsewhere: set[str] = set()
         self._on_request = started_on_request(simulated=plan.simulated)
@@ -92,15 +88,6 @@ class Composition:
                 on_servos(servo_bus)
                 if all(other.name != FEEDS_BUFFER for other in plan.nodes):
                     TransformListener(self.buffer, servo_bus, frame_prefix=prefix_of(servo_bus))
-
-    def stop(self) -> list[str]:
-        """STOP; return a line for each joint."""
-        problems = self.loop.stop()
-        return [stop_report(joint, problem) for joint, problem in problems.items()]
-
-    def resume(self) -> list[str]:
-        """End a STOP; return a line with the active controller."""
-        return [resume_report(self.nodes["servo_bus"].backend.resume())]
 
     def _start(self, spec: NodeSpec) -> None:
         if spec.process == PAGE:  # the supervisor has started it
@@ -135,13 +122,6 @@ class Composition:
     def _simulate(self, joints: Sequence[JointConfiguration]) -> Callable[[str, int], Any]:
         self.simulated = SimulatedJoints(joints)
         return self.simulated.open
-
-    def _true_position(self, joint: str) -> float | None:
-        assert self.simulated is not None
-        try:
-            return self.simulated.true_position(joint)
-        except KeyError:  # no servo drives it
-            return None
 
 
 class OtherProcesses:
@@ -213,7 +193,7 @@ class ControlProcess:
         plan = self._plan
         claim = self._claim(threads)
         self._link.on_message(self._on_message)
-        owners = JointOwners(exclusive=not plan.allow_others)
+        owners = JointOwners()
         if kept is not None:
             kept.guard(owners)
         head = self._head = Composition(
@@ -224,13 +204,12 @@ class ControlProcess:
         monitor = RunMonitor(
             head_node.control if head_node else None,
             head.nodes["servo_bus"].status,
-            head.true_position,
+            None if head.simulated is None else head.simulated.true_position,
             lambda: head.loop.owners.stopped,
         )
 
         def update() -> None:
-            if not plan.allow_others:
-                claim.check()
+            claim.check()
             self._report_servos(head.nodes["servo_bus"])
             parts, colour = monitor.update()
             self._status.show([*parts, *self._hint], colour)
@@ -248,7 +227,7 @@ class ControlProcess:
         node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
         claim = HeadClaim(node, simulated=self._plan.simulated)
         threads.start(node)
-        if not self._plan.allow_others and is_heard_elsewhere(os.environ):
+        if is_heard_elsewhere(os.environ):
             self._status.show(["searching for other heads"])
             self._stop.wait(LOOK_TIME)
             self._stop.check()
@@ -273,10 +252,29 @@ class ControlProcess:
 
     def _press(self, key: str) -> None:
         if self._head is not None:
-            result = execute(key, self._head.stop, self._head.resume)
+            backend = self._head.nodes["servo_bus"].backend
+            result = execute(key, self._head.loop.stop, backend.resume)
             if key == STOP:
                 self._link.send(stopped=True)  # whether or not the servos have confirmed it
             self._status.print(result)
+
+
+def execute(
+    key: str, stop: Callable[[], Mapping[str, str]], resume: Callable[[], Iterable[str]]
+) -> str:
+    """Stop or resume, and return the result as text.
+
+    Args:
+        key: STOP or RESUME.
+        stop: relaxes the servos; returns the problem of each joint; empty: it has confirmed.
+        resume: ends the STOP; returns the controllers that continue.
+    """
+    try:
+        if key == STOP:
+            return f"STOP: {', '.join(stop_report(*each) for each in stop().items())}; r resumes"
+        return f"resumed: {resume_report(resume())}"
+    except Exception as error:
+        return f"{'STOP: NOT confirmed' if key == STOP else 'not resumed'}: {describe(error)}"
 
 
 def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) -> int:

@@ -33,7 +33,7 @@ class RunMonitor:
         self,
         head: HeadControl | None,
         bus_status: Callable[[], BusStatus],
-        true_position: Callable[[str], float | None] | None = None,
+        true_position: Callable[[str], float] | None = None,
         is_stopped: Callable[[], bool] = bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -74,10 +74,13 @@ class RunMonitor:
         return None if pan is None or tilt is None else (pan, tilt)
 
     def _position(self, joint: str) -> float | None:
-        if self._true_position is not None:
+        if self._true_position is None:
+            state = self._bus_status().states.get(joint)
+            return None if state is None else state.position
+        try:
             return self._true_position(joint)
-        state = self._bus_status().states.get(joint)
-        return None if state is None else state.position
+        except KeyError:  # no servo drives it
+            return None
 
     def _status(self, positions: tuple[float, float] | None) -> tuple[list[str], Colour]:
         bus, head = self._bus_status(), self._head

@@ -7,12 +7,8 @@ import re
 import signal
 import sys
 import termios
-import traceback
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final, TextIO
-
-from head_tracking.exceptions import HeadTrackingError
 
 HINT: Final = "space: STOP"
 """Part of the status line while the keys work."""
@@ -103,27 +99,6 @@ def meaning(keys: bytes) -> str:
     """Return STOP, RESUME or an empty text for pressed keys; STOP has priority."""
     pressed = frozenset(_SEQUENCE.sub(b"", keys))
     return STOP if pressed & _STOP_KEYS else RESUME if pressed & _RESUME_KEYS else ""
-
-
-def execute(
-    key: str, stop: Callable[[], Sequence[str]], resume: Callable[[], Sequence[str]]
-) -> str:
-    """Stop or resume, and return the result as text.
-
-    Args:
-        key: STOP or RESUME.
-        stop: relaxes the servos; returns a line for each, confirmed or not.
-        resume: ends the STOP; returns lines to show.
-    """
-    failed = "STOP: NOT confirmed" if key == STOP else "not resumed"
-    try:
-        if key == STOP:
-            return f"STOP: {', '.join(stop()) or 'there is no servo'}; r resumes"
-        return ": ".join(["resumed", *filter(None, [", ".join(resume())])])
-    except HeadTrackingError as error:
-        return f"{failed}: {error}"
-    except Exception:
-        return f"{traceback.format_exc()}{failed}"
 
 
 def _descriptor(stream: TextIO | None) -> int | None:

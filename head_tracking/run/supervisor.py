@@ -20,12 +20,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, Final
 
-from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.stop_signal import ENDING
 from head_tracking.run.channel import Channel
@@ -189,7 +188,7 @@ class Supervisor:
         """
         signals = _readable_signals(ENDING)
         self._selector.register(signals, selectors.EVENT_READ)
-        self._acquire(lambda seconds: bool(select.select([signals], [], [], seconds)[0]))
+        self._lock.acquire(lambda seconds: bool(select.select([signals], [], [], seconds)[0]))
         if self._keys.has_terminal:
             _catch((signal.SIGTSTP, signal.SIGCONT))
         control = Process(CONTROL, list(self._plan.arguments), self._lock.descriptors)
@@ -244,14 +243,6 @@ class Supervisor:
         for process in running:
             process.wait()
         return 1 if self._yields or code < 0 else code
-
-    def _acquire(self, wait: Callable[[float], bool]) -> None:
-        """Lock the head; with --allow-others only if it is free."""
-        if not self._plan.allow_others:
-            self._lock.acquire(wait)
-        elif not self._plan.simulated:
-            with suppress(RefusedError):
-                self._lock.acquire(wait, shared=True, patience=0.0)
 
     def _end(self, control: Process) -> None:
         """Ask control to end, and plan to kill it if it does not."""

@@ -97,7 +97,7 @@ def test_the_snippet_takes_other_names(tmp_path):
 
 def test_the_messages_match_those_of_the_plugin(bench, tmp_path):
     person, servos = bench.person, bench.servos
-    words = ("--without", "head", "--without", "joint_state_publisher", "--allow-others")
+    words = ("--without", "head", "--without", "joint_state_publisher")
     bench.run(*words, ros=("-p", "servo_bus:reply_timeout:=0.1"))  # STOP waits twice as long
     system = JointStateTopicSystem(person.node, described(tmp_path))
     wait_for(lambda: set(JOINTS) <= system.states.keys())

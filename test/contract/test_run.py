@@ -205,7 +205,7 @@ def test_after_a_killed_run_nothing_moves_and_the_next_run_works(bench):
     before = bench.servos.at_rest()
     time.sleep(0.3)
     assert bench.servos.at_rest() == before
-    following = bench.run("--mode", "point", "--allow-others")
+    following = bench.run("--mode", "point")
     bench.person.wait_for_joints()
     assert bench.servos.at_rest() == pytest.approx(before, abs=0.02)
     assert following.end(signal.SIGINT) == 0, following.output
@@ -237,11 +237,11 @@ def test_a_port_in_use_and_a_servo_that_is_missing_are_errors(bench):
     first = bench.run_bus()
     states = bench.person.hear("servo_states", JointState)
     wait_for(lambda: states)
-    second = bench.start("head_tracking", "--port", bench.servos.name, "--allow-others")
+    second = bench.start("servo_bus", "--ros-args", "-p", f"port_name:={bench.servos.name}")
     assert second.end() == 1
     assert bench.servos.name in second.output
     assert first.end(signal.SIGINT) == 0, first.output
-    third = bench.run("--params", params(bench, X_SERVOS), "--allow-others")
+    third = bench.run("--params", params(bench, X_SERVOS))
     assert third.end() == 1
     assert bench.servos.name in third.last_line
     assert "Traceback" not in second.output + third.output
@@ -305,8 +305,6 @@ def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_
     second = bench.start("head_tracking", "--sim")
     second.read_until("servo_bus")
     assert bench.person.state("head_tracker") == "tracking"
-    beside = bench.start("head_tracking", "--sim", "--duration", "1", "--allow-others")
-    assert beside.end() == 0, beside.output
     real = bench.run_bus()
     assert first.end() == 1, first.output
     later = bench.start("head_tracking", "--sim")

@@ -47,7 +47,7 @@ def running(request, tmp_path_factory):
     """A head that follows a target which somebody keeps publishing."""
     with closing(Bench(tmp_path_factory.mktemp("bench"))) as bench:
         if request.param == "one process":
-            bench.run("--target", "none", "--allow-others")
+            bench.run("--target", "none")
         else:
             bench.bus = bench.run_bus()
             for name in NODES:

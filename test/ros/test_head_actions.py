@@ -165,8 +165,8 @@ def test_invalid_trajectories_are_aborted_with_their_code(follower):
 
 def test_a_stop_and_resume_while_a_trajectory_is_examined_end_it(follower, monkeypatch):
     def examining(*_):
-        follower.composition.stop()
-        follower.composition.resume()
+        follower.composition.loop.stop()
+        follower.composition.loop.backend.resume()
 
     monkeypatch.setattr(head_actions, "checked_waypoints", examining)
     before = follower.at_rest()
