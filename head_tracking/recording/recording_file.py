@@ -343,15 +343,11 @@ class _Reading:
     def _on_transforms(self, message: Any, *, static: bool = False) -> None:
         for one in message.transforms:
             t, r = one.transform.translation, one.transform.rotation
-            try:
-                transform = Transform(
-                    (t.x, t.y, t.z), Rotation.from_quaternion_xyzw([r.x, r.y, r.z, r.w])
-                )
+            place = Transform((t.x, t.y, t.z), Rotation(r.x, r.y, r.z, r.w))
+            with contextlib.suppress(TransformException):
                 self._buffer.set_transform(
-                    self._now, one.header.frame_id, one.child_frame_id, transform, static=static
+                    self._now, one.header.frame_id, one.child_frame_id, place, static=static
                 )
-            except (TransformException, ValueError):
-                continue
 
     def _on_target(self, message: Any) -> None:
         point = (message.point.x, message.point.y, message.point.z)

@@ -9,8 +9,6 @@ from typing import NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
-from head_tracking.transforms.exceptions import InvalidArgumentException
-
 Vector3 = tuple[float, float, float]
 Matrix3 = npt.NDArray[np.float64]
 
@@ -22,10 +20,7 @@ _ALIKE = 1.0 - 1e-15
 
 
 class Rotation(NamedTuple):
-    """A unit quaternion (x, y, z, w), as in geometry_msgs.
-
-    The constructor does not check the components; :meth:`from_quaternion_xyzw` does.
-    """
+    """A unit quaternion (x, y, z, w), as in geometry_msgs; the constructor does not check it."""
 
     x: float
     y: float
@@ -36,26 +31,6 @@ class Rotation(NamedTuple):
     def identity() -> Rotation:
         """Return the identity."""
         return _NO_ROTATION
-
-    @staticmethod
-    def from_quaternion_xyzw(quaternion_xyzw: Sequence[float]) -> Rotation:
-        """Return a rotation from a quaternion of shape (4,), normalised.
-
-        Raises:
-            InvalidArgumentException: not four finite numbers, or the square of the norm is not 1
-                within tf2's tolerance of 0.01.
-        """
-        if len(quaternion_xyzw) != 4 or not all(map(math.isfinite, quaternion_xyzw)):
-            raise InvalidArgumentException(
-                f"a quaternion needs four finite numbers x, y, z, w; got {quaternion_xyzw!r}"
-            )
-        x, y, z, w = map(float, quaternion_xyzw)
-        norm = math.sqrt(x * x + y * y + z * z + w * w)
-        if abs(norm * norm - 1.0) > UNIT_TOLERANCE:
-            raise InvalidArgumentException(
-                f"the quaternion ({x}, {y}, {z}, {w}) has the norm {norm:.9g}; normalise it to 1"
-            )
-        return Rotation(x / norm, y / norm, z / norm, w / norm)
 
     @staticmethod
     def from_axis_angle(axis: Sequence[float], angle: float) -> Rotation:

@@ -45,10 +45,6 @@ def modes(page: Any) -> Iterator[str]:
     yield "path-points"
     choose_mode(page, "nothing")
     yield "hands-off"
-    page.locator("#drawn summary").dispatch_event("click")
-    page.locator("#drawn").scroll_into_view_if_needed()
-    yield "view"
-    page.locator("#drawn summary").dispatch_event("click")
 
 
 def tabs(page: Any) -> Iterator[str]:
@@ -71,7 +67,7 @@ def tabs(page: Any) -> Iterator[str]:
     yield "record"
     press(page, "Record everything")
     page.get_by_role("button", name="End recording").wait_for()
-    page.wait_for_timeout(SETTLING)
+    yield "recording"
     press(page, "End recording")
     page.get_by_role("button", name="Replay head-").first.click()
     page.locator("#replaying").wait_for()

@@ -46,7 +46,6 @@ class Page {
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
     this.makeTabs();
     this.makeTheme();
-    this.makeView();
     this.connect();
     setInterval(() => this.checkSilent(), 500);
     if (!kept("head-welcomed")) this.welcome(0);
@@ -62,8 +61,7 @@ class Page {
   onKey(event) {
     if (event.key !== "Escape" || event.repeat) return;
     if (by("sure").open) { by("sure").close(); event.preventDefault(); return; }
-    const menu = document.activeElement?.closest("select, #drawn[open]");
-    if (menu) { menu.removeAttribute("open"); document.activeElement.blur(); return; }
+    if (document.activeElement?.tagName === "SELECT") { document.activeElement.blur(); return; }
     this.stop();
   }
 
@@ -105,16 +103,6 @@ class Page {
     system.onchange = apply;
     by("theme").onclick = () => { kept("head-theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark"); apply(); };
     apply();
-  }
-
-  makeView() {
-    for (const [part, wanted] of Object.entries(this.scene?.wanted ?? {})) {
-      const label = element(by("drawn").querySelector("div"), "label");
-      const box = element(label, "input", { type: "checkbox" });
-      box.checked = wanted;
-      box.onchange = () => this.scene.want(part, box.checked);
-      element(label, "span", {}, part);
-    }
   }
 
   welcome(step) {

@@ -40,18 +40,6 @@ function put(node, [x, y, z, qx, qy, qz, qw]) {
   node.quaternion.set(qx, qy, qz, qw);
 }
 
-/** Return a text that always faces the viewer. */
-function nameOf(text) {
-  const canvas = Object.assign(document.createElement("canvas"), { width: 256, height: 32 }), context = canvas.getContext("2d");
-  Object.assign(context, { font: "22px sans-serif", fillStyle: "white", strokeStyle: "#222", lineWidth: 4 });
-  context.strokeText(text, 2, 24);
-  context.fillText(text, 2, 24);
-  const name = new THREE.Sprite(new THREE.SpriteMaterial({ map: new THREE.CanvasTexture(canvas), depthTest: false }));
-  name.scale.set(0.24, 0.03, 1);
-  name.center.set(0, 0);
-  return name;
-}
-
 function geometryOf({ kind, size }) {
   if (kind === "box") return new THREE.BoxGeometry(...size);
   if (kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
@@ -96,8 +84,6 @@ export class RobotScene {
     this.trail = lineOf(COLOURS.trail, MOST_TRAIL);
     this.prediction = lineOf(COLOURS.prediction, 2);
     this.points = [];
-    this.parts = { trail: this.trail, prediction: this.prediction };
-    this.wanted = { trail: true, prediction: true, "line of sight": true, "view cone": true, frames: false };
     this.scene.add(this.target, this.trail, this.prediction);
     this.listen(onPoint);
     new ResizeObserver(() => this.resize()).observe(place);
@@ -118,13 +104,6 @@ export class RobotScene {
       if (point && point.distanceTo(this.camera.position) < FARTHEST) onPoint(point.toArray());
     });
     canvas.addEventListener("pointercancel", () => { pressed = null; });
-  }
-
-  /** Show or hide a part. */
-  want(part, isWanted) {
-    this.wanted[part] = isWanted;
-    for (const node of part === "frames" ? (this.axes ?? []) : [this.parts[part]]) if (node) node.visible = isWanted;
-    this.request();
   }
 
   resize() {
@@ -164,8 +143,7 @@ export class RobotScene {
     this.addShapes(robot.shapes, links);
     this.screen = null;
     if (robot.camera) this.addGaze(robot, link(robot.camera));
-    this.axes = Object.entries(links).map(([link, node]) => node.add(new THREE.AxesHelper(0.08).add(nameOf(link))).children.at(-1));
-    for (const [part, isWanted] of Object.entries(this.wanted)) this.want(part, isWanted);
+    this.request();
     this.shown = "";
     this.framed = this.moved = false;
   }
@@ -196,10 +174,9 @@ export class RobotScene {
     }
     const line = lineOf(COLOURS["line of sight"], 2);
     draw(line, [[0, 0, 0], [0, 0, SIGHT]]);
-    const cone = new THREE.Group();
-    view.add(line, cone);
-    Object.assign(this.parts, { "line of sight": line, "view cone": cone });
-    this.addFrustum(cone, AHEAD * Math.tan(this.view / 2));
+    this.cone = new THREE.Group();
+    view.add(line, this.cone);
+    this.addFrustum(this.cone, AHEAD * Math.tan(this.view / 2));
   }
 
   addFrustum(view, right) {
@@ -218,7 +195,7 @@ export class RobotScene {
     if (!this.screen || !image.naturalWidth || performance.now() < (this.pictureDue ?? 0)) return;
     this.pictureDue = performance.now() + 200;
     this.canvas ??= Object.assign(document.createElement("canvas"), { width: 160, height: 120 });
-    this.parts["view cone"].scale.y = (ASPECT * image.naturalHeight) / image.naturalWidth;
+    this.cone.scale.y = (ASPECT * image.naturalHeight) / image.naturalWidth;
     this.canvas.getContext("2d").drawImage(image, 0, 0, 160, 120);
     const { material } = this.screen;
     if (!material.map) {
