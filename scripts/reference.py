@@ -29,7 +29,7 @@ SOURCE_NOTE = "<!-- Written by scripts/reference from the code. Do not edit. -->
 TREE_MARKS = ("<!-- tree: begin -->", "<!-- tree: end -->")
 EXAMPLE_CONTROLLERS = re.compile(r"\bhead_(pan|tilt)_controller\b")
 ROS_NAMES = re.compile(
-    r"^/(rosout|parameter_events|clock|target_point_marker)$|_parameter|get_type_desc|/qos_|_action/"
+    r"^/(rosout|parameter_events|clock)$|_parameter|get_type_desc|/qos_|_action/"
 )
 ROS_PARAMETERS = re.compile(r"^(use_sim_time|start_type_description_service|qos_overrides\..*)$")
 GOAL = "/_action/send_goal"

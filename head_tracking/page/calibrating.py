@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-
 from head_tracking.exceptions import HeadTrackingError, UnreachableError
 from head_tracking.page.head_modes import POINTER, Mode
-from head_tracking.page.other_topics import Snapshot, image_of
+from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
+from head_tracking.ros.kit.images import picture_of
 from head_tracking.ros.kit.others import Outcome
 from head_tracking.share import state_folder
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
@@ -81,13 +79,6 @@ class CameraCalibration:
         if any(one.name.endswith(": calibration") for one in self._robot.topics.health()):
             text = "This run uses a calibration: start it without --calibration to calibrate anew."
             return Outcome(False, text)
-        folder = state_folder("calibration")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            return Outcome(False, f"{folder} cannot be written: {error.strerror}.")
-        if not os.access(folder, os.W_OK):
-            return Outcome(False, f"{folder} cannot be written.")
         if not self._busy.acquire(blocking=False):
             return Outcome(False, "A calibration is in progress already.")
         self.progress = Progress(True, "The head begins to look around. STOP ends it.")
@@ -111,6 +102,8 @@ class CameraCalibration:
         from head_tracking.calibration import summary
         from head_tracking.calibration.gathering import calibrate_camera
 
+        folder = state_folder("calibration")
+        folder.mkdir(parents=True, exist_ok=True)
         frame, lens = head.camera()
         calibration = calibrate_camera(
             head,
@@ -123,7 +116,7 @@ class CameraCalibration:
         )
         head.check()
         found = calibration.estimates
-        file = state_folder("calibration") / f"{calibration.robot}.yaml"
+        file = folder / f"{calibration.robot}.yaml"
         calibration.save(file)
         return Progress(
             text=f"Calibrated. The result is in {file}. To use it, start with --calibration {file}",
@@ -184,7 +177,7 @@ class _PointedHead:
         found = self.frames.lookup_transform(head.base_frame, frame, LATEST).transform
         gaze = head.gaze(found @ point, *self.joints.values())
         if not gaze.reached:
-            raise UnreachableError(point, frame, np.pi, gaze.reason)
+            raise UnreachableError(point, frame, math.pi, gaze.reason)
         _check(robot.modes.look_at(frame, point))
         begun = time.monotonic()
         while (
@@ -240,12 +233,12 @@ class _PointedHead:
                 if picture is None or picture.number == number:
                     self._wait()
                     continue
-                number, rgb = picture.number, np.asarray(image_of(picture.message).convert("RGB"))
-            except (ImageError, OSError):  # a damaged one
+                number, pixels = picture.number, picture_of(picture.message).bgr
+            except ImageError:  # a damaged one
                 self._wait()
                 continue
             heard = time.monotonic()
-            yield picture.stamp * 1e-9, np.ascontiguousarray(rgb[:, :, ::-1])
+            yield picture.stamp * 1e-9, pixels
 
     def _wait(self, deadline: float = math.inf, late: str = "") -> None:
         """Wait a moment; raise CalibrationEndedError as `check`, or after the deadline."""

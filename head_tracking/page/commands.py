@@ -7,7 +7,7 @@ from typing import Any
 
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.live import Live
-from head_tracking.page.path import ClosedPath, path_ahead
+from head_tracking.page.path import path_ahead
 from head_tracking.page.robot import Robot
 from head_tracking.page.tuning import Tuning, finite
 from head_tracking.ros.kit.others import Outcome
@@ -87,11 +87,8 @@ def _look(robot: Robot, live: Live, of: Fields) -> Outcome:
 
 
 def _follow_path(robot: Robot, of: Fields) -> Outcome:
-    """Look along a shape before the camera, or along points in the model's root."""
+    """Look along a shape before the camera."""
     speed = _between(of, "speed", 0.001, 10.0)
-    if "points" in of:
-        points = [(finite(x), finite(y), finite(z)) for x, y, z in of["points"]]
-        return robot.modes.follow_path(ClosedPath(points), speed)
     model, head = robot.model(), robot.head
     if model is None or head is None:
         return Outcome(False, "The robot has no head for which to make a path.")

@@ -13,10 +13,9 @@ from typing import Any
 
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
-from head_tracking.page.motion import MotionView, number
 from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
-from head_tracking.page.robot_shapes import FindPackage, robot_for_browser
+from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, number
 from head_tracking.page.status import faults
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.kit.diagnostics import Level, Part
@@ -50,7 +49,6 @@ class Live:
         state_text: the rest, as JSON.
         pictures: the latest pictures by topic (empty: the default topic), each with a number that
             differs for each: stamp [ns, 8 bytes, little-endian], then a JPEG.
-        meshes: of that robot.
         failing: parts that can't be shown, each with the reason.
         observation: the latest sample.
         calibration: of the camera.
@@ -66,13 +64,11 @@ class Live:
         self._robot, self._view, self._report = robot, horizontal_view, report
         self._find_package = find_package
         self._model: RobotModel | None = None
-        self._motion: MotionView | None = None
+        self._shown: RobotForBrowser | None = None
         self._slow_due = 0.0
-        self._notices: list[str] = []
         self._camera_requested = False
         self.robot_text = self.slow_text = self.state_text = ""
         self.pictures: Mapping[str, tuple[int, bytes]] = {}
-        self.meshes: tuple[bytes, ...] = ()
         self.failing: dict[str, str] = {}
         self.observation = Observation(0)
         self.calibration = CameraCalibration(robot, partial(self.latest_picture, exact=True))
@@ -125,6 +121,10 @@ class Live:
         depth = distance / math.hypot(x, y, 1.0)
         return pose @ (x * depth, y * depth, depth)
 
+    def meshes(self) -> tuple[bytes, ...]:
+        """Return the meshes of the robot."""
+        return () if self._shown is None else self._shown.meshes
+
     def latest_picture(self, topic: str = "", *, exact: bool = False) -> Snapshot | None:
         """Return the latest picture of a topic; empty: of the default topic; see `picture`."""
         topics = self._robot.topics.images()
@@ -152,18 +152,16 @@ class Live:
         if model is None or model is self._model:
             return
         self._model = model  # once: a model that fails is reported and not tried again
-        head = self._robot.head
-        self._motion = MotionView(model, head)
-        robot = robot_for_browser(model, head, "/head/mesh/", self._find_package)
-        self.meshes, self._notices = robot.meshes, robot.about["notices"]
-        about = {"type": "robot", **robot.about, "view": self._view}
+        self._shown = None
+        self._shown = RobotForBrowser(model, self._robot.head, "/head/mesh/", self._find_package)
+        about = {"type": "robot", **self._shown.about, "view": self._view}
         self.robot_text = json.dumps(about, allow_nan=False)
 
     def _observe(self) -> None:
         self.observation = self._robot.observe()
 
     def _move(self) -> dict[str, Any]:
-        return {} if self._motion is None else self._motion.of(self.observation)
+        return {} if self._shown is None else self._shown.state(self.observation)
 
     def _boxes(self) -> dict[str, Any]:
         """Return boxes in the default picture: of what is followed, and of what else is seen."""
@@ -193,6 +191,7 @@ class Live:
         model = self._model
         links = () if model is None else (model.root, *model.children_of_joints)
         waiting = ["Waiting for robot_description."] if model is None else []
+        shapes = [] if self._shown is None else self._shown.about["notices"]
         if model is not None and robot.joints.free:
             movable = list(model.independent_joints)
         else:
@@ -206,7 +205,7 @@ class Live:
             "target_text": live.target_text,
             "can_resume": robot.stop.can_resume,
             "stop": "" if outcome is None else outcome.text,
-            "notices": [*waiting, *self._notices, *robot.notices()],
+            "notices": [*waiting, *shapes, *robot.notices()],
             "warnings": list(robot.topics.warnings()),
             "servos": [asdict(servo) for servo in servos],
             "movable": movable,

@@ -8,9 +8,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from head_tracking.page.motion import MotionView
 from head_tracking.page.robot import Robot
-from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, robot_for_browser
+from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser
 from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.transforms import RobotModelError, parse_robot_model
@@ -22,7 +21,6 @@ class OpenRecording(NamedTuple):
     """A recording with the robot that was recorded."""
 
     recording: Recording
-    motion: MotionView
     robot: RobotForBrowser
 
 
@@ -57,7 +55,7 @@ class Replays:
         seen = one.recording.at(time)
         return {
             "type": "state",
-            **one.motion.of(seen),
+            **one.robot.state(seen),
             "boxes": [],
             "word": "replay",
             "text": seen.text or "a recording",
@@ -88,9 +86,9 @@ class Replays:
         if model is None:
             raise RecordingError("The recording has no robot model, and none has been received.")
         key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(model)
-        robot = robot_for_browser(model, head, f"/head/replay/{key}/mesh/", self._find_package)
+        robot = RobotForBrowser(model, head, f"/head/replay/{key}/mesh/", self._find_package)
         with self._lock:
-            self._open[key] = OpenRecording(recording, MotionView(model, head), robot)
+            self._open[key] = OpenRecording(recording, robot)
             for oldest in list(self._open)[:-_MOST]:
                 del self._open[oldest]
         return {

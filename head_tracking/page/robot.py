@@ -71,7 +71,7 @@ class Robot:
         self._no_head = ""
         self.mode = Mode.OFF
         self.stop = Stop(node)
-        self._disabling: tuple[Attempt, threading.Thread] | None = None
+        self._attempt: Attempt | None = None
         self._polled = PolledNode(node, f"{node.get_name()}_polled", report)
         if buffer is None:
             buffer = listening_buffer(node, self._polled)
@@ -156,12 +156,10 @@ class Robot:
 
     def stop_everything(self) -> Attempt:
         """Begin to relax all servos, and then to disable what turns the head; never wait."""
-        attempt, disabling = self.stop.begin(), self._disabling
-        if disabling is None or disabling[0] is not attempt or not disabling[1].is_alive():
-            thread = threading.Thread(target=self._disable_modes, args=[attempt], daemon=True)
-            self._disabling = attempt, thread
-            thread.start()
-        return attempt
+        before, self._attempt = self._attempt, self.stop.begin()
+        if self._attempt is not before:
+            threading.Thread(target=self._disable_modes, args=[self._attempt], daemon=True).start()
+        return self._attempt
 
     def _disable_modes(self, attempt: Attempt) -> None:
         """Disable what turns the head, unless the bus ignores commands until `resume`."""

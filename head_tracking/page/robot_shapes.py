@@ -7,12 +7,13 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.recording.recording import Observation
 from head_tracking.transforms import RobotModel, Transform
 from head_tracking.transforms.urdf import import_yourdfpy
 
@@ -27,25 +28,8 @@ FindPackage = Callable[[str], Path | None]
 """Returns the shared files of a ROS package; None if it is not installed."""
 
 
-class RobotForBrowser(NamedTuple):
-    """A robot for the browser.
-
-    Attributes:
-        about: its joints, shapes, head and notices, for JSON.
-        meshes: binary STL; of kind `coloured`: binary glTF.
-    """
-
-    about: dict[str, Any]
-    meshes: tuple[bytes, ...]
-
-
-def robot_for_browser(
-    model: RobotModel,
-    head: PanTiltHead | None,
-    meshes_at: str,
-    find_package: FindPackage = lambda _: None,
-) -> RobotForBrowser:
-    """Return a robot for the browser. Shapes that can't be shown become notices.
+class RobotForBrowser:
+    """A robot for the browser. Shapes that can't be shown become notices.
 
     Transforms are [x, y, z, qx, qy, qz, qw] in metres. `leader` of a joint is the index in
     `independent` of the joint whose position it follows, times `ratio` plus `offset`.
@@ -55,44 +39,82 @@ def robot_for_browser(
         head: its head; None: it has none.
         meshes_at: the address of the meshes, up to their number.
         find_package: for addresses that start with package://.
+
+    Attributes:
+        about: its joints, shapes, head and notices, for JSON.
+        meshes: binary STL; of kind `coloured`: binary glTF.
     """
-    independent = list(model.independent_joints)
-    joints = []
-    for joint in model.joints.values():
-        leader = model.leader(joint.name)
-        joints.append(
-            {
-                "name": joint.name,
-                "type": str(joint.type),
-                "parent": joint.parent,
-                "child": joint.child,
-                "origin": _numbers(joint.origin),
-                "axis": list(joint.axis),
-                "leader": independent.index(leader.joint) if joint.moves else -1,
-                "ratio": leader.multiplier,
-                "offset": leader.offset,
-                "limits": _finite(joint.limits),
-            }
-        )
-    shapes = _Shapes(model.urdf, meshes_at, find_package)
-    about: dict[str, Any] = {
-        "name": model.name,
-        "root": model.root,
-        "independent": independent,
-        "joints": joints,
-        "shapes": shapes.found,
-        "notices": list(dict.fromkeys(shapes.notices)),
-    }
-    if head is not None:
-        about |= {
-            "pan": head.pan_joint,
-            "tilt": head.tilt_joint,
-            "camera": head.pointing_frame,
-            "axis": list(head.pointing_axis),
-            "pan_limits": _finite(head.pan_limits),
-            "tilt_limits": _finite(head.tilt_limits),
+
+    def __init__(
+        self,
+        model: RobotModel,
+        head: PanTiltHead | None,
+        meshes_at: str,
+        find_package: FindPackage = lambda _: None,
+    ) -> None:
+        self._names, self._head = model.independent_joints, head
+        joints = []
+        for joint in model.joints.values():
+            leader = model.leader(joint.name)
+            joints.append(
+                {
+                    "name": joint.name,
+                    "type": str(joint.type),
+                    "parent": joint.parent,
+                    "child": joint.child,
+                    "origin": _numbers(joint.origin),
+                    "axis": list(joint.axis),
+                    "leader": self._names.index(leader.joint) if joint.moves else -1,
+                    "ratio": leader.multiplier,
+                    "offset": leader.offset,
+                    "limits": _finite(joint.limits),
+                }
+            )
+        shapes = _Shapes(model.urdf, meshes_at, find_package)
+        self.meshes = tuple(shapes.meshes)
+        self.about: dict[str, Any] = {
+            "name": model.name,
+            "root": model.root,
+            "independent": list(self._names),
+            "joints": joints,
+            "shapes": shapes.found,
+            "notices": list(dict.fromkeys(shapes.notices)),
         }
-    return RobotForBrowser(about, tuple(shapes.meshes))
+        if head is not None:
+            at_zero = dict.fromkeys(self._names, 0.0)
+            self._T_base_root = model.transform(model.root, head.base_frame, at_zero).inverse()
+            self.about |= {
+                "pan": head.pan_joint,
+                "tilt": head.tilt_joint,
+                "camera": head.pointing_frame,
+                "axis": list(head.pointing_axis),
+                "pan_limits": _finite(head.pan_limits),
+                "tilt_limits": _finite(head.tilt_limits),
+            }
+
+    def state(self, live: Observation) -> dict[str, Any]:
+        """Return joints, target and wanted joint positions for JSON [rad, m, s]."""
+        return {
+            "stamp": live.stamp * 1e-9,
+            "target_stamp": number(None if live.target_stamp is None else live.target_stamp * 1e-9),
+            "joints": [number(live.joints.get(name)) for name in self._names],
+            "target": None if live.target is None else list(map(number, live.target)),
+            "wanted": list(map(number, self._wanted_gaze(live))),
+        }
+
+    def _wanted_gaze(self, live: Observation) -> tuple[float | None, float | None]:
+        """Return pan and tilt that look at the target or nearest to it; None without one."""
+        head = self._head
+        if head is None or live.target is None:
+            return None, None
+        positions = (live.joints.get(joint, 0.0) for joint in (head.pan_joint, head.tilt_joint))
+        gaze = head.gaze(self._T_base_root @ live.target, *positions)
+        return gaze.pan, gaze.tilt
+
+
+def number(value: float | None) -> float | None:
+    """Return a number for JSON; None for None and for numbers that are not finite."""
+    return None if value is None or not math.isfinite(value) else round(float(value), 6)
 
 
 class _Shapes:

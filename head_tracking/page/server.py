@@ -215,7 +215,7 @@ class Page:
         robot, live, replays = self._robot, self._live, self._replays
         tuning = Tuning(robot.parameters)
         get: dict[str, Answer] = {
-            "mesh/{number:int}": lambda at: _mesh(live.meshes, at["number"]),
+            "mesh/{number:int}": lambda at: _mesh(live.meshes(), at["number"]),
             "parameters": lambda _: {"presets": PRESETS, "parameters": tuning.listed()},
             "recordings": lambda _: [
                 {"name": file.name, "size": file.stat().st_size} for file in robot.recorder.files()

@@ -41,8 +41,8 @@ def modes(page: Any) -> Iterator[str]:
     yield "pointed"
     choose_mode(page, "path")
     yield "path"
-    choose(page, "shape", "points")
-    yield "path-points"
+    choose(page, "shape", "figure of eight")
+    yield "path-eight"
     choose_mode(page, "nothing")
     yield "hands-off"
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from head_tracking.page.robot_shapes import RobotForBrowser, robot_for_browser
+from head_tracking.page.robot_shapes import RobotForBrowser
 from head_tracking.transforms import parse_robot_model
 
 
@@ -17,7 +17,7 @@ def shown(visuals: str, links: str = "", find_package=lambda _: None) -> RobotFo
         '<robot name="r"><material name="red"><color rgba="1 0 0 0.5"/></material>'
         f'<link name="a">{visuals}</link>{links}</robot>'
     )
-    return robot_for_browser(parse_robot_model(text), None, "/mesh/", find_package)
+    return RobotForBrowser(parse_robot_model(text), None, "/mesh/", find_package)
 
 
 def visual(geometry: str, material: str = "") -> str:
@@ -42,7 +42,7 @@ def test_simple_shapes(geometry, kind, size):
 
 
 def test_the_robots_of_the_tutorials_are_shown_whole(robot):
-    about = robot_for_browser(robot, None, "/mesh/").about
+    about = RobotForBrowser(robot, None, "/mesh/").about
     assert not about["notices"]
     assert {shape["link"] for shape in about["shapes"]} >= {"base_link", "camera_link"}
 

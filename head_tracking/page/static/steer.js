@@ -1,5 +1,5 @@
 // Mode cards with their options, and the pad for pan and tilt.
-import { button, by, command, element, latestOnly, offer, rows, write } from "./dom.js";
+import { by, command, element, latestOnly, offer, rows, write } from "./dom.js";
 
 const ICONS = {
   face: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm-3 7v1m6-1v1m-6.5 4a5 5 0 0 0 7 0", ball: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm0 0v18M3 12h18M6 5.5c4 3.5 4 9.5 0 13m12-13c-4 3.5-4 9.5 0 13",
@@ -15,13 +15,12 @@ const CARDS = {
 };
 const USUAL = ["face", "ball", "marker", "point", "path", "nothing"]; // the other cards are there where they are possible
 export const titleOf = (mode) => CARDS[mode]?.[0] ?? mode;
-const SHAPES = [["circle", "Circle"], ["square", "Square"], ["figure of eight", "Figure of eight"], ["points", "Points of my own"]];
+const SHAPES = [["circle", "Circle"], ["square", "Square"], ["figure of eight", "Figure of eight"]];
 const reach = ([low, high]) => Math.max(-low, high, 0.01);
 const within = (value, [low, high]) => Math.min(Math.max(value, low), high);
 
 export class Steering {
   constructor() {
-    this.points = [];
     this.joints = {}; // of the pad and the sliders, not sent yet
     this.send = latestOnly((name, body) => {
       this.joints = {};
@@ -42,12 +41,10 @@ export class Steering {
     this.shape = field("path", "Shape", (label) => element(label, "select", { id: "shape" }));
     this.xyz = ["x", "y", "z"].map((name, number) => field("point", `${name} (m)`, (label) => element(label, "input", { id: name, type: "number", step: 0.05, value: [1, 0, 0.5][number], required: "" })));
     offer(this.shape, SHAPES, "circle");
-    this.size = field("size", "Half width (m)", (label) => element(label, "input", { id: "size", type: "number", min: 0.05, max: 2, step: 0.05, value: 0.3 }));
+    this.size = field("path", "Half width (m)", (label) => element(label, "input", { id: "size", type: "number", min: 0.05, max: 2, step: 0.05, value: 0.3 }));
     this.speed = field("path", "Speed (m/s)", (label) => element(label, "input", { id: "speed-of-path", type: "number", min: 0.01, max: 3, step: 0.01, value: 0.2 }));
-    this.addPoint = button(form, "Add point", () => { this.points.push(this.xyz.map((input) => Number(input.value))); this.showOptions(); }, { "data-for": "points" });
-    this.clearPoints = button(form, "Clear points", () => { this.points = []; this.showOptions(); }, { "data-for": "points" });
     this.submit = element(form, "button", { type: "submit", id: "go" }, "Point head");
-    this.shape.onchange = () => { this.shape.blur(); this.showOptions(); };
+    this.shape.onchange = () => this.shape.blur();
     this.frame.onchange = () => { this.frame.blur(); if (this.mode === "follow a frame") this.go(); };
   }
 
@@ -56,7 +53,6 @@ export class Steering {
     const speed = Number(this.speed.value);
     if (this.mode === "follow a frame") await command("mode", { mode: this.mode, frame: this.frame.value });
     else if (this.mode !== "path") await command("look", { point: this.xyz.map((input) => Number(input.value)), frame: this.frame.value });
-    else if (this.shape.value === "points") await command("path", { points: this.points, speed });
     else await command("path", { shape: this.shape.value, size: Number(this.size.value), speed });
   }
 
@@ -90,13 +86,12 @@ export class Steering {
   }
 
   showOptions() {
-    const { mode } = this, own = this.shape.value === "points";
-    const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode) || (mode === "path" && own), path: mode === "path", size: mode === "path" && !own, points: mode === "path" && own };
+    const { mode } = this;
+    const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode), path: mode === "path" };
     for (const node of by("options").querySelectorAll("[data-for]")) node.hidden = !wanted[node.dataset.for];
     by("options").hidden = !Object.values(wanted).some(Boolean);
     for (const id of ["live", "cards"]) by(id).classList.toggle("options", !by("options").hidden);
     write(this.submit, mode === "path" ? "Look along it" : mode === "follow a frame" ? "Follow" : "Point head");
-    write(this.addPoint, `Add point (${this.points.length} so far)`);
   }
 
   makePad() {

@@ -5,21 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.time import Time
 
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.target_point import TargetOutput, target_message
-from head_tracking.ros.kit.topics import Output
+from head_tracking.ros.kit.target_point import TargetOutput
 from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters, Target
-
-try:
-    from visualization_msgs.msg import Marker
-except ImportError:  # optional: only RViz shows it
-    Marker = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +26,7 @@ class TargetFrameParameters:
 
 
 class FictitiousTargetNode(Node):
-    """Publishes `target_point`, and a marker on `target_point_marker` for RViz."""
+    """Publishes `target_point`."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("fictitious_target", **options)
@@ -43,7 +36,6 @@ class FictitiousTargetNode(Node):
             NodeParameters(self, FictitiousTargetParameters, on_change=self._on_parameters).value
         )
         self._targets = TargetOutput(self)
-        self._marker = Output(self, Marker, "target_point_marker", 1) if Marker else None
         self._sent: Time | None = None
         steady_timer(self, 1.0 / p.rate, self._publish)
 
@@ -58,14 +50,3 @@ class FictitiousTargetNode(Node):
         self._sent = now
         target = Target(now.nanoseconds, self._frame_id, self._target.advance(elapsed * self._rate))
         self._targets.publish(target)
-        if self._marker is not None and self._marker.wanted:
-            self._marker.publish(_marker(target_message(target)))
-
-
-def _marker(target: PointStamped) -> Any:
-    marker = Marker(header=target.header, ns="target_point", type=Marker.SPHERE)
-    marker.pose.position = target.point
-    marker.pose.orientation.w = 1.0
-    marker.scale.x = marker.scale.y = marker.scale.z = 0.1
-    marker.color.r, marker.color.g, marker.color.a = 1.0, 0.6, 1.0
-    return marker
