@@ -18,7 +18,7 @@ from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.status import Summary, head_status
 from head_tracking.page.stop import Attempt, Stop
 from head_tracking.recording.recorder import Recorder, RecorderParameters
-from head_tracking.recording.recording import FollowedTarget, Observation, observed
+from head_tracking.recording.recording import Observation, observed
 from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
@@ -81,9 +81,8 @@ class Robot:
         requests = self._requests.node
         self.graph, self.services = Graph(node), OtherServices(requests)
         self._targets = LatestTarget(self._polled, self.buffer)
-        self._followed = FollowedTarget()
         self.topics = OtherTopics(node, self._polled, self.graph)
-        self.parameters = OtherParameters(requests, self.graph, (node.get_name(),))
+        self.parameters = OtherParameters(requests, self.graph)
         self.recorder = Recorder(node, recorder_parameters)
         self.modes = HeadModes(node, self)
         self.joints = JointPanel(node, self)
@@ -136,7 +135,7 @@ class Robot:
             self._now,
             self.buffer,
             model,
-            self._followed.of(self._targets.latest(), controller, status),
+            self._targets.latest(),
             self.topics.error(controller) if controller else None,
             controller,
             status,

@@ -53,25 +53,6 @@ class Observation:
         return ": ".join(filter(None, (self.controller, self.state, self.refusal or self.detail)))
 
 
-class FollowedTarget:
-    """Tells which target a controller follows: `point_head` keeps the one before a refused one."""
-
-    def __init__(self) -> None:
-        self._latest: TransformedTarget | None = None
-        self._before: TransformedTarget | None = None
-        self._is_refused = False
-
-    def of(
-        self, latest: TransformedTarget | None, controller: str, status: Mapping[str, str]
-    ) -> TransformedTarget | None:
-        """Return the followed target, by the latest one and by the controller's `~/status`."""
-        if latest is not self._latest:
-            self._before = self._before if self._is_refused else self._latest
-            self._latest = latest
-        self._is_refused = controller == "point_head" and bool(status.get("refusal"))
-        return self._before if self._is_refused else latest
-
-
 def observed(
     now: int,
     buffer: TransformBuffer,
@@ -83,19 +64,22 @@ def observed(
 ) -> Observation:
     """Return the robot at a moment.
 
-    The controller's status has whether there is a target. Without that, an old one is left out.
+    The controller's status has whether there is a target. Without that, an old one is left out, and
+    so is one that `point_head` refuses: it keeps the target before.
 
     Args:
         now: the moment [ns].
         buffer: has the robot's frames.
         model: of the robot.
-        target: that the controller follows; None: none.
+        target: the latest one; None: none.
         error: angle by which the head misses the target [rad].
         controller: the node that controls the head; empty: none.
         status: the fields of its `~/status`.
     """
     is_recent = target is not None and abs(now - target.stamp) <= _TARGET_AGE
     has_target = status.get("target", "true" if is_recent else "false") == "true"
+    if controller == "point_head" and status.get("refusal"):
+        has_target = False
     sent, point, stamp = target if target is not None and has_target else ("", None, None)
     return Observation(
         now,

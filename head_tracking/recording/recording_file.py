@@ -18,7 +18,6 @@ from mcap_ros2.decoder import DecoderFactory
 
 from head_tracking.recording.recording import (
     ERRORS,
-    FollowedTarget,
     Moment,
     Observation,
     RecordedPicture,
@@ -219,7 +218,6 @@ class _Reading:
         self._now = self._due = 0
         self._joint_stamp = 0
         self._target: TransformedTarget | None = None
-        self._followed = FollowedTarget()
         self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and the value
         self._levels: dict[str, int] = {}
         self._pictures: list[RecordedPicture] = []
@@ -315,7 +313,7 @@ class _Reading:
             self._now,
             self._buffer,
             model,
-            self._followed.of(self._transformed_target(), controller, status),
+            self._transformed_target(),
             error,
             controller,
             status,

@@ -193,13 +193,11 @@ class OtherParameters:
     Args:
         node: has the clients.
         graph: the nodes.
-        ignored: names of nodes to leave out.
     """
 
-    def __init__(self, node: Node, graph: Graph, ignored: Sequence[str]) -> None:
+    def __init__(self, node: Node, graph: Graph) -> None:
         self._node = node
         self._graph = graph
-        self._ignored = ignored
         self._clients: dict[str, dict[str, Any]] = {}
         self._settings: dict[str, dict[str, Setting]] = {}
         self._fixed: dict[str, dict[str, Any]] = {}
@@ -211,8 +209,7 @@ class OtherParameters:
         found = {
             f"{base}/{name}"
             for name in self._graph.nodes
-            if name not in self._ignored
-            and f"{base}/{name}/list_parameters" in self._graph.services
+            if f"{base}/{name}/list_parameters" in self._graph.services
         }
         silent = {owner for owner in self._settings if not self._answers(owner)}
         for owner in (self._clients.keys() - found) | silent:
