@@ -174,9 +174,6 @@ class RobotModel:
         mimics = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
         self._leaders = resolved_leaders(self, mimics)
         self._chains: dict[tuple[str, str], JointChain] = {}
-        self._children: dict[str, list[str]] = {link: [] for link in self.links}
-        for joint in joints:
-            self._children[joint.parent].append(joint.child)
 
     def joint(self, name: str) -> Joint:
         """Return a joint by its name.
@@ -199,16 +196,12 @@ class RobotModel:
         Raises:
             LookupException: the link is unknown.
         """
-        if link not in self._children:
+        if link not in self.links:
             raise LookupException(
                 f"the model {self.name!r} has no link {link!r}; its links are: "
                 + ", ".join(self.links)
             )
         return self._parent_joint.get(link)
-
-    def children(self, link: str) -> tuple[str, ...]:
-        """Return the child links of a link, in the order of the model."""
-        return tuple(self._children[link])
 
     def joints_above(self, link: str) -> list[Joint]:
         """Return the joints from a link up to the root.
