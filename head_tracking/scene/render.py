@@ -41,11 +41,11 @@ class Canvas(NamedTuple):
 
     Attributes:
         picture: shape (height, width, 4), because copying four bytes is faster than three.
-        depth: as in `Rendering`; None: not requested.
+        nearness: inverse of the depth [1/m], shape (height, width); None: not requested.
     """
 
     picture: Texture
-    depth: npt.NDArray[np.float32] | None
+    nearness: npt.NDArray[np.float32] | None
 
 
 class _Plane(NamedTuple):
@@ -102,7 +102,8 @@ class Renderer:
             if isinstance(thing, Ball):
                 x, y, z = T_optical_scene @ thing.path(time)
                 drawn.append((x * x + y * y + z * z, thing))
-        canvas = Canvas(np.full((*shape, 4), 120, np.uint8), self._room(walls) if depth else None)
+        nearness = np.zeros(shape, np.float32) if depth else None
+        canvas = Canvas(np.full((*shape, 4), 120, np.uint8), nearness)
         for wall in walls:
             self._draw_plane(canvas, wall)
         for _, item in sorted(drawn, key=lambda one: -one[0]):
@@ -111,8 +112,10 @@ class Renderer:
             else:
                 self._draw_plane(canvas, item)
         picture = np.asarray(cv2.cvtColor(canvas.picture, cv2.COLOR_BGRA2BGR))
-        none = np.empty((0, 0), np.float32)
-        return Rendering(picture, none if canvas.depth is None else canvas.depth)
+        if nearness is None:
+            return Rendering(picture, np.empty((0, 0), np.float32))
+        with np.errstate(divide="ignore"):
+            return Rendering(picture, np.reciprocal(nearness))
 
     def _planes(self, T_optical_scene: Transform, time: float) -> list[_Plane]:
         """Return boards and panels at a time [s]."""
@@ -127,16 +130,6 @@ class Renderer:
             _Plane(thing, texture, corner, right, down)
             for thing, texture, (corner, right, down) in zip(things, textures, seen, strict=True)
         ]
-
-    def _room(self, walls: list[_Plane]) -> npt.NDArray[np.float32]:
-        """Return the depths of the walls; in a convex room, the nearest plane is visible."""
-        nearest = np.zeros((self.camera.height, self.camera.width), np.float32)
-        for wall in walls:
-            inverse = self._inverse(wall)
-            if inverse is not None:
-                np.maximum(nearest, self._linear(inverse[2]), out=nearest)
-        with np.errstate(divide="ignore"):
-            return np.divide(1.0, nearest, out=nearest)
 
     def _inverse(self, plane: _Plane) -> Array | None:
         """Return the matrix from image pixels to a plane; None: it is seen edge on.
@@ -157,7 +150,7 @@ class Renderer:
         return np.asarray(a * self._u[columns] + (b * self._v[rows] + c))
 
     def _draw_plane(self, canvas: Canvas, plane: _Plane) -> None:
-        """Draw a plane; the depths of walls are set before."""
+        """Draw a plane. In a convex room, the nearest wall is visible."""
         outline = self._outline(plane)
         if outline is None:
             return
@@ -176,13 +169,16 @@ class Renderer:
         x = depth * self._linear(width * inverse[0] + middle, rows, columns)
         y = depth * self._linear(height * inverse[1] + middle, rows, columns)
         part = canvas.picture[rows, columns]
+        near = None if canvas.nearness is None else canvas.nearness[rows, columns]
         if plane.is_wall:
             cv2.remap(texture, x, y, cv2.INTER_LINEAR, part, cv2.BORDER_TRANSPARENT)
+            if near is not None:
+                np.maximum(near, nearness, out=near)
             return
         seen = cv2.remap(texture, x, y, cv2.INTER_LINEAR)
         _blend(part, seen)
-        if canvas.depth is not None:
-            np.copyto(canvas.depth[rows, columns], depth, where=seen[..., 3] > 127)
+        if near is not None:
+            np.copyto(near, nearness, where=seen[..., 3] > 127)
 
     def _fitting(self, plane: _Plane) -> Texture:
         """Return the smallest copy of a texture that is not coarser than the image."""
@@ -248,8 +244,9 @@ class Renderer:
         pixel = middle[2] / c.focal_length()
         seen[..., 3] = np.clip((ball.radius - width) / pixel * 255 + 127, 0, 255)
         _blend(canvas.picture[rows, columns], _premultiplied(seen))
-        if canvas.depth is not None:
-            np.copyto(canvas.depth[rows, columns], depth, where=root > 0, casting="same_kind")
+        if canvas.nearness is not None:
+            near = canvas.nearness[rows, columns]
+            np.copyto(near, 1.0 / depth, where=root > 0, casting="same_kind")
 
 
 def _corners(thing: Board | Panel, texture: Texture, time: float) -> list[Vector3]:

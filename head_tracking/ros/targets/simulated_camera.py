@@ -22,7 +22,7 @@ from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tf.messages import header
 from head_tracking.transforms import Transform, TransformException, Vector3
 from head_tracking.vision.camera import camera_with_view
-from head_tracking.vision.opencv import require_opencv
+from head_tracking.vision.opencv import cv2, require_opencv
 
 _SILENT = 200_000_000  # ns without joint states: images show the last pose
 _WITH_TARGET = (TARGET, "everything")
@@ -189,7 +189,7 @@ class SimulatedCameraNode(ClosingNode):
         if wants_depth:
             depth: npt.NDArray[Any] = self._noise.depth(seen.depth)
             if p.depth_encoding == "16UC1":
-                depth = np.nan_to_num(depth * 1000.0, nan=0.0).clip(0, 65535).astype(np.uint16)
+                depth = cv2.multiply(depth, 1000.0, dtype=cv2.CV_16U)  # 0: missing
             messages.append((self._depth, image_message(head, p.depth_encoding, depth)))
         if wanted:
             image = image_message(head, "bgr8", self._noise.picture(seen.picture))
