@@ -7,7 +7,6 @@ Geometry, 2nd edition, section 18.1 and appendix 6).
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Sequence
 from copy import copy
@@ -48,9 +47,6 @@ _LEAST_NOISE: Final = 0.15  # px: corners are detected that much inside the mark
 _MOST_NOISE: Final = 4.0  # px
 _UNSTEADY: Final = 2.5  # times the stated deviation of the readings
 _MOVED: Final = 5.7  # deviations: a motion reduces the cost by a chi-square with p = 5e-9
-_ROLLED: Final = math.radians(30.0)  # more contradicts the model
-_FEWEST_MOTIONS: Final = 2  # of a target in the images,
-_EXPLAINED: Final = 0.9  # and their correlation with those of a rolled or mirrored camera
 _SPLITS: Final = (0.25, 0.4, 0.5, 0.6, 0.75)
 _SIZES: Final = (1.0, 0.5, 0.67, 0.8, 1.25, 1.5, 2.0)  # tried factors of the stated marker size
 _RESIZED: Final = 5.4  # decrease of the cost: chi-square with 1 degree of freedom, p = 0.001
@@ -68,8 +64,6 @@ class Reason(StrEnum):
     INCONSISTENT = "inconsistent"
     BLURRED = "blurred"
     FAR_FROM_MODEL = "far from model"
-    ROLLED = "rolled"
-    MIRRORED = "mirrored"
 
 
 class CalibrationError(HeadTrackingError):
@@ -127,8 +121,6 @@ def solve(
     """
     images = len({(view.pan, view.tilt) for view in views})
     observations = _Observations.of(views, camera)
-    if images > _FEWEST_MOTIONS:
-        _check_directions(geometry, observations)
     if images < FEWEST_VIEWS:
         raise CalibrationError(
             Reason.FEW_VIEWS,
@@ -155,7 +147,7 @@ def solve(
         raise CalibrationError(
             Reason.MOVED,
             f"the target or the camera moved at about view {moved} of {len(views)}: fasten both, "
-            "and calibrate again",
+            "check that the camera is upright and not mirrored, and calibrate again",
         )
     kept = fit.consistent_views(free)
     if len(kept) < max(FEWEST_VIEWS, (1.0 - _MOST_LEFT_OUT) * len(views)):
@@ -208,39 +200,6 @@ def solve(
     return Solution(changes, estimates, noise, len(kept), len(views) - len(kept), residuals)
 
 
-def _check_directions(geometry: HeadGeometry, seen: _Observations) -> None:
-    """Raise CalibrationError if the targets move through the images in wrong directions.
-
-    x and y of their directions as complex numbers: the motions since the first view are the
-    expected ones times a constant, whose angle is the roll of the camera; if the images are
-    mirrored, the conjugates of the expected ones.
-    """
-    rotations, positions = geometry.cameras(np.zeros(len(PARAMETERS)), *seen.positions.T)
-    points = _first_points(geometry, seen)[seen.markers, 3:]
-    model = _unit(np.einsum("nij,ni->nj", rotations, points - positions))
-    _, first = np.unique(seen.markers, return_index=True)
-    motions, expected = (
-        (each - each[first][seen.markers])[:, :2] @ (1.0, 1.0j) for each in (_bearings(seen), model)
-    )
-    enough = _EXPLAINED * float(np.linalg.norm(expected) * np.linalg.norm(motions))
-    rolled, mirrored = complex(np.vdot(expected, motions)), complex(expected @ motions)
-    roll = cmath.phase(rolled)
-    if abs(rolled) > enough and abs(roll) < _ROLLED:
-        return
-    if abs(mirrored) > max(enough, abs(rolled)):
-        raise CalibrationError(
-            Reason.MIRRORED,
-            "the target moves through the images as in a mirror: switch the mirroring off, or "
-            "measure the directions of the joints with `head_tracking new-robot`",
-        )
-    if abs(rolled) > enough:
-        raise CalibrationError(
-            Reason.ROLLED,
-            f"the camera is rolled by about {math.degrees(roll):.0f} degrees from the model: "
-            "mount it as in the model, or change the camera's joint in the model",
-        )
-
-
 def _check_plausible(changes: Array, deviations: Array, free: Sequence[int]) -> None:
     """Raise CalibrationError if an estimate is implausible for this model."""
     for k in free:
@@ -252,7 +211,7 @@ def _check_plausible(changes: Array, deviations: Array, free: Sequence[int]) -> 
             raise CalibrationError(
                 Reason.FAR_FROM_MODEL,
                 f"{PARAMETERS[k].name} differs by {change:.1f} {unit} from the model: check the "
-                "marker size, the angle of view and the robot model",
+                "marker size, the angle of view, the robot model, and that the camera is upright",
             )
 
 

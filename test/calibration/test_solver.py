@@ -127,24 +127,23 @@ def test_a_camera_that_is_loose_on_one_side_is_refused(geometry):
 
 
 @pytest.mark.parametrize(
-    ("points", "turn", "reason"),
+    ("points", "turn"),
     [
-        (0, ((-1, 0), (0, -1)), Reason.ROLLED),  # upside down
-        (12, ((0, -1), (1, 0)), Reason.ROLLED),  # on its side
-        (1, ((-1, 0), (0, 1)), Reason.MIRRORED),  # the images, or the direction of pan
-        (0, ((1, 0), (0, -1)), Reason.MIRRORED),  # the direction of tilt
+        (0, ((-1, 0), (0, -1))),  # upside down
+        (12, ((0, -1), (1, 0))),  # on its side
+        (1, ((-1, 0), (0, 1))),  # the images, or the direction of pan
+        (0, ((1, 0), (0, -1))),  # the direction of tilt
     ],
 )
-def test_a_camera_that_is_mounted_in_another_way_is_named(geometry, points, turn, reason):
+def test_a_camera_that_is_mounted_in_another_way_is_refused(geometry, points, turn):
     middle = (CAMERA.cx, CAMERA.cy)
     views = [
         view._replace(corners=(view.corners - middle) @ np.array(turn).T + middle)
         for view in random_head(geometry, 130, 0.5, points=points).views
     ]
     for count in (len(views) // 3, len(views)):  # such a target leaves the image soon
-        with pytest.raises(CalibrationError) as refusal:
+        with pytest.raises(CalibrationError):
             solve(geometry, CAMERA, views[:count], None if points else SIZE)
-        assert refusal.value.reason is reason
 
 
 def test_few_views_are_refused(geometry):
