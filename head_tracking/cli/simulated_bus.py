@@ -52,7 +52,6 @@ def _simulate(options: argparse.Namespace, stop: StopSignal) -> int:
         paced=options.paced,
         latency=options.latency * 1e-3,
         match_baud_rate=options.baud is not None,
-        spinning=options.exact,
         on_failure=stop.set,
     ) as port:
         rate = f"{options.baud} baud" if options.baud else "any baud rate"
@@ -97,7 +96,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--link", metavar="PATH", help="also make a link to the port here")
     add("--baud", type=baud_rate, metavar="RATE", help="of the servos (default: they accept any)")
     add("--paced", action="store_true", help="simulate the transmission time of bytes")
-    add("--exact", action="store_true", help="exact timing; uses a whole core")
     add(
         "--latency", type=between(0.0, 255.0, "ms"), default=0.0, metavar="MS",
         help="latency timer of the adapter; the default of FTDI is 16",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import select
-import socket
 import struct
 import threading
 import time
@@ -13,7 +12,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final, TypeVar
-from zlib import crc32
 
 from head_tracking.simulation.bus import SimulatedBus
 from head_tracking.simulation.exceptions import PortLinkError
@@ -27,7 +25,6 @@ _T = TypeVar("_T")
 
 _STEP: Final = 30_000_000  # ns between simulation steps of moving servos without requests
 _CHUNK: Final = 4096
-_SPIN: Final = 150_000  # ns of busy waiting at the end of a wait
 _PTYS: Final = "/dev/pts/"
 _PR_SET_TIMERSLACK: Final = 29
 _TCGETS2: Final = 0x802C542A
@@ -39,7 +36,8 @@ class PseudoTerminal:
     """A pseudo-terminal; programs may open and close its device repeatedly.
 
     Args:
-        link: Path of a symbolic link to the device; None: no link.
+        link: Path of a symbolic link to the device; None: no link. A link to another
+            pseudo-terminal is replaced.
 
     Attributes:
         descriptor: File descriptor of the controlling end, non-blocking.
@@ -54,7 +52,6 @@ class PseudoTerminal:
 
         # While the other end is open here, a client that closes it causes no EIO.
         self.descriptor, self._slave = os.openpty()
-        self._claim = socket.socket(socket.AF_UNIX)
         self.link = link
         try:
             tty.setraw(self._slave)
@@ -95,31 +92,18 @@ class PseudoTerminal:
         self._close()
 
     def _close(self) -> None:
-        self._claim.close()
         os.close(self.descriptor)
         os.close(self._slave)
 
     def _make_link(self, link: str) -> None:
-        if os.path.lexists(link) and not os.path.islink(link):
+        is_replaced = os.path.islink(link) and os.readlink(link).startswith(_PTYS)
+        if os.path.lexists(link) and not is_replaced:
             raise PortLinkError(
                 f"cannot create the link {link}: another file has this name; remove it or choose "
                 "another path"
             )
-        target = os.path.realpath(link)
-        # The target of a link does not show whether its simulator still runs: the kernel assigns
-        # the pseudo-terminal of a killed program again. An abstract socket ends with its process.
-        taken = os.path.exists(target) and os.path.islink(link) and not target.startswith(_PTYS)
         try:
-            self._claim.bind(_claim_of(link))
-        except OSError:
-            taken = True
-        if taken:
-            raise PortLinkError(
-                f"cannot create the link {link}: its target {target} is in use, perhaps by another "
-                "simulated bus; end that program, or choose another path"
-            )
-        try:
-            if os.path.islink(link):
+            if is_replaced:
                 os.unlink(link)
             os.symlink(self.name, link)
         except OSError as cause:
@@ -127,15 +111,6 @@ class PseudoTerminal:
                 f"cannot create the link {link}: {cause.strerror}; choose a path in a writable "
                 "directory"
             ) from cause
-
-
-def _claim_of(link: str) -> bytes:
-    """Return the abstract socket address that reserves a link."""
-    directory, name = os.path.split(link)
-    path = os.path.join(os.path.realpath(directory), name)
-    # hashlib would load OpenSSL, 3 MB; a name is at most 107 bytes long
-    encoded = os.fsencode(path)
-    return b"\0head_tracking %08x " % crc32(encoded) + encoded[-80:]
 
 
 class SimulatedPort:
@@ -151,7 +126,6 @@ class SimulatedPort:
         paced: Whether bytes take the time of the baud rate that the program has set.
         latency: Latency timer of the adapter, s.
         match_baud_rate: Whether only servos with the baud rate of the program receive it.
-        spinning: Use busy waiting for an accuracy of some microseconds.
         on_failure: Called in the thread of the bus after an internal error of the simulator.
 
     Attributes:
@@ -166,7 +140,6 @@ class SimulatedPort:
         paced: bool = False,
         latency: float = 0.0,
         match_baud_rate: bool = False,
-        spinning: bool = False,
         on_failure: Callable[[], object] = lambda: None,
     ) -> None:
         self.failure: BaseException | None = None
@@ -181,7 +154,6 @@ class SimulatedPort:
         self._on_failure = on_failure
         self._link = None if link is None else os.path.abspath(os.fspath(link))
         self._clock = time.monotonic_ns
-        self._spinning = spinning
         self._lock = threading.RLock()
         self._thread: threading.Thread | None = None
         self._terminal: PseudoTerminal | None = None
@@ -290,6 +262,5 @@ class SimulatedPort:
             return select.select(watched, (), ())[0]
         ready: list[int] = []
         while not ready and (rest := due - self._clock()) > 0:
-            pause = max(0, rest - _SPIN) if self._spinning else rest
-            ready = select.select(watched, (), (), pause * 1e-9)[0]
+            ready = select.select(watched, (), (), rest * 1e-9)[0]
         return ready

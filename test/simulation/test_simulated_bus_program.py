@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -78,22 +77,13 @@ def test_faults_are_counted_at_the_end(start) -> None:
     assert "faults: drop 1" in program.stop()[1]
 
 
-def test_the_link_of_a_running_simulator_is_not_replaced(start, tmp_path: Path) -> None:
+def test_a_second_simulator_takes_the_link_over(start, tmp_path: Path) -> None:
     link = str(tmp_path / "servos")
     first = start("--link", link)
-    second = start("--link", link)
-    assert second.process.wait(PATIENCE) == 1
-    assert "in use" in second.process.stderr.read()
-    assert ask(link, PING, 6) == PONG
-    first.process.kill()
-    first.process.wait(PATIENCE)
-    # the system gives its pty out again, and then the link leads to another bus
-    other = start()
-    os.unlink(link)
-    os.symlink(other.port, link)
-    third = start("--link", link)
-    assert third.port == link
-    assert ask(link, PING, 6) == ask(other.port, PING, 6) == PONG
+    assert start("--ids", "7", "--link", link).port == link
+    assert first.stop()[0] == 0
+    ping = InstructionPacket.ping(7).encode()
+    assert ask(link, ping, 6) == StatusPacket(7).encode()
 
 
 def test_echoes_are_sent_and_collisions_counted_at_the_end(start) -> None:
