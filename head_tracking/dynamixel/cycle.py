@@ -27,7 +27,7 @@ from head_tracking.dynamixel.exceptions import (
 from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.procedures import POLL_INTERVAL, Procedures
 from head_tracking.dynamixel.protocol import Status
-from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
+from head_tracking.dynamixel.reading import ReadGroup
 from head_tracking.dynamixel.servo import LinkState, Servo
 from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, ServoState
 
@@ -203,15 +203,14 @@ class Cycle:
         for joint, servo in self._each_servo():
             if joint.stopped or servo.lost:
                 continue
-            method, block = _method(servo), servo.model.feedback
-            if not servo.failed_cycles:
-                own = servo.id if method is ReadMethod.EACH else None
-                key = (method, own, servo.model.protocol, block.address, block.length)
-                together.setdefault(key, []).append((joint, servo))
-            else:
-                alone.append(_part([(joint, servo)], ReadMethod.EACH))
-        self._plan = [_part(members, _method(members[0][1])) for members in together.values()]
-        self._plan += alone
+            model, block = servo.model, servo.model.feedback
+            if servo.failed_cycles:
+                alone.append(_part([(joint, servo)]))
+                continue
+            own = None if model.sync_read else servo.id
+            key = (own, model.protocol, block.address, block.length)
+            together.setdefault(key, []).append((joint, servo))
+        self._plan = [*map(_part, together.values()), *alone]
         self._planned = self._version.number
         self._lost = tuple([joint.name for joint in self._all if joint.lost])
         self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
@@ -403,14 +402,8 @@ def advice(servo: Servo) -> str:
     )
 
 
-def _part(members: list[tuple[BusJoint, Servo]], method: ReadMethod) -> _Part:
+def _part(members: list[tuple[BusJoint, Servo]]) -> _Part:
     model = members[0][1].model
     ids = tuple([servo.id for _, servo in members])
     block = model.feedback
-    return _Part(ReadGroup(method, model.protocol, block.address, block.length, ids), members)
-
-
-def _method(servo: Servo) -> ReadMethod:
-    if servo.model.bulk_read:
-        return ReadMethod.BULK
-    return ReadMethod.SYNC if servo.model.sync_read else ReadMethod.EACH
+    return _Part(ReadGroup(model.protocol, block.address, block.length, ids), members)

@@ -88,7 +88,6 @@ class ServoModel:
     baud_rates: Mapping[int, int]  # bit/s by value of the Baud Rate register
     errors: type[IntFlag]  # bits of its error state and of its Shutdown register
     signs: tuple[int, int, int]  # sign bits of position, speed, load; 0: two's complement or none
-    bulk_read: bool  # MX with protocol 1.0
     sync_read: bool  # protocol 2.0, Feetech STS
     family: str  # "Dynamixel", "STS" or "SCS"; families cannot share a line
     modes: Mapping[str, RequiredMode]  # required values by register name

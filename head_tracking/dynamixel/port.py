@@ -46,7 +46,6 @@ from head_tracking.dynamixel.protocol import (
 from head_tracking.dynamixel.reading import (
     InstructionPacket,
     ReadGroup,
-    ReadMethod,
     instruction_packet,
     single_read_group,
 )
@@ -224,7 +223,7 @@ class DynamixelPort:
 
     def read(self, servo_id: int, address: int, length: int, protocol: int = 1) -> Status:
         """Read `length` bytes from `address` on."""
-        group = single_read_group(ReadMethod.EACH, protocol, address, length, (servo_id,))
+        group = single_read_group(protocol, address, length, (servo_id,))
         (outcome,) = self.read_group(group)
         if isinstance(outcome, CommunicationError):
             raise outcome

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import lru_cache
 from typing import NamedTuple
 
 from head_tracking.dynamixel.protocol import (
     OVERHEAD,
-    bulk_read_packet,
     read_packet,
     status_prefix,
     sync_read_packet,
 )
-
-
-class ReadMethod(Enum):
-    """How the same registers of several servos are read."""
-
-    EACH = "a packet for each"
-    BULK = "bulk read"
-    SYNC = "sync read"
 
 
 class InstructionPacket(NamedTuple):
@@ -47,9 +37,8 @@ def instruction_packet(
 
 @dataclass(frozen=True, slots=True)
 class ReadGroup:
-    """The same registers of one or more servos, read with one packet."""
+    """The same registers of one servo, or of several with a sync read, in one packet."""
 
-    method: ReadMethod  # EACH for one servo only
     protocol: int
     address: int  # of the first byte
     length: int  # bytes
@@ -61,8 +50,6 @@ class ReadGroup:
         protocol, address, length, ids = self.protocol, self.address, self.length, self.ids
         if len(ids) == 1:
             packet = read_packet(protocol, ids[0], address, length)
-        elif self.method is ReadMethod.BULK:
-            packet = bulk_read_packet(ids, address, length)
         else:
             packet = sync_read_packet(protocol, ids, address, length)
         what = f"read of {length} byte(s) at {address}"
@@ -72,7 +59,7 @@ class ReadGroup:
     def extended(self, extra: int) -> ReadGroup:
         """Return a group that reads `extra` bytes more, before the others where possible."""
         first = self.address - extra if self.address >= extra else self.address
-        return ReadGroup(self.method, self.protocol, first, self.length + extra, self.ids)
+        return ReadGroup(self.protocol, first, self.length + extra, self.ids)
 
 
 single_read_group = lru_cache(maxsize=512)(ReadGroup)

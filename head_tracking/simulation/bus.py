@@ -34,7 +34,7 @@ class Answer:
         data: The bytes.
         delay: Time from the instruction, or from the end of the previous turn, to the first byte,
             ns.
-        turn: Position in the answers to a group read; servos with the same id have the same turn.
+        turn: Position in the answers to a sync read; servos with the same id have the same turn.
         stalled: Additional delay of the servo, ns; it may collide with other packets.
         complaint: Whether it reports a damaged packet, perhaps of another servo.
         late: Additional delay of the adapter, ns; other packets do not wait for it.
@@ -167,11 +167,7 @@ def _has_baud_rate(servo: SimulatedServo, baud_rate: int | None) -> bool:
 def _answers(
     packet: Packet | DamagedPacket, protocol: int, servos: Sequence[SimulatedServo], now: int
 ) -> Iterator[Answer]:
-    """Yield the answers of the servos that receive a packet.
-
-    In a group read each servo waits for the answer of the previous one in the list. If one is
-    missing, those after it do not answer (DynamixelSDK issue 331).
-    """
+    """Yield the answers of the servos that receive a packet."""
     if isinstance(packet, Packet) and packet.id == BROADCAST:
         if packet.code == Instruction.PING and protocol == 2:
             for turn, servo_id in enumerate(sorted({servo.id for servo in servos})):
@@ -181,9 +177,8 @@ def _answers(
                         delay = servo.return_delay + _PING_SLOT
                         yield Answer(encode_status(protocol, status), delay, turn)
             return
-        reads = _group_reads(packet, protocol)
-        if reads is not None:
-            yield from _read_in_turn(packet.code, reads, protocol, servos, now)
+        if packet.code == Instruction.SYNC_READ:
+            yield from _read_in_turn(packet.parameters, protocol, servos, now)
             return
     for servo in servos:
         delay = servo.return_delay  # a new value applies from the next packet on
@@ -195,39 +190,19 @@ def _answers(
             yield Answer(encode_status(protocol, status), delay, complaint=complaint)
 
 
-def _group_reads(packet: Packet, protocol: int) -> list[tuple[int, int, int]] | None:
-    """Return id, address and length of each part of a group read; None for other packets."""
-    code, data = packet.code, packet.parameters
-    if protocol == 1:
-        if code == Instruction.SYNC_READ:
-            return [(servo_id, data[0], data[1]) for servo_id in data[2:]]
-        if code != Instruction.BULK_READ:
-            return None
-        shares = data[1:]
-        if not shares or len(shares) % 3 or data[0] != 0:
-            return []
-        return [(shares[at + 1], shares[at + 2], shares[at]) for at in range(0, len(shares), 3)]
-
-    def word(at: int) -> int:
-        return int.from_bytes(data[at : at + 2], "little")
-
-    if code == Instruction.SYNC_READ:
-        return [(servo_id, word(0), word(2)) for servo_id in data[4:]]
-    if code == Instruction.BULK_READ:
-        starts = range(0, len(data), 5) if len(data) % 5 == 0 else ()
-        return [(data[at], word(at + 1), word(at + 3)) for at in starts]
-    return None
-
-
 def _read_in_turn(
-    code: int,
-    reads: Sequence[tuple[int, int, int]],
-    protocol: int,
-    servos: Sequence[SimulatedServo],
-    now: int,
+    parameters: bytes, protocol: int, servos: Sequence[SimulatedServo], now: int
 ) -> Iterator[Answer]:
-    able = [s for s in servos if _supports(s, code)]
-    for turn, (servo_id, address, length) in enumerate(reads):
+    """Yield the answers to a sync read.
+
+    Each servo waits for the answer of the previous one in the list. If one is missing, those after
+    it do not answer (DynamixelSDK issue 331).
+    """
+    able = [s for s in servos if s.model.protocol == 2 or s.model.control == "sts"]
+    address, length = (
+        int.from_bytes(parameters[at : at + protocol], "little") for at in (0, protocol)
+    )
+    for turn, servo_id in enumerate(parameters[2 * protocol :]):
         answered = False
         for servo in able:
             status = servo.answer_read(address, length, now) if servo.id == servo_id else None
@@ -236,10 +211,3 @@ def _read_in_turn(
                 answered = True
         if not answered:
             break
-
-
-def _supports(servo: SimulatedServo, code: int) -> bool:
-    model = servo.model
-    if model.protocol == 2:
-        return True
-    return model.bulk_read if code == Instruction.BULK_READ else model.control == "sts"

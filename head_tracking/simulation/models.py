@@ -93,7 +93,6 @@ class SimulatedModel:
         voltage_error: Bit of the error state.
         heat_error: Bit of the error state.
         overload_error: Bit of the error state.
-        bulk_read: Whether it supports the bulk read of protocol 1.0.
         baud_rates: Bits per second by the value of the Baud Rate register.
     """
 
@@ -114,7 +113,6 @@ class SimulatedModel:
     voltage_error: int
     heat_error: int
     overload_error: int
-    bulk_read: bool
     baud_rates: Mapping[int, int]
 
     @property
@@ -154,7 +152,6 @@ def _model(row: Mapping[str, str]) -> SimulatedModel:
         voltage_error=1 << int(row["voltage_bit"]),
         heat_error=1 << int(row["heat_bit"]),
         overload_error=1 << int(row["overload_bit"]),
-        bulk_read=row["bulk_read"] == "yes",
         baud_rates={int(code): int(rate) for code, rate in rates},
     )
 

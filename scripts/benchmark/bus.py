@@ -36,7 +36,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
-from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
+from head_tracking.dynamixel.reading import ReadGroup
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Fault,
@@ -68,7 +68,7 @@ def ours(port_name: str) -> Iterator[Callable[[int], object]]:
     """`DynamixelPort`: the reads and the sync write, as `ServoBus` uses it."""
     port = DynamixelPort(port_name)
     port.open()
-    groups = [ReadGroup(ReadMethod.EACH, 1, 36, 8, (each,)) for each in (1, 2)]
+    groups = [ReadGroup(1, 36, 8, (each,)) for each in (1, 2)]
 
     def cycle(k: int) -> None:
         replies = [*port.read_group(groups[0]), *port.read_group(groups[1])]

@@ -12,7 +12,6 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import all_models
 from head_tracking.dynamixel.protocol import Instruction
-from head_tracking.dynamixel.reading import ReadMethod
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.simulation import SimulatedServo
 
@@ -69,31 +68,24 @@ def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
     assert rig.torque == [0]
 
 
-_METHODS = {
-    Instruction.READ: ReadMethod.EACH,
-    Instruction.BULK_READ: ReadMethod.BULK,
-    Instruction.SYNC_READ: ReadMethod.SYNC,
-}
-
-
 @pytest.mark.parametrize(
-    ("name", "firmware", "method"),
+    ("name", "instructions"),
     [
-        ("AX-12", 24, ReadMethod.EACH),
-        ("MX-28", 41, ReadMethod.BULK),
-        ("MX-28(2.0)", 45, ReadMethod.SYNC),
-        ("XL-320", 30, ReadMethod.SYNC),
-        ("XM430-W350", 45, ReadMethod.SYNC),
+        ("AX-12", [Instruction.READ] * 2),
+        ("MX-28", [Instruction.READ] * 2),
+        ("MX-28(2.0)", [Instruction.SYNC_READ]),
+        ("XL-320", [Instruction.SYNC_READ]),
+        ("XM430-W350", [Instruction.SYNC_READ]),
+        ("STS3215", [Instruction.SYNC_READ]),
     ],
 )
 def test_servos_are_read_with_as_few_packets_as_they_understand(
-    name: str, firmware: int, method: ReadMethod
+    name: str, instructions: list[Instruction]
 ) -> None:
     model = servo_model(name)
-    rig = Rig(*(SimulatedServo(i, model, firmware=firmware) for i in (1, 2)))
+    rig = Rig(*(SimulatedServo(i, model) for i in (1, 2)))
     sent: list[bytes] = []
     write = rig.bench.line.write
     rig.bench.line.write = lambda data: (sent.append(data), write(data))  # type: ignore[method-assign,assignment,func-returns-value]
     rig.bus.step()
-    codes = {packet[4 if model.protocol == 1 else 7] for packet in sent}
-    assert [_METHODS[Instruction(code)] for code in codes] == [method]
+    assert [packet[4 if model.protocol == 1 else 7] for packet in sent] == instructions

@@ -16,7 +16,7 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.protocol import (
     Status,
 )
-from head_tracking.dynamixel.reading import ReadGroup, ReadMethod
+from head_tracking.dynamixel.reading import ReadGroup
 from head_tracking.simulation import SimulatedServo
 
 
@@ -56,8 +56,9 @@ def scripted(answer: str) -> tuple[DynamixelPort, ScriptedDevice]:
     return port, device
 
 
-def group(method: ReadMethod, address: int, length: int, *ids: int) -> ReadGroup:
-    return ReadGroup(method, 1 if method is ReadMethod.BULK else 2, address, length, ids)
+def group(*ids: int) -> ReadGroup:
+    """The present position of X servos."""
+    return ReadGroup(2, 132, 4, ids)
 
 
 READ = "FF FF 01 04 02 24 02 D2"
@@ -111,12 +112,11 @@ pieces = st.one_of(
 )
 groups = st.builds(
     ReadGroup,
-    st.sampled_from(list(ReadMethod)),
     st.sampled_from([1, 2]),
     st.just(36),
     st.sampled_from([2, 4]),
     st.sampled_from([(1,), (1, 2), (3, 1, 2)]),
-).filter(lambda group: group.method is not ReadMethod.EACH or len(group.ids) == 1)
+)
 
 
 @given(st.lists(pieces, max_size=6).map(b"".join), groups)
@@ -134,12 +134,12 @@ def test_servos_are_read_together_and_a_missing_one_does_not_crash() -> None:
     model = servo_model("XM430-W350")
     bench = Bench([SimulatedServo(i, model) for i in (1, 3)])
     bench.port.open()
-    whole = list(bench.port.read_group(group(ReadMethod.SYNC, 132, 4, 1, 3)))
+    whole = list(bench.port.read_group(group(1, 3)))
     assert [reply.data for reply in whole if isinstance(reply, Status)] == [b"\0\x08\0\0"] * 2
-    broken = list(bench.port.read_group(group(ReadMethod.SYNC, 132, 4, 1, 2, 3)))
+    broken = list(bench.port.read_group(group(1, 2, 3)))
     assert len(broken) == 3
     assert isinstance(broken[1], CommunicationError)
-    again = list(bench.port.read_group(group(ReadMethod.SYNC, 132, 4, 1, 3)))
+    again = list(bench.port.read_group(group(1, 3)))
     assert [reply.data for reply in again if isinstance(reply, Status)] == [b"\0\x08\0\0"] * 2
 
 
