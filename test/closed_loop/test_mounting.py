@@ -149,7 +149,7 @@ def test_the_node_says_so_and_gives_the_head_up_until_it_is_enabled(world, kinec
     assert set(world.loop.owners.of(node.control.joints).values()) == {""}
     newest = diagnoses[-1][1].status[0]
     assert newest.level == DiagnosticStatus.ERROR
-    assert "servo calibrate" in newest.message
+    assert "head_pan_joint" in newest.message
     stood = world.true_position("head_pan_joint")
     world.run(1.0)
     assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.001)

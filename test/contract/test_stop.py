@@ -269,22 +269,6 @@ def test_requests_of_clients_do_not_undo_stop(bench, act, count):
             stop_and_resume(bench, rnd)
 
 
-@pytest.mark.parametrize("running", ["a process for each node"], indirect=True)
-def test_a_restarted_servo_bus_stays_stopped_until_resume(bench, person):
-    assert person.call("stop").success
-    wait_for(lambda: person.state("head_tracker") == "disabled")
-    bench.bus.kill()
-    bench.bus = bench.run_bus()
-    for _ in range(3):  # whoever waits for the one waits for the other
-        wait_for(lambda: person.call("torque_enable", True).success is False)
-        assert person.state("head_tracker") == "disabled"
-        assert bench.servos.torque == [0, 0]
-        time.sleep(0.5)  # targets keep coming
-    assert person.stopped
-    assert person.call("resume").success
-    wait_for(lambda: bench.servos.torque == [1, 1])
-
-
 def test_a_servo_bus_that_was_killed_stays_stopped_though_commands_come(tmp_path):
     """Of a program that does not know of the STOP; after an orderly end the bus is as new."""
     with closing(Bench(tmp_path)) as bench:

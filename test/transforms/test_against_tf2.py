@@ -11,8 +11,6 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from tf2_model import Refused, Tf2Model
 
 from head_tracking.transforms import (
@@ -25,29 +23,6 @@ from head_tracking.transforms import (
 
 SECOND = 1_000_000_000
 FRAMES = "abcde"
-
-stamps = st.one_of(
-    st.integers(0, 12).map(lambda number: number * SECOND),
-    st.integers(0, 60).map(lambda number: number * SECOND // 2),
-    st.sampled_from((1, 10 * SECOND - 1, 10 * SECOND + 1, 20 * SECOND, 20 * SECOND + 1)),
-)
-frames = st.sampled_from(FRAMES)
-numbers = st.floats(-3, 3, width=32)
-transforms = st.builds(
-    Transform.from_xyz_rpy,
-    st.tuples(numbers, numbers, numbers),
-    st.tuples(numbers, numbers, numbers),
-)
-samples = st.tuples(st.just("sample"), stamps, frames, frames, transforms)
-static = st.tuples(st.just("static"), stamps, frames, frames, transforms)
-clears = st.tuples(st.just("clear"))
-operations = st.lists(
-    st.integers(0, 19).flatmap(
-        lambda kind: (clears, static, static)[kind] if kind < 3 else samples
-    ),
-    max_size=20,
-)
-questions = st.lists(st.tuples(frames, frames, st.one_of(st.just(0), stamps)), max_size=8)
 
 
 def give(buffer: TransformBuffer, model: Tf2Model, operation: tuple) -> None:
@@ -76,54 +51,37 @@ def ask(buffer: TransformBuffer, model: Tf2Model, target: str, source: str, stam
     assert buffer.can_transform(target, source, stamp)
 
 
-EDGE_OF_THE_CACHE = [
-    ("sample", 20 * SECOND, "a", "b", Transform.identity()),
-    ("sample", 10 * SECOND, "a", "b", Transform.identity()),
-]
-
-
-@settings(max_examples=100)
-@example([(EDGE_OF_THE_CACHE, [("a", "b", 10 * SECOND)])])
-@given(st.lists(st.tuples(operations, questions), max_size=4))
-def test_any_sequence_ends_as_in_tf2(rounds):
-    buffer, model = TransformBuffer(), Tf2Model()
-    for given_now, asked in rounds:
-        for operation in given_now:
-            give(buffer, model, operation)
-        for question in asked:
-            ask(buffer, model, *question)
-
-
 def random_transform(rnd: random.Random) -> Transform:
+    """Return a transform, which often is a translation only."""
+    turn = rnd.choice((0.0, 3.0))
     return Transform.from_xyz_rpy(
-        [rnd.uniform(-3, 3) for _ in range(3)], [rnd.uniform(-3, 3) for _ in range(3)]
+        [rnd.uniform(-3, 3) for _ in range(3)], [rnd.uniform(-turn, turn) for _ in range(3)]
     )
 
 
-@pytest.mark.parametrize("seed", range(6))
+AGES = (0, 0, 0, SECOND // 7, 9 * SECOND, 10 * SECOND - 1, 10 * SECOND, 10 * SECOND + 1)
+
+
+@pytest.mark.parametrize("seed", range(12))
 def test_long_histories_end_as_in_tf2(seed):
-    """A tree in motion over three caches, with pauses, late samples and hand-overs."""
+    """A tree in motion, with pauses, late samples, hand-overs, static frames and clears."""
     rnd = random.Random(seed)
     buffer, model = TransformBuffer(), Tf2Model()
     parents = {"b": "a", "c": "b", "d": "b", "e": "a"}
     now = SECOND
-    for _ in range(300):
+    for _ in range(200):
         now += rnd.choice((0, SECOND // 10, SECOND // 10, SECOND // 3, 4 * SECOND))
-        child = rnd.choice("bcde")
-        if rnd.random() < 0.1:
+        if rnd.random() < 0.02:
+            give(buffer, model, ("clear",))
+        child = rnd.choice("bcde" if seed % 2 else FRAMES)
+        if rnd.random() < 0.1 or child not in parents:
             parents[child] = rnd.choice(FRAMES.replace(child, ""))
-        stamp = max(0, now - rnd.choice((0, 0, 0, SECOND // 7, 9 * SECOND, 11 * SECOND)))
-        sample = ("sample", stamp, parents[child], child, random_transform(rnd))
-        give(buffer, model, sample)
+        stamp = max(0, now - rnd.choice(AGES))
+        kind = "static" if rnd.random() < (0.05 if seed % 3 else 0.4) else "sample"
+        give(buffer, model, (kind, stamp, parents[child], child, random_transform(rnd)))
         for _ in range(3):
-            target, source = rnd.choice(FRAMES), rnd.choice(FRAMES)
-            ask(
-                buffer,
-                model,
-                target,
-                source,
-                rnd.choice((0, stamp, now - rnd.randrange(12 * SECOND))),
-            )
+            asked = rnd.choice((0, stamp, now - rnd.choice(AGES), now - rnd.randrange(12 * SECOND)))
+            ask(buffer, model, rnd.choice(FRAMES), rnd.choice(FRAMES), max(0, asked))
 
 
 def test_the_sequences_of_a_real_tf2():

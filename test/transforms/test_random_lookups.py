@@ -20,7 +20,7 @@ SECOND = 1_000_000_000
 
 @pytest.mark.parametrize("seed", range(3))
 def test_lookups_in_a_moving_robot_are_those_of_its_model(seed):
-    """Each joint is measured at times of its own."""
+    """Each joint is measured at times of its own; a link carries a frame of another program."""
     rnd = random.Random(seed)
     model = parse_robot_model(random_urdf(seed))
     buffer, histories = TransformBuffer(), {}
@@ -31,14 +31,20 @@ def test_lookups_in_a_moving_robot_are_those_of_its_model(seed):
         histories[joint] = np.array(history).T
         for stamp, position in rnd.sample(history, len(history)):
             buffer.set_joint_positions(stamp, {joint: position})
+    hand, tool = rnd.choice(model.links), Transform.from_xyz_rpy((1, 2, 3), (0.1, 0.2, 0.3))
+    for stamp in (SECOND, 9 * SECOND):
+        buffer.set_transform(stamp, hand, "tool", tool)
+    carried = dict.fromkeys(model.links, Transform.identity()) | {"tool": tool}
+    frames = {link: link for link in model.links} | {"tool": hand}
     for _ in range(200):
-        target, source = rnd.choice(model.links), rnd.choice(model.links)
+        target, source = rnd.choice(list(frames)), rnd.choice(list(frames))
         stamp = rnd.choice(
             [rnd.randrange(SECOND, 9 * SECOND), rnd.randrange(10, 90) * SECOND // 10]
         )
         joints = {joint: np.interp(stamp, *known) for joint, known in histories.items()}
         found = buffer.lookup_transform(target, source, stamp).transform
-        expected = model.transform(target, source, joints).as_matrix()
+        between = model.transform(frames[target], frames[source], joints)
+        expected = (carried[target].inverse() @ between @ carried[source]).as_matrix()
         assert np.allclose(found.as_matrix(), expected, atol=1e-6)
         point = buffer.transform_point((0.3, -0.2, 0.5), target, source, stamp)
         assert np.allclose(point, (expected @ (0.3, -0.2, 0.5, 1.0))[:3], atol=1e-6)
