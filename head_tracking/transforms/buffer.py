@@ -548,10 +548,12 @@ class TransformBuffer:
             self._collect_names()
 
     def _collect_names(self) -> None:
-        links = () if self._model is None else self._model.links
-        self._names = set(links).union(
-            *((edge.child, *edge.parents()) for edge in self._edges.values())
-        )
+        self._names = set(self._edges).union(() if self._model is None else self._model.links)
+        for edge in self._edges.values():
+            if isinstance(edge, SampledEdge):
+                self._names.update(parent for parent, _ in edge.history.values)
+            else:
+                self._names.add(edge.parent)
 
     def _put(self, edge: Edge) -> None:
         self._edges[edge.child] = edge

@@ -43,10 +43,6 @@ class StaticEdge:
         """Return `T_parent_child`."""
         return self.transform
 
-    def parents(self) -> set[str]:
-        """Return all parents in the history."""
-        return {self.parent}
-
 
 @dataclass(slots=True)
 class SampledEdge:
@@ -65,10 +61,6 @@ class SampledEdge:
     def at(self, stamp: int) -> Transform:
         """Return `T_parent_child` at a time [ns], or raise an ExtrapolationException."""
         return self.history.at(stamp)[1]
-
-    def parents(self) -> set[str]:
-        """Return all parents in the history."""
-        return {parent for parent, _ in self.history.values}
 
 
 @dataclass(slots=True)
@@ -101,10 +93,6 @@ class JointEdge:
         """Return `T_parent_child` at a time [ns], or raise an ExtrapolationException."""
         leader = self.leader
         return self.joint.transform(leader.multiplier * self.history.at(stamp) + leader.offset)
-
-    def parents(self) -> set[str]:
-        """Return all parents in the history."""
-        return {self.parent}
 
 
 Edge: TypeAlias = StaticEdge | SampledEdge | JointEdge
