@@ -10,7 +10,7 @@ from head_tracking.transforms.exceptions import (
     TimeoutException,
     TransformException,
 )
-from head_tracking.transforms.history import LATEST, JointHistory, TransformHistory
+from head_tracking.transforms.history import LATEST
 from head_tracking.transforms.joint_states import JointSample, JointState, JointStates
 from head_tracking.transforms.rate_limiter import RateLimiter
 from head_tracking.transforms.robot_model import (
@@ -37,7 +37,6 @@ __all__ = [
     "InvalidArgumentException",
     "Joint",
     "JointChain",
-    "JointHistory",
     "JointLimits",
     "JointSample",
     "JointState",
@@ -54,7 +53,6 @@ __all__ = [
     "Transform",
     "TransformBuffer",
     "TransformException",
-    "TransformHistory",
     "Vector3",
     "load_robot_model",
     "parse_robot_model",

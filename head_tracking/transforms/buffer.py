@@ -563,7 +563,7 @@ class TransformBuffer:
     def _joint_history(self, name: str) -> JointHistory:
         history = self._joints.get(name)
         if history is None:
-            history = self._joints[name] = JointHistory(name, cache_time=self._cache_time)
+            history = self._joints[name] = JointHistory(self._cache_time)
         return history
 
     def _edge(self, model: RobotModel, joint: Joint) -> Edge:

@@ -132,16 +132,15 @@ class JointHistory(History[float]):
     """Positions of one joint [rad or m].
 
     Attributes:
-        joint: its name.
         continuous: the joint has no limits: it is interpolated along the shorter direction.
     """
 
-    __slots__ = ("continuous", "joint")
+    __slots__ = ("continuous",)
     _replaces = True  # the latest sample: a clock at rest must not fill the memory
 
-    def __init__(self, joint: str = "", *, cache_time: int = DEFAULT_CACHE_TIME) -> None:
+    def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
         super().__init__(cache_time)
-        self.joint, self.continuous = joint, False
+        self.continuous = False
 
     def _between(self, older: float, newer: float, ratio: float) -> float:
         difference = newer - older

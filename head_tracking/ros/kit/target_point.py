@@ -33,16 +33,14 @@ class TargetOutput:
 
     Args:
         node: publishes targets.
-        subject, done: the response of `~/enable` says that this is done, or not done any more.
 
     Attributes:
         on: whether the node is enabled; it is at the start.
         topic: the full name of `target_point`.
     """
 
-    def __init__(self, node: Node, subject: str = "the target is", done: str = "sent") -> None:
+    def __init__(self, node: Node) -> None:
         self.on = True
-        self._subject, self._done = subject, done
         targets = node.create_publisher(
             PointStamped, "target_point", 10, qos_overriding_options=OVERRIDABLE
         )
@@ -63,6 +61,6 @@ class TargetOutput:
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.set(request.data)
-        done = self._done if self.on else f"not {self._done} any more"
-        response.success, response.message = True, f"{self._subject} {done}"
+        response.success = True
+        response.message = "targets are published" if self.on else "no targets are published"
         return response

@@ -115,7 +115,7 @@ class TargetMuxNode(Node):
         self._repeated: dict[str, Target] = {}
         self._selected: str | None = None
         self._last_sent: tuple[Vector3, float] | None = None
-        self._targets = TargetOutput(self, "targets are", "passed on")
+        self._targets = TargetOutput(self)
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())
         self.create_subscription(String, "~/pin", self._on_pin, 10)
