@@ -29,13 +29,11 @@ class JointLimits:
         lower: smallest position [rad or m].
         upper: largest position [rad or m].
         velocity: largest speed [rad/s or m/s].
-        effort: largest effort [N m or N].
     """
 
     lower: float = float("-inf")
     upper: float = float("inf")
     velocity: float = float("inf")
-    effort: float = float("inf")
 
     def clamp(self, position: float) -> float:
         """Return the nearest position within the limits."""
@@ -51,9 +49,7 @@ class JointLimits:
         Raises:
             RobotModelError: it is empty.
         """
-        narrowed = JointLimits(
-            max(self.lower, lower), min(self.upper, upper), self.velocity, self.effort
-        )
+        narrowed = JointLimits(max(self.lower, lower), min(self.upper, upper), self.velocity)
         if not narrowed.lower < narrowed.upper:
             raise RobotModelError(
                 f"the limits {self.lower:.3f} to {self.upper:.3f} and {lower:.3f} to {upper:.3f} "
@@ -82,7 +78,7 @@ class Joint:
         child: name of the child link.
         origin: takes points from the joint frame (the child at position 0) into the parent.
         axis: unit vector in the joint frame.
-        limits: of position, velocity and effort.
+        limits: of position and velocity.
         mimic: the rule if this is a mimic joint.
     """
 

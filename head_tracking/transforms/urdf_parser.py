@@ -171,14 +171,13 @@ def _limits(joint: yourdfpy.Joint, kind: JointType) -> JointLimits:
         raise RobotModelError(
             f"joint {joint.name!r} has the limits {lower} to {upper}; lower must be below upper"
         )
-    for what, value in (("velocity", limit.velocity), ("effort", limit.effort)):
-        if value is not None and value < 0.0:
-            raise RobotModelError(
-                f"joint {joint.name!r} has the {what} limit {value}; it must be above 0, or 0 for "
-                "no limit"
-            )
+    if limit.velocity is not None and limit.velocity < 0.0:
+        raise RobotModelError(
+            f"joint {joint.name!r} has the velocity limit {limit.velocity}; it must be above 0, or "
+            "0 for no limit"
+        )
     # exporters write 0 for what they do not know
-    return JointLimits(lower, upper, limit.velocity or math.inf, limit.effort or math.inf)
+    return JointLimits(lower, upper, limit.velocity or math.inf)
 
 
 def _serve() -> None:

@@ -6,12 +6,12 @@ from waiting import repeating
 
 from head_tracking.transforms import (
     InvalidArgumentException,
-    JointHistory,
     LookupException,
     Rotation,
     Transform,
     TransformBuffer,
 )
+from head_tracking.transforms.history import JointHistory
 
 SECOND = 1_000_000_000
 
