@@ -82,9 +82,8 @@ class JointPanel:
         )
         self._robot.services.know(SetBool, *(f"{one}{_TORQUE}" for one in self._controllers))
         self._had_servos |= bool(self._controllers)
-        self._is_published_by_others = bool(
-            self._robot.graph.publishers_beside("joint_states", own=self._states is not None)
-        )
+        publishers = self._node.count_publishers(self._node.resolve_topic_name("joint_states"))
+        self._is_published_by_others = publishers > (self._states is not None)
 
     def servos(self) -> tuple[JointServo, ...]:
         """Return the servos whose torque can be switched."""

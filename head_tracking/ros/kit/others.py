@@ -52,19 +52,6 @@ class Graph:
             services.update((service, types[0]) for service, types in offered)
         self.nodes, self.services = tuple(sorted(nodes)), services
 
-    def publishers_beside(self, topic: str, *, own: bool) -> list[str]:
-        """Return the names of the nodes that publish a topic, one for each of their publishers.
-
-        Args:
-            topic: its name, relative to the namespace.
-            own: leave out one publisher of this node; another node may have its name.
-        """
-        publishers = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        names = [publisher.node_name for publisher in publishers]
-        if own and self._node.get_name() in names:
-            names.remove(self._node.get_name())
-        return names
-
     def is_own(self, node: str) -> bool:
         """Return whether a node, given by its full name, is in the namespace."""
         return "/" + node.lstrip("/").rpartition("/")[0] == self.namespace
