@@ -332,13 +332,12 @@ class HeadControl(Controller):
             self.disable(Blocked.FAULT, targets.fault)
 
     def _stuck(self, desired: tuple[JointPoint, JointPoint], joints: JointReading) -> str:
-        """Return why a joint does not move as commanded, by the servo bus or by its position."""
+        """Return why a joint does not move as commanded, by its position; empty: it does."""
         for watch, delay in zip(self._watches, self.law.delays, strict=True):
             watch.patience = _START_TIME + delay
         goals = [point.position for point in desired]
         speeds = [abs(point.velocity or 0.0) for point in desired]
-        standing = stalled(self._watches, goals, speeds, joints.positions, joints.stamp)
-        return "; ".join(filter(None, map(self._loop.stuck.get, self.joints))) or standing
+        return stalled(self._watches, goals, speeds, joints.positions, joints.stamp)
 
     # The measurement
 
@@ -478,8 +477,7 @@ class HeadControl(Controller):
             else:
                 self._end_motion(MotionEnd.PREEMPTED, f"preempted by a newer goal: {motion.title}")
                 self._log.info(motion.title)
-                for joint, watch in zip(self.joints, self._watches, strict=True):
-                    self._loop.stuck.pop(joint, None)  # problems of earlier motions
+                for watch in self._watches:
                     watch.restart()
                 self.motion = motion
                 self.targets.restart(motion.title, self.now)
