@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -70,28 +69,19 @@ exit codes: 0 done; 1 failed; 2 wrong command line; 3 refused or not confirmed; 
 Ticks = Mapping[int, int]
 """The position of each servo, by id."""
 
-MakeSession = Callable[[Terminal, str, int], Session]
-
 
 def main(
     arguments: Sequence[str] | None = None,
-    make_session: MakeSession = Session,
-    show: Callable[[Sequence[str]], int] = subprocess.call,
+    make_session: Callable[[Terminal, str, int], Session] = Session,
 ) -> int:
-    """Describe the head on a port; return the exit code.
-
-    Args:
-        arguments: the command line.
-        make_session: opens the terminal and the port.
-        show: runs the command that shows the head in the page.
-    """
+    """Describe the head on a port; return the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args(with_negative_values(words))
-    return exit_code("new-robot", lambda: _describe(options, make_session, show))
+    return exit_code("new-robot", lambda: _describe(options, make_session))
 
 
 def _describe(
-    options: argparse.Namespace, make_session: MakeSession, show: Callable[[Sequence[str]], int]
+    options: argparse.Namespace, make_session: Callable[[Terminal, str, int], Session]
 ) -> int:
     terminal = Terminal(assume_yes=options.yes)
     urdf, parameters = files = _new_files(options)
@@ -104,15 +94,11 @@ def _describe(
     script = share_directory() / "scripts" / "run"  # adds what the page needs
     in_checkout = Path(sys.prefix) == script.parents[1] / ".venv" and script.exists()
     program = str(script) if in_checkout else "head_tracking"
-    seen = ["--sim", "--viewer", "--robot", str(urdf)]
     print(f"written:   {urdf}, {parameters}")
     if has_ros():
-        print(f"see it:    {program} {' '.join(seen)}")
+        print(f"see it:    {program} --sim --viewer --robot {urdf}")
         print(f"turn it:   {program} --port {options.port} --robot {urdf} --viewer")
-    print(f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})", flush=True)
-    question = "Show the model in the page now? Its servos are simulated; yours do not move."
-    if options.show or (has_ros() and not options.yes and terminal.agrees(question)):
-        return show([*([program] if in_checkout else [sys.executable, "-m", program]), *seen])
+    print(f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})")
     return DONE
 
 
@@ -157,7 +143,6 @@ def _parser() -> argparse.ArgumentParser:
         "--camera-roll", type=between(-180.0, 180.0, "degrees"), default=0.0, metavar="DEG",
         help="angle by which the camera is turned clockwise about its axis (0)",
     )  # fmt: skip
-    add("--show", action="store_true", help="show the simulated head in the page (asked)")
     add("--yes", action="store_true", help="answer every question with yes or its default")
     return parser
 

@@ -48,15 +48,10 @@ class Terminal:
             raise RefusedError(
                 f"{question} Confirmation is needed, but stdin is not a terminal; add --yes"
             )
-        if not (self._assume_yes or self.agrees(question)):
-            raise RefusedError("nothing was changed")
-
-    def agrees(self, question: str) -> bool:
-        """Return whether the answer to a question is yes; without a terminal it is no."""
-        if not self._input.isatty():
-            return False
-        self.print(f"{question} [y/N] ", end="")
-        return self._input.readline().strip().lower() in ("y", "yes")
+        if not self._assume_yes:
+            self.print(f"{question} [y/N] ", end="")
+            if self._input.readline().strip().lower() not in ("y", "yes"):
+                raise RefusedError("nothing was changed")
 
     def ask(self, question: str, default: str) -> str:
         """Return the answer to a question; the default after Enter or without a terminal."""

@@ -6,11 +6,11 @@ Usage: python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
 from __future__ import annotations
 
 import gc
+import queue
 import signal
 import socket
 import sys
 import threading
-from collections.abc import Callable
 from typing import Any, Final
 
 from head_tracking.output import tolerate_output_errors
@@ -27,32 +27,25 @@ class SupervisorLink:
     Args:
         descriptor: file descriptor of this process's end of the channel.
         stop: is set when the supervisor has closed its end, or was killed.
+
+    Attributes:
+        messages: from the supervisor.
     """
 
     def __init__(self, descriptor: int, stop: StopSignal) -> None:
         self._channel = Channel(socket.socket(fileno=descriptor))
         self._stop = stop
-        self._early: list[dict[str, Any]] = []
-        self._callback: Callable[[dict[str, Any]], object] = self._early.append
-        self._receiving = threading.Lock()
+        self.messages: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         threading.Thread(target=self._read, name="supervisor", daemon=True).start()
 
     def send(self, **message: Any) -> None:
         """Send a message, unless the supervisor has ended."""
         self._channel.send(message)
 
-    def on_message(self, callback: Callable[[dict[str, Any]], object]) -> None:
-        """Call back for each message in the thread of the link, first for those received before."""
-        with self._receiving:
-            self._callback = callback
-            for message in self._early:
-                callback(message)
-
     def _read(self) -> None:
         try:
             while (message := self._channel.receive()) is not None:
-                with self._receiving:
-                    self._callback(message)
+                self.messages.put(message)
         finally:
             # a process that hangs while it ends would stay for ever after a killed supervisor
             signal.alarm(_END_TIMEOUT)

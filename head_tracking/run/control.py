@@ -124,45 +124,6 @@ class Composition:
         return self.simulated.open
 
 
-class OtherProcesses:
-    """Starts nodes in other processes, through the supervisor.
-
-    Args:
-        link: to the supervisor.
-        stop: ends waiting.
-    """
-
-    def __init__(self, link: SupervisorLink, stop: StopSignal) -> None:
-        self._link, self._stop = link, stop
-        self._reports: dict[str, str] = {}
-        self._changed = threading.Condition()
-
-    def start(self, spec: NodeSpec) -> None:
-        """Start a node and wait until it runs.
-
-        Raises:
-            HeadTrackingError: the node cannot start.
-            EndRequestedError: `stop` was set meanwhile.
-        """
-        with self._changed:
-            self._reports.pop(spec.name, None)
-            self._link.send(enabled=True, **asdict(spec))
-            for _ in range(round(_START_TIMEOUT / _POLL)):
-                self._changed.wait(_POLL)
-                self._stop.check()
-                if spec.name in self._reports:
-                    break
-            problem = self._reports.get(spec.name, f"no answer within {_START_TIMEOUT:g} s")
-        if problem:
-            raise HeadTrackingError(problem)
-
-    def on_report(self, report: Mapping[str, Any]) -> None:
-        """Record whether a node of another process runs."""
-        with self._changed:
-            self._reports[report["node"]] = report["problem"]
-            self._changed.notify_all()
-
-
 class ControlProcess:
     """The run as the control process sees it: nodes, keys, status line.
 
@@ -177,7 +138,8 @@ class ControlProcess:
         self, plan: Run, stop: StopSignal, link: SupervisorLink, status: StatusLine
     ) -> None:
         self._plan, self._stop, self._link, self._status = plan, stop, link, status
-        self._others = OtherProcesses(link, stop)
+        self._reports: dict[str, str] = {}
+        self._changed = threading.Condition()
         self._reported_servos: list[Any] = []
         self._hint: list[str] = []
         self._head: Composition | None = None
@@ -192,12 +154,12 @@ class ControlProcess:
         """
         plan = self._plan
         claim = self._claim(threads)
-        self._link.on_message(self._on_message)
+        threading.Thread(target=self._receive, daemon=True).start()
         owners = JointOwners()
         if kept is not None:
             kept.guard(owners)
         head = self._head = Composition(
-            plan, threads, self._stop, self._others.start, self._report_servos, owners
+            plan, threads, self._stop, self._start_elsewhere, self._report_servos, owners
         )
         check_parameters(head.nodes.values())
         head_node = head.nodes.get(plan.head_node)
@@ -242,13 +204,37 @@ class ControlProcess:
             self._reported_servos = servos
             self._link.send(servos=servos)
 
-    def _on_message(self, message: Mapping[str, Any]) -> None:
-        if "node" in message:
-            self._others.on_report(message)
-        elif "keys" in message:
-            self._hint = [HINT] if message["keys"] else []
-        else:  # in a thread: the thread of the link must notice the end meanwhile
-            threading.Thread(target=self._press, args=[message["key"]], daemon=True).start()
+    def _start_elsewhere(self, spec: NodeSpec) -> None:
+        """Start a node in another process, and wait until it runs.
+
+        Raises:
+            HeadTrackingError: the node cannot start.
+            EndRequestedError: the run ends meanwhile.
+        """
+        with self._changed:
+            self._reports.pop(spec.name, None)
+            self._link.send(enabled=True, **asdict(spec))
+            for _ in range(round(_START_TIMEOUT / _POLL)):
+                self._changed.wait(_POLL)
+                self._stop.check()
+                if spec.name in self._reports:
+                    break
+            problem = self._reports.get(spec.name, f"no answer within {_START_TIMEOUT:g} s")
+        if problem:
+            raise HeadTrackingError(problem)
+
+    def _receive(self) -> None:
+        """Handle the messages of the supervisor, in a thread."""
+        while True:
+            message = self._link.messages.get()
+            if "node" in message:
+                with self._changed:
+                    self._reports[message["node"]] = message["problem"]
+                    self._changed.notify_all()
+            elif "keys" in message:
+                self._hint = [HINT] if message["keys"] else []
+            else:  # in a thread: STOP waits for nothing
+                threading.Thread(target=self._press, args=[message["key"]], daemon=True).start()
 
     def _press(self, key: str) -> None:
         if self._head is not None:

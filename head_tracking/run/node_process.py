@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,7 +23,6 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         stop: ends the process.
         link: receives the nodes to start, and reports the result of each start.
     """
-    requested: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threads = NodeThreads()
     resources: dict[str, Buffer] = {}
     running: dict[str, tuple[Any, bool]] = {}
@@ -57,10 +55,10 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         link.send(node=name, problem="", enabled=enabled, parameters=settled)
 
     def update() -> None:
-        while not requested.empty():
-            start(**requested.get())
+        while not link.messages.empty():
+            start(**link.messages.get())
         for name, (node, before) in list(running.items()):
             if getattr(node, "enabled", before) != before:
                 report(name, node, not before)
 
-    return run_threads(stop, threads, lambda: link.on_message(requested.put), arguments, update)
+    return run_threads(stop, threads, lambda: None, arguments, update)

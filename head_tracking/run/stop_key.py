@@ -52,21 +52,24 @@ class StopKey:
         return self._terminal
 
     def acquire(self) -> None:
-        """Switch the terminal to single keys without echo, if the program is in the foreground."""
+        """Switch the terminal to single keys without echo, if the program is in the foreground.
+
+        Call it repeatedly: the shell restores its settings when the program is suspended.
+        """
         if self._terminal is None:
             return
         if not self._in_foreground():
-            self._original = None  # the shell has set its own
+            self._original = None
             return
         with suppress(termios.error, OSError):  # closed
-            original = self._original or termios.tcgetattr(self._terminal)
-            if not self.works:
+            settings = termios.tcgetattr(self._terminal)
+            if not self.works or settings[3] & termios.ICANON:
                 single = termios.tcgetattr(self._terminal)
                 single[3] &= ~(termios.ICANON | termios.ECHO)  # Ctrl-C and Ctrl-Z stay signals
                 single[6][termios.VMIN], single[6][termios.VTIME] = 0, 0
                 # TCSANOW keeps a key that was pressed during the start
                 termios.tcsetattr(self._terminal, termios.TCSANOW, single)
-            self._original = original
+                self._original = settings
 
     def release(self) -> None:
         """Restore the settings of the terminal, unless another program is in the foreground."""
@@ -74,11 +77,6 @@ class StopKey:
         if original is not None and self._terminal is not None and self._in_foreground():
             with suppress(termios.error, OSError):
                 termios.tcsetattr(self._terminal, termios.TCSANOW, original)
-
-    def suspend(self) -> None:
-        """Suspend the program, as Ctrl-Z does; return after SIGCONT."""
-        self.release()
-        os.kill(os.getpid(), signal.SIGSTOP)
 
     def read(self) -> str:
         """Return STOP, RESUME or an empty text for the pressed keys; see `meaning`."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import os
-import select
 import selectors
 import signal
 import socket
@@ -26,7 +25,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from head_tracking.ros.kit.head_lock import HeadLock
-from head_tracking.ros.kit.stop_signal import ENDING
+from head_tracking.ros.kit.stop_signal import ENDING, StopSignal
 from head_tracking.run.channel import Channel
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
 from head_tracking.run.options import Run
@@ -186,11 +185,12 @@ class Supervisor:
             RefusedError: another head runs on this machine.
             EndRequestedError: a signal came before the first process was started.
         """
-        signals = _readable_signals(ENDING)
-        self._selector.register(signals, selectors.EVENT_READ)
-        self._lock.acquire(lambda seconds: bool(select.select([signals], [], [], seconds)[0]))
-        if self._keys.has_terminal:
-            _catch((signal.SIGTSTP, signal.SIGCONT))
+        with StopSignal() as stop:
+            self._lock.acquire(stop.wait)
+            return self._run(stop)
+
+    def _run(self, stop: StopSignal) -> int:
+        """Run the processes, and return the exit code of control."""
         control = Process(CONTROL, list(self._plan.arguments), self._lock.descriptors)
         self._selector.register(control, selectors.EVENT_READ, control)
         for node in self._plan.nodes:
@@ -202,12 +202,9 @@ class Supervisor:
         try:
             while control in self._selector.get_map():
                 ready = self._selector.select(_POLL_PERIOD)
-                # Ctrl-C ends the processes, too; a signal is readable only after this has woken up
-                if select.select([signals], [], [], 0.0)[0]:
-                    self._on_signals(signals.recv(64), control)
+                if stop():  # Ctrl-C ends the other processes, too, which is expected then
+                    self._end(control)
                 for key, _ in ready:
-                    if key.fileobj is signals:
-                        continue
                     if key.fileobj is self._keys:
                         self._press(self._keys.read(), control)
                     else:
@@ -258,12 +255,6 @@ class Supervisor:
         if key == STOP:
             self._stop_by = time.monotonic() + _STOP_TIMEOUT
         control.channel.send({"key": key})
-
-    def _on_signals(self, numbers: bytes, control: Process) -> None:
-        if signal.SIGTSTP in numbers:
-            self._keys.suspend()
-        if not set(ENDING).isdisjoint(numbers):
-            self._end(control)
 
     def _update_keys(self, control: Process) -> None:
         """Read keys while control is ready and this program is in the foreground."""
@@ -316,22 +307,6 @@ class Supervisor:
                 results.append(f"servo {servo} on {port}: {result}")
         for result in results:  # printed last, because printing may block
             _print(result)
-
-
-def _readable_signals(signals: Sequence[signal.Signals]) -> socket.socket:
-    """Return a socket from which the numbers of received signals can be read."""
-    readable, writable = socket.socketpair()
-    writable.setblocking(False)
-    signal.set_wakeup_fd(writable.detach())
-    _catch(signals)
-    return readable
-
-
-def _catch(signals: Sequence[signal.Signals]) -> None:
-    """Catch signals without further effect; those that are ignored stay so (SIGHUP after nohup)."""
-    for number in signals:
-        if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, lambda *_: None)
 
 
 def _describe_end(code: int) -> str:

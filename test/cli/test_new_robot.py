@@ -31,7 +31,6 @@ class User:
         )
         self.answers = ""
         self.poses: list[dict[int, int]] = []
-        self.shown: list[str] = []
         self._monkeypatch = monkeypatch
         monkeypatch.setattr(Terminal, "wait_for_enter", lambda *_: self._move())
 
@@ -47,13 +46,9 @@ class User:
                 terminal, port_name, baud_rate, lambda *_: self.bench.port, clock=self.bench.clock
             )
 
-        def show(command: list[str]) -> int:
-            self.shown = command
-            return DONE
-
         self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))
         words = ["my_head", "--folder", str(self.folder), "--port", "/dev/sim", *arguments]
-        return new_robot.main(words, session, show)
+        return new_robot.main(words, session)
 
     @property
     def files(self) -> list[Path]:
@@ -80,7 +75,7 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
     user.poses = [dict(pose) for pose in BY_HAND]
     user.answers = "high\n0 0\n0 0 0.12\n0 0.01 0.05\n0.04 0 0.02\n"  # two are asked again
     before = user.bench.bus[3].true_ticks
-    assert user.run("--show") == DONE
+    assert user.run() == DONE
     assert user.bench.bus[3].true_ticks == before
     pan, tilt = user.motors()
     assert (pan["id"], tilt["id"]) == (9, 5)
@@ -90,7 +85,6 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
     assert tilt["min"] == pytest.approx(2880, abs=5)
     assert tilt["max"] == pytest.approx(1720, abs=5)
     model = user.folder / "my_head.urdf.xacro"
-    assert str(model) in user.shown
 
     servos = [
         SimulatedServo(i, "XL430-W250", position=p) for i, p in ((3, 2048), (5, 2100), (9, 1500))
@@ -102,20 +96,6 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
         upper_left = (2.0, 0.8, 0.7)
         assert head.look_at(upper_left).arrived
         assert servos[2].true_ticks < 1400 and servos[1].true_ticks > 2200
-
-
-@pytest.mark.parametrize(
-    ("answer", "ros", "is_shown"),
-    [("y", True, True), ("", True, False), ("y", False, False)],
-)
-def test_the_result_is_shown_on_request(
-    user: User, answer: str, ros: bool, is_shown: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(new_robot, "has_ros", lambda: ros)
-    user.answers = f"\n\n\n{answer}\n"
-    assert user.run(*GIVEN) == DONE
-    model = str(user.folder / "my_head.urdf.xacro")
-    assert user.shown[-4:] == (["--sim", "--viewer", "--robot", model] if is_shown else [])
 
 
 def test_a_joint_with_two_servos_is_described(user: User) -> None:
@@ -140,7 +120,6 @@ def test_options_replace_the_poses(user: User) -> None:
     pan, tilt = user.motors()
     assert (pan["init"], pan["min"], pan["max"]) == (1500, 476, 2524)
     assert (tilt["init"], tilt["min"], tilt["max"]) == (2048, 2389, 1820)
-    assert user.shown == []
     with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         camera = head.frames.lookup_transform("base_link", "camera_optical_frame").transform
         assert camera.translation[2] == pytest.approx(0.37, abs=0.002)

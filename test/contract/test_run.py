@@ -138,10 +138,11 @@ def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench,
 
 
 def test_a_run_continues_with_a_closed_pipe_and_a_full_disk(bench):
-    words = ("head_tracking", "--sim", "--duration", "1", "--allow-others")
+    words = ("head_tracking", "--sim", "--duration", "1", "--ros-args", "-r")
     reader, writer = os.pipe()
     with open("/dev/full", "w") as full:
-        runs = [bench.start(*words, stdout=output) for output in (writer, full)]
+        outputs = {"__ns:=/left": writer, "__ns:=/right": full}
+        runs = [bench.start(*words, rule, stdout=output) for rule, output in outputs.items()]
     os.close(writer)
     os.read(reader, 1)
     os.close(reader)
