@@ -58,14 +58,8 @@ def _simulate(options: argparse.Namespace, stop: StopSignal) -> int:
         listed = ", ".join(f"{model.name} {number}" for model, number in servos)
         print(port.port_name, flush=True)
         print(f"servos: {listed}, at {rate}; Ctrl-C ends it", file=sys.stderr)
-        every = options.unplug_every
-        while not stop.wait(every * random.uniform(0.5, 1.5) if every else _PATIENCE):
-            if not every:
-                continue
-            port.close()
-            stop.wait(random.uniform(0.1, 2.0))
-            port.open()
-            print(port.port_name, flush=True)
+        while not stop.wait(_PATIENCE):
+            pass
     overlaps = [f"{kind.value} {n}" for kind, n in port.overlaps.most_common()]
     struck = [f"{kind.name.lower()} {n}" for kind, n in faults.counts.most_common()]
     for title, counts in (("two senders at once", overlaps), ("faults", struck)):
@@ -112,10 +106,6 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     names = ", ".join(kind.name.lower() for kind in Fault)
     add("--kinds", type=_fault, nargs="+", metavar="KIND", help=f"kinds of faults (all): {names}")
-    add(
-        "--unplug-every", type=between(0.1, 1e6, "s"), metavar="S",
-        help="unplug the adapter about every S seconds",
-    )  # fmt: skip
     add("--seed", type=int, default=1, metavar="N", help="of the random numbers (default: 1)")
     return parser
 

@@ -14,7 +14,6 @@ from head_tracking.dynamixel import (
     BusReading,
     BusStoppedError,
     BusThread,
-    CommandResult,
     ConfigurationError,
     DynamixelError,
     Goal,
@@ -132,54 +131,39 @@ class DynamixelBackend(JointBackend):
     def write(
         self, owner: str, goals: Mapping[str, Goal], epoch: int, claim: Claim | None = None
     ) -> None:
-        """Set goals, within the limits, of the joints that accept goals now; see `JointBackend`."""
+        """Set goals, within the limits, of the joints that accept goals now; see `JointBackend`.
+
+        Args:
+            owner: whose goals they are, for `report`.
+            goals: the goals; none is set if a joint is unknown.
+            epoch: in which they were made.
+            claim: see `ServoBus.command`.
+        """
         try:
-            result = self.command(goals, clamp=True, claim=claim, epoch=epoch)
-        except DynamixelError as error:
+            shares = self._by_bus(goals)
+        except GoalError as error:
             self._report(owner, f"goals refused: {error}")
             return
-        for name, reason in result.left_out.items():
-            self._report(name, f"{reason}; goals of {owner} are ignored until then")
-        for name in result.clamped:
-            self._report(
-                name,
-                f"the goal {goals[name].position:.3f} rad is beyond the servo's limit; "
-                f"{result.positions[name]:.3f} rad is used",
-            )
-
-    def command(
-        self,
-        goals: Mapping[str, Goal],
-        *,
-        clamp: bool = False,
-        claim: Claim | None = None,
-        epoch: int | None = None,
-    ) -> CommandResult:
-        """Set the goals of some joints; see `ServoBus.command`. All or none on each bus.
-
-        Raises:
-            GoalError: a joint is unknown, and nothing has changed; or a bus refuses.
-            StoppedError: STOP came after the command was made.
-            NotConnectedError: a bus is not connected.
-        """
-        epoch = self._loop.owners.epoch.value if epoch is None else epoch
-        result = CommandResult({}, {}, {})
-        refusals: list[str] = []
-        for thread, names in self._by_bus(goals).items():
+        for thread, names in shares.items():
             share = {name: goals[name] for name in names}
             try:
-                part = thread.bus.command(share, clamp=clamp, claim=claim, epoch=epoch)
-            except GoalError as refusal:
-                refusals.append(str(refusal))
-            else:
-                result = CommandResult(
-                    {**result.positions, **part.positions},
-                    {**result.clamped, **part.clamped},
-                    {**result.left_out, **part.left_out},
+                result = thread.bus.command(share, clamp=True, claim=claim, epoch=epoch)
+            except DynamixelError as error:
+                self._report(owner, f"goals refused: {error}")
+                continue
+            for name, reason in result.left_out.items():
+                self._report(name, f"{reason}; goals of {owner} are ignored until then")
+            for name in result.clamped:
+                self._report(
+                    name,
+                    f"the goal {goals[name].position:.3f} rad is beyond the servo's limit; "
+                    f"{result.positions[name]:.3f} rad is used",
                 )
-        if refusals:
-            raise GoalError("; ".join(refusals))
-        return result
+
+    def command(self, joint: str, goal: Goal, epoch: int, claim: Claim) -> None:
+        """Set the goal of one joint; see `ServoBus.command`."""
+        (thread,) = self._by_bus([joint])
+        thread.bus.command({joint: goal}, claim=claim, epoch=epoch)
 
     def servo(self, joint: str) -> str:
         """Return the adapter's serial number, the model and the id; see `JointBackend`."""

@@ -95,15 +95,6 @@ def test_echoes_are_sent_and_collisions_counted_at_the_end(start) -> None:
     assert "two senders at once: servos with the same id 1" in program.stop()[1]
 
 
-def test_unplug_option(start, tmp_path: Path) -> None:
-    link = str(tmp_path / "servos")
-    program = start("--link", link, "--unplug-every", "0.1")
-    assert program.process.stdout is not None
-    for _ in range(2):
-        assert program.process.stdout.readline().strip() == link
-    assert program.stop()[0] == 0
-
-
 def test_an_unsupported_baud_rate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -321,8 +321,7 @@ class ServoBusNode(ClosingNode):
         def callback(message: Float64) -> None:
             try:
                 epoch = self._loop.owners.check(_SOMEBODY, [joint])
-                goal = {joint: Goal(message.data)}
-                self.backend.command(goal, claim=self._claim(_SOMEBODY), epoch=epoch)
+                self.backend.command(joint, Goal(message.data), epoch, self._claim(_SOMEBODY))
             except (DynamixelError, OwnershipError) as error:
                 self.get_logger().error(f"command refused: {error}")
 
