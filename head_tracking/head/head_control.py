@@ -16,7 +16,6 @@ from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingParame
 from head_tracking.head.head_frames import HeadFrames
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.head.motions import (
-    Locate,
     Motion,
     MotionEnd,
     MotionResult,
@@ -37,7 +36,6 @@ from head_tracking.tracking import (
     SpeedLimits,
     Target,
     TrajectoryCode,
-    Turn,
     stalled,
 )
 from head_tracking.transforms import RobotModel, RobotModelError, Vector3
@@ -267,7 +265,7 @@ class HeadControl(Controller):
         with self.lock:
             if self._is_troubled:
                 self._end_motion(MotionEnd.ABORTED, str(self.trouble))
-            self.motion.report(self.now)
+            self.motion.report()
         error, self._is_fresh = self.error if self._is_fresh else None, False
         self._observer(error)
 
@@ -518,33 +516,12 @@ class HeadControl(Controller):
                     fixed.append(frames.in_fixed_frame(target, positions))
                 return frames.in_base(fixed[0], now), None
 
-            motion = self.point_motion(target, locate, p, measured, notify, head, min_duration)
+            motion = PointMotion(self, target, locate, p, measured, notify, head, min_duration)
             if joints is None:
                 motion.end(MotionEnd.ABORTED, str(self.trouble))
             else:
                 self.start(motion)
         return motion
-
-    def point_motion(
-        self,
-        target: Target,
-        locate: Locate,
-        p: PointingParameters,
-        joints: JointReading,
-        notify: Callable[[PointMotion], object] | None = None,
-        head: PanTiltHead | None = None,
-        min_duration: float = 0.0,
-    ) -> PointMotion:
-        """Return a motion to a point, not faster than is allowed now; see `point`."""
-        head = head or self.frames.head
-        assert head is not None
-        velocity = min(p.max_velocity, self.fastest)
-        limits = p.success_angle_threshold, p.settle_time
-        turn = Turn(head, self.present(joints), velocity, min_duration, *limits)
-        return PointMotion(
-            target, locate, turn, self.law,
-            clamp=p.clamp_to_limits, patience=self.frames.patience, notify=notify,
-        )  # fmt: skip
 
     def held_positions(self, joints: JointReading) -> tuple[float, float]:
         """Return the commanded positions of joints that stand at them, else the measured ones.

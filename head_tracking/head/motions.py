@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from head_tracking.head.head_control import HeadControl
 
 _PERIOD = 0.02  # s
-_PROGRESS_PERIOD = 0.035  # s
 _MOVING = 0.15  # rad/s; the measured velocity of a joint at rest can reach this
 _SAME_GOAL = 0.006  # rad; a little over one tick of an AX-12
 
@@ -87,8 +86,8 @@ class Motion(ABC):
     """A controller of the head. Its methods are called with the lock of `HeadControl` held.
 
     Args:
-        notify: called with the motion while it is in progress, 25 times a second, and once when it
-            has its result. None: it is one of a stream, and nobody waits for its result.
+        notify: called with the motion in each cycle while it is in progress, and once when it has
+            its result. None: it is one of a stream, and nobody waits for its result.
 
     Attributes:
         title: what it does.
@@ -104,7 +103,6 @@ class Motion(ABC):
         self.miss: float | None = None
         self.is_streamed = notify is None
         self._notify = notify or (lambda _: None)
-        self._notified = -math.inf
 
     @abstractmethod
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
@@ -114,10 +112,9 @@ class Motion(ABC):
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
         """Return the desired states of pan and tilt at a time [s]; None: there are none."""
 
-    def report(self, now: float) -> None:
-        """Notify of the progress, unless that was done a moment ago."""
-        if self.result is None and abs(now - self._notified) > _PROGRESS_PERIOD:
-            self._notified = now
+    def report(self) -> None:
+        """Notify of the progress."""
+        if self.result is None:
             self._notify(self)
 
     def end(
@@ -130,34 +127,42 @@ class Motion(ABC):
 
 
 class PointMotion(Motion):
-    """A turn to a point, until the measured joints have arrived.
+    """A turn to a point, until the measured joints have arrived; not faster than is allowed now.
 
     Args:
+        control: of the head.
         target: the point, as it was sent.
         locate: where it is.
-        turn: the motion of the joints.
-        law: the control law for the joints.
-        clamp: turn as far as the joints go to a point out of reach; else that ends the motion.
-        patience: how long the point may have no transform [s].
+        p: how to turn. With `clamp_to_limits` the head turns as far as the joints go to a point
+            out of reach; else that ends the motion.
+        joints: as measured now.
         notify: see `Motion`.
+        head: the head, pointing another frame; None: the usual one.
+        min_duration: minimum duration [s].
     """
 
     def __init__(
         self,
+        control: HeadControl,
         target: Target,
         locate: Locate,
-        turn: Turn,
-        law: PredictiveLaw,
-        *,
-        clamp: bool,
-        patience: float,
+        p: PointingParameters,
+        joints: JointReading,
         notify: Callable[[PointMotion], object] | None = None,
+        head: PanTiltHead | None = None,
+        min_duration: float = 0.0,
     ) -> None:
         super().__init__(notify)
-        self.title = f"turning {turn.head.pointing_frame} to {target}"
+        head = head or control.frames.head
+        assert head is not None
+        velocity, settled = min(p.max_velocity, control.fastest), p.settle_time
+        threshold = p.success_angle_threshold
+        self.title = f"turning {head.pointing_frame} to {target}"
         self.target, self.locate = target, locate
-        self._turn, self._law = turn, law
-        self._clamp, self._patience = clamp, patience
+        self._law, self._clamp = control.law, p.clamp_to_limits
+        self._patience = control.frames.patience
+        start = control.present(joints)
+        self._turn = Turn(head, start, velocity, min_duration, threshold, settled)
         self._located: float | None = None
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
@@ -491,7 +496,7 @@ class Pointing(TargetMotion):
         if motion is not None and (motion.result is None or is_same):
             motion.target, motion.locate = target, locate
         else:
-            motion = self._motion = control.point_motion(target, locate, p, joints)
+            motion = self._motion = PointMotion(control, target, locate, p, joints)
         return True
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
