@@ -6,6 +6,7 @@ Usage: python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
 from __future__ import annotations
 
 import gc
+import os
 import queue
 import signal
 import socket
@@ -55,14 +56,17 @@ class SupervisorLink:
 def main() -> int:
     """Run a process until a signal or until the supervisor ends; return the exit code."""
     process, descriptor, *arguments = sys.argv[1:]
-    with tolerate_output_errors(), StopSignal() as stop:
-        link = SupervisorLink(int(descriptor), stop)
-        with stop.while_importing():
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)  # the supervisor has blocked them
-            if process == CONTROL:
-                from head_tracking.run.control import run_control as run
-            else:
-                from head_tracking.run.node_process import run_nodes as run
+    stop = StopSignal()
+    link = SupervisorLink(int(descriptor), stop)
+    for number in ENDING:  # end at once: nothing runs yet
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: os._exit(0))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)  # the supervisor has blocked them
+    if process == CONTROL:
+        from head_tracking.run.control import run_control as run
+    else:
+        from head_tracking.run.node_process import run_nodes as run
+    with tolerate_output_errors(), stop:
         code = run(arguments, stop, link)
     gc.freeze()  # the last garbage collection would take 0.1 s of processor time
     return code

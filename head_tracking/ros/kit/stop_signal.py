@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import queue
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from types import FrameType
 from typing import Any, Final
 
@@ -28,7 +26,6 @@ class StopSignal:
         self._asked = False
         # a handler may interrupt this queue in its own `get` or `put`; an Event would lock then
         self._woken: queue.SimpleQueue[None] = queue.SimpleQueue()
-        self._importing = False
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> StopSignal:
@@ -45,16 +42,6 @@ class StopSignal:
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.set()
 
-    @contextmanager
-    def while_importing(self) -> Iterator[None]:
-        """End the process at once if it is asked to end in this block, or was before."""
-        self._importing = True  # nothing runs yet
-        self._exit_while_importing()
-        try:
-            yield
-        finally:
-            self._importing = False
-
     def __call__(self) -> bool:
         """Return whether the program has been asked to end."""
         return self._asked
@@ -63,16 +50,11 @@ class StopSignal:
         """Ask the program to end."""
         self._asked = True
         self._woken.put(None)
-        self._exit_while_importing()
 
     def check(self) -> None:
         """Raise an EndRequestedError if the program has been asked to end."""
         if self._asked:
             raise EndRequestedError
-
-    def _exit_while_importing(self) -> None:
-        if self._asked and self._importing:
-            os._exit(0)
 
     def wait(self, seconds: float) -> bool:
         """Wait for at most this time; return whether the program has been asked to end."""
