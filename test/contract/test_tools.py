@@ -7,8 +7,9 @@ from contextlib import closing
 from importlib.util import find_spec
 
 import pytest
+import yaml
 from dynamixel_sdk import PacketHandler, PortHandler
-from rig import JOINTS, command
+from rig import JOINTS, TICK, command
 from terminal import Terminal
 from waiting import wait_for
 
@@ -78,16 +79,16 @@ def test_doctor_reports_the_servos_by_its_exit_code(bench, port):
     assert bad.end() == 2, bad.output
 
 
-def on_terminal(bench, *words):
-    """The servo tool in a terminal; its Python comes from `Terminal.start`."""
+def on_terminal(bench, tool, *words):
+    """A tool in a terminal; its Python comes from `Terminal.start`."""
     terminal = Terminal()
-    terminal.start(shlex.join([*command("servo")[1:], "--port", bench.servos.name, *words]))
+    terminal.start(shlex.join([*command(tool)[1:], "--port", bench.servos.name, *words]))
     return terminal
 
 
 @pytest.mark.parametrize("ended", ["by ctrl-c", "because the port has vanished"])
 def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
-    with closing(on_terminal(bench, "monitor", "1", "2")) as terminal:
+    with closing(on_terminal(bench, "servo", "monitor", "1", "2")) as terminal:
         terminal.waits_for("AX-12.*AX-12.*AX-12")
         if ended == "by ctrl-c":
             terminal.type("\x03")
@@ -96,6 +97,29 @@ def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
         terminal.waits_for(r"\$ ")
         terminal.type("echo code $?\n")
         assert f"code {130 if ended == 'by ctrl-c' else 1}" in terminal.waits_for(r"code \d+\r")
+
+
+def test_a_head_is_described_by_hand_in_a_terminal(bench):
+    measures = ("--pan-xyz", "0", "0", "0.05", "--tilt-xyz", "0", "0", "0.04")
+    words = ("my_head", "--folder", str(bench.folder), "--baud", "1000000", *measures)
+    words = (*words, "--camera-xyz", "0.03", "0", "0.03")
+    file = bench.folder / "my_head.yaml"
+    unattended = bench.start("new_robot", "--port", bench.servos.name, *words)
+    assert unattended.end() == 3, unattended.output
+    assert not file.exists()
+    poses = [("ahead", 1, 512), ("left", 1, 700), ("right", 1, 300), ("up", 2, 400)]
+    with closing(on_terminal(bench, "new_robot", *words)) as terminal:
+        for prompt, servo, tick in (*poses, ("down", 2, 600)):
+            terminal.waits_for(prompt)
+            bench.servos.turn_by_hand(servo, (tick - 512) * TICK)
+            wait_for(lambda: abs(bench.servos.ticks[servo - 1] - tick) < 10)  # noqa: B023
+            bench.servos.at_rest()
+            terminal.type("\n")
+        wait_for(file.exists)
+    bus = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
+    for name, ticks in (("head_pan", (512, 306, 694)), ("head_tilt", (512, 406, 594))):
+        motor = bus[f"{name}_controller"]["motor"]
+        assert [motor[key] for key in ("init", "min", "max")] == pytest.approx(ticks, abs=14)
 
 
 @pytest.mark.skipif(find_spec("mcap_ros2") is None, reason="needs requirements/viewer.txt")
