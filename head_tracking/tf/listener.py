@@ -15,7 +15,6 @@ from std_msgs.msg import String
 
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
@@ -103,7 +102,6 @@ class TransformListener:
             self.tf_static_sub = self._subscribe(
                 TFMessage, tf_static_topic, self.static_callback, static_qos or TF_STATIC
             )
-        self._clock_check = _check_clock(self.node)
         self._own_thread: NodeThread | None = None
         if spin_thread or node is None:
             self._own_thread = NodeThread(self.node, owns_node=node is None)
@@ -120,9 +118,6 @@ class TransformListener:
             self._fills_robot = False
         while self._subscriptions:
             self.node.destroy_subscription(self._subscriptions.pop())
-        if self._clock_check is not None:
-            self.node.destroy_timer(self._clock_check)
-            self._clock_check = None
 
     def callback(self, data: Any) -> None:
         """Accept a message of `/tf`."""
@@ -230,22 +225,3 @@ def _own_node(listener: TransformListener) -> Node:
         start_parameter_services=False,
         parameter_overrides=[Parameter("use_sim_time", value=False)],
     )
-
-
-def _check_clock(node: Node) -> Any:
-    """Warn every 5 s while a node uses the time of /clock and nothing publishes it."""
-    clock = node.get_clock()
-    if not clock.ros_time_is_active:
-        return None
-
-    def check() -> None:
-        if clock.now().nanoseconds:
-            timer.cancel()
-        else:
-            node.get_logger().warning(
-                "use_sim_time is true, but nothing publishes /clock: time stands still; start the "
-                "publisher of /clock, or set use_sim_time to false"
-            )
-
-    timer = steady_timer(node, 5.0, check)
-    return timer

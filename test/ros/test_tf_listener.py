@@ -207,17 +207,6 @@ def test_a_system_clock_that_was_set_back_is_followed(make_node, head):
     assert buffer.can_transform("base_link", "camera_link", Time(seconds=now - 5))
 
 
-def test_simulated_time_that_nobody_sends_is_told(make_node, capfd):
-    simulated = Parameter("use_sim_time", value=True)
-    node = rclpy.create_node("simulated", parameter_overrides=[simulated])
-    listener = TransformListener(Buffer(), node)
-    listener._clock_check.callback()
-    assert "/clock" in capfd.readouterr().err
-    listener.unregister()
-    node.destroy_node()
-    assert TransformListener(Buffer(), make_node("real"))._clock_check is None
-
-
 # /tf
 
 
