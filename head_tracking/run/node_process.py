@@ -44,8 +44,8 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
                 node.destroy_node()
             link.send(node=spec["name"], problem=describe(error), enabled=enabled)
             return
-        if hasattr(node, "enabled"):
-            node.enabled = enabled
+        if hasattr(node, "output"):
+            node.output.set(enabled)
         report(spec["name"], node, enabled)  # before others can discover it
         threads.start(node)
 

@@ -248,7 +248,7 @@ def test_images_are_subscribed_to_while_results_are_used(world, look):
 
     def images(on=None):
         if on is not None:
-            node.enabled = on
+            node.output.set(on)
         world.run(0.3)
         return world.listeners("/image"), world.listeners("/depth")
 

@@ -68,6 +68,7 @@ class SightedTargetNode(ClosingNode):
     Attributes:
         worker: thread for detection and tracking, which calls `process`.
         output: publishes targets while the node is enabled.
+        confidence: publishes the confidence.
         tracker: tracks one target.
     """
 
@@ -82,28 +83,13 @@ class SightedTargetNode(ClosingNode):
         self.worker: Worker[Any] = Worker(name, self.process)
         self.closing.callback(self.worker.close)
         self.output = TargetOutput(self)
-        self._confidence = self.create_publisher(Float32, "~/confidence", 10)
+        self.confidence = self.create_publisher(Float32, "~/confidence", 10)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, LATEST_ONLY)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
     def process(self, item: Any) -> None:
         """Detect the target in an item that was offered to the worker, and publish it."""
         raise NotImplementedError
-
-    @property
-    def enabled(self) -> bool:
-        """Whether targets are published."""
-        return self.output.on
-
-    @enabled.setter
-    def enabled(self, enabled: bool) -> None:
-        if enabled != self.enabled:
-            self.output.set(enabled)
-
-    @property
-    def wanted(self) -> bool:
-        """Whether results are published or subscribed to."""
-        return self.output.on or self._confidence.get_subscription_count() > 0
 
     def set_detector(self, detector: Detector) -> None:
         """Start a new tracker with a detector."""
@@ -164,8 +150,8 @@ class SightedTargetNode(ClosingNode):
                 "the distance of a detection is unknown: it has no depth; without a depth camera, "
                 "set object_size or distance"
             )
-        if self._confidence.get_subscription_count():
-            self._confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
+        if self.confidence.get_subscription_count():
+            self.confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
 
     def warn(self, reason: str) -> None:
         """Log a warning, at most every 2 s."""

@@ -149,8 +149,8 @@ class VisualTargetNode(SightedTargetNode):
     def _subscribe_as_needed(self) -> None:
         """Subscribe to the images that are needed, and to no others."""
         p = self._settings
-        outputs = (self._region, self._others, self._annotated)
-        wanted = self.wanted or any(one.get_subscription_count() for one in outputs)
+        outputs = (self.confidence, self._region, self._others, self._annotated)
+        wanted = self.output.on or any(one.get_subscription_count() for one in outputs)
         depth_only = DETECTORS[p.follow].depth_only
         wants_image = wanted and not depth_only
         wants_depth = wanted and (p.use_depth or depth_only)
