@@ -15,12 +15,10 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
 from rclpy.clock import Clock, ClockType
-from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -29,7 +27,6 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
-from std_msgs.msg import Empty
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.ros.kit.node_parameters import check_parameters, merged
@@ -42,8 +39,6 @@ except ImportError:  # an older rclpy
     EventsExecutor = None
 
 _POLL = 0.1  # s
-_PROBE_PERIOD, _PROBE_PATIENCE = 0.005, 1.0  # s
-_TRIED: WeakKeyDictionary[Context, bool] = WeakKeyDictionary()
 _PATIENCE = 3.0  # s that a node's callbacks may take to return at the end
 
 _PROFILES = {
@@ -131,18 +126,12 @@ class NodeThreads:
 
     def start(self, node: Node) -> None:
         """Start to spin a node."""
-        if self._executor is None:
-            kind = EventsExecutor
-            if not events_executor_works(node.context):
-                kind = SingleThreadedExecutor
-                node.get_logger().warning(
-                    "the EventsExecutor of rclpy is missing or does not work here: another one "
-                    "runs the nodes, which needs more processor time"
-                )
-            self._executor = kind(context=node.context)
-            self._thread.start()
         self._nodes.append(node)
-        self._executor.add_node(node)
+        if self._executor is None:
+            self._executor = _executor_of(node)
+            self._thread.start()
+        else:
+            self._executor.add_node(node)
 
     def wait(
         self,
@@ -216,39 +205,24 @@ def _node_of(error: Exception) -> str:
     return "a node"
 
 
-def events_executor_works(context: Context) -> bool:
-    """Return whether an EventsExecutor delivers timers and messages here; tried once."""
-    if EventsExecutor is None:
-        return False
-    if context not in _TRIED:
-        _TRIED[context] = _probe(context)
-    return _TRIED[context]
-
-
-def _probe(context: Context) -> bool:
-    node = Node(
-        "executor_probe",
-        context=context,
-        use_global_arguments=False,
-        enable_rosout=False,
-        start_parameter_services=False,
+def _executor_of(node: Node) -> Executor:
+    """Return an executor of a node: an EventsExecutor if rclpy and the middleware support it."""
+    if EventsExecutor is not None:
+        executor = EventsExecutor(context=node.context)
+        try:
+            executor.add_node(node)
+            executor.spin_once(timeout_sec=0.0)  # raises if the middleware reports no events
+            return executor
+        except rclpy_implementation.RCLError:
+            executor.remove_node(node)
+            executor.shutdown()
+    node.get_logger().warning(
+        "rclpy or the middleware does not support the EventsExecutor: another executor runs the "
+        "nodes, which needs more processor time"
     )
-    heard: list[Empty] = []
-    publisher = node.create_publisher(Empty, "~/probe", 1)
-    node.create_subscription(Empty, "~/probe", heard.append, 1)
-    steady_timer(node, _PROBE_PERIOD, lambda: publisher.publish(Empty()))
-    deadline = time.monotonic() + _PROBE_PATIENCE
-    try:
-        executor = EventsExecutor(context=context)
-        executor.add_node(node)
-        while not heard and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=_PROBE_PERIOD)
-        executor.shutdown()
-    except Exception:
-        return False  # the other executor always works
-    finally:
-        node.destroy_node()
-    return bool(heard)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    return executor
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
