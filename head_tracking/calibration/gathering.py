@@ -121,7 +121,7 @@ def calibrate_camera(
     views = _gather(still, head, geometry, lens, report)
     report(f"{len(views)} views; computing")
     size = marker.marker_size if marker and target == "marker" else None
-    return Calibration.of(geometry, solve(geometry, lens, views, size, focal_length=focal_length))
+    return solve(geometry, lens, views, size, focal_length=focal_length)
 
 
 class _Observer:

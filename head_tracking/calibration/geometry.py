@@ -104,26 +104,6 @@ class Residuals(NamedTuple):
         return before, after
 
 
-class Solution(NamedTuple):
-    """Result of the estimation.
-
-    Attributes:
-        changes: values of `PARAMETERS`, shape (12,).
-        estimates: estimates by name of the parameter.
-        noise: standard deviation of a corner in the image [px].
-        views: number of used views.
-        left_out: number of excluded outliers.
-        residuals: of the used views.
-    """
-
-    changes: Array
-    estimates: dict[str, Estimate]
-    noise: float
-    views: int
-    left_out: int
-    residuals: Residuals
-
-
 @dataclass(frozen=True, slots=True)
 class HeadGeometry:
     """Kinematic chain from the base of a head to its camera.

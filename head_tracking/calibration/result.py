@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree
 
 import yaml
@@ -15,10 +15,10 @@ import yaml
 from head_tracking.calibration.geometry import (
     FOCAL_LENGTH,
     PARAMETERS,
+    Array,
     Estimate,
     HeadGeometry,
     Residuals,
-    Solution,
 )
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
@@ -43,8 +43,7 @@ class CalibrationFileError(HeadTrackingError, ValueError):
         self.path = path
 
 
-@dataclass(frozen=True, slots=True)
-class CalibratedJoint:
+class CalibratedJoint(NamedTuple):
     """A calibrated joint.
 
     Attributes:
@@ -103,24 +102,26 @@ class Calibration:
         return self.age > _OLD
 
     @staticmethod
-    def of(geometry: HeadGeometry, solution: Solution) -> Calibration:
-        """Return the calibration of a solution."""
+    def of(
+        geometry: HeadGeometry,
+        changes: Array,
+        estimates: Mapping[str, Estimate],
+        noise: float,
+        views: int,
+        left_out: int,
+        residuals: Residuals,
+    ) -> Calibration:
+        """Return the calibration with changes of the model, values of `PARAMETERS`, shape (12,)."""
         model = geometry.model
-        return Calibration(
-            model.name,
-            time.time(),
-            tuple(
-                CalibratedJoint(name, joint.origin, joint.axis, model.joint(name).origin)
-                for name, joint in geometry.changed(solution.changes).items()
-            ),
-            math.exp(float(solution.changes[FOCAL_LENGTH])),
-            solution.estimates,
-            solution.noise,
-            solution.views,
-            solution.left_out,
-            *solution.residuals.errors(),
-            solution.residuals,
+        joints = tuple(
+            CalibratedJoint(name, joint.origin, joint.axis, model.joint(name).origin)
+            for name, joint in geometry.changed(changes).items()
         )
+        focal_length, errors = math.exp(float(changes[FOCAL_LENGTH])), residuals.errors()
+        return Calibration(
+            model.name, time.time(), joints, focal_length, estimates, noise, views, left_out,
+            *errors, residuals,
+        )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
         """Write a YAML file, atomically."""
@@ -129,27 +130,15 @@ class Calibration:
             "robot": self.robot,
             "made": time.strftime(_TIME, time.localtime(self.made)),
             "joints": {
-                joint.name: {
-                    "origin": _numbers(joint.origin),
-                    "axis": list(joint.axis),
-                    "replaces": _numbers(joint.replaces),
-                }
-                for joint in self.joints
-            },
-            "focal_length": self.focal_length,
-            "estimates": {
                 name: {
-                    "value": estimate.value,
-                    "deviation": estimate.deviation,
-                    "observable": estimate.observable,
+                    "origin": _numbers(origin),
+                    "axis": list(axis),
+                    "replaces": _numbers(replaces),
                 }
-                for name, estimate in self.estimates.items()
+                for name, origin, axis, replaces in self.joints
             },
-            "noise": self.noise,
-            "views": self.views,
-            "left_out": self.left_out,
-            "error_before": self.error_before,
-            "error_after": self.error_after,
+            "estimates": {name: each._asdict() for name, each in self.estimates.items()},
+            **{name: getattr(self, name) for name in _NUMBERS},
         }
         draft = path.with_name(f".{path.name}.draft")
         draft.write_text(_HEADER + yaml.safe_dump(document, sort_keys=False))
@@ -203,8 +192,7 @@ class Calibration:
                     )
                     for name, joint in found["joints"].items()
                 ),
-                _positive(found["focal_length"]),
-                {
+                estimates={
                     str(name): Estimate(
                         _finite(each["value"]),
                         _positive(each["deviation"]),
@@ -212,11 +200,7 @@ class Calibration:
                     )
                     for name, each in found["estimates"].items()
                 },
-                _positive(found["noise"]),
-                int(found["views"]),
-                int(found["left_out"]),
-                _finite(found["error_before"]),
-                _finite(found["error_after"]),
+                **{name: read(found[name]) for name, read in _NUMBERS.items()},
                 source=path,
             )
         except OSError as error:
@@ -308,3 +292,14 @@ def _finite(number: Any) -> float:
     if not math.isfinite(found):
         raise ValueError(f"{number!r} is not finite")
     return found
+
+
+_NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
+    "focal_length": _positive,
+    "noise": _positive,
+    "views": int,
+    "left_out": int,
+    "error_before": _finite,
+    "error_after": _finite,
+}
+"""How the attributes that are numbers are read from a file."""

@@ -25,9 +25,9 @@ from head_tracking.calibration.geometry import (
     Estimate,
     HeadGeometry,
     Residuals,
-    Solution,
     rotation_matrices,
 )
+from head_tracking.calibration.result import Calibration
 from head_tracking.compatibility import StrEnum
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.vision.camera import Camera
@@ -105,7 +105,7 @@ def solve(
     *,
     reading_deviation: float = 0.0015,
     focal_length: bool = False,
-) -> Solution:
+) -> Calibration:
     """Estimate the errors of a head.
 
     Args:
@@ -197,7 +197,8 @@ def solve(
         for k, parameter in enumerate(PARAMETERS)
         if focal_length or k != FOCAL_LENGTH
     }
-    return Solution(changes, estimates, noise, len(kept), len(views) - len(kept), residuals)
+    left_out = len(views) - len(kept)
+    return Calibration.of(geometry, changes, estimates, noise, len(kept), left_out, residuals)
 
 
 def _check_plausible(changes: Array, deviations: Array, free: Sequence[int]) -> None:

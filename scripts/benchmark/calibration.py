@@ -10,7 +10,7 @@ import numpy as np
 from closed_loop import ClosedLoop, Conditions, ax12
 from frame import row, table
 from plant import PlainServo
-from random_head import CAMERA, SIZE, kinectbot_geometry, pointing_error, random_head
+from random_head import CAMERA, SIZE, changes_of, kinectbot_geometry, pointing_error, random_head
 from runs import around
 from tracking.judging import tracker
 from tracking.opponents import ReachyMini
@@ -88,7 +88,7 @@ def _row(noise: float, play: float, points: int) -> str:
             continue
         times.append(time.perf_counter() - begin)
         before.append(math.degrees(pointing_error(geometry, head, np.zeros(10))))
-        after.append(math.degrees(pointing_error(geometry, head, found.changes)))
+        after.append(math.degrees(pointing_error(geometry, head, changes_of(found))))
         for parameter, truth in zip(PARAMETERS, head.changes, strict=True):
             estimate = found.estimates.get(parameter.name)
             if parameter.name.endswith("play") and estimate is not None:

@@ -18,7 +18,6 @@ from waiting import wait_for
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.calibration import Calibration, calibrated, gathering
 from head_tracking.calibration.gathering import calibrate_camera
-from head_tracking.calibration.geometry import Solution
 from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
@@ -52,7 +51,7 @@ def unsolved(monkeypatch):
 
     def record(geometry, camera, found, *_, **__):
         views.extend(found)
-        return Solution(np.zeros(12), {}, 0.3, len(found), 0, RESIDUALS)
+        return Calibration.of(geometry, np.zeros(12), {}, 0.3, len(found), 0, RESIDUALS)
 
     monkeypatch.setattr(gathering, "MOST_VIEWS", 6)
     monkeypatch.setattr(gathering, "solve", record)

@@ -11,7 +11,7 @@ from random_head import RESIDUALS, kinectbot_geometry
 
 from head_tracking import Head
 from head_tracking.calibration import Calibration, CalibrationFileError, Estimate, calibrated
-from head_tracking.calibration.geometry import HeadGeometry, Solution
+from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.cli.doctor.configured import check_calibration
 from head_tracking.cli.doctor.findings import Grade
 from head_tracking.share import robot_file
@@ -28,7 +28,7 @@ def geometry():
 @pytest.fixture
 def file(geometry, tmp_path):
     estimates = {"camera pitch": Estimate(0.03, 0.001, True)}
-    calibration = Calibration.of(geometry, Solution(CHANGES, estimates, 0.3, 20, 1, RESIDUALS))
+    calibration = Calibration.of(geometry, CHANGES, estimates, 0.3, 20, 1, RESIDUALS)
     calibration.save(tmp_path / "calibration.yaml")
     return tmp_path / "calibration.yaml"
 

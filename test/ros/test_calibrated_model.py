@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 from waiting import wait_for
 
 from head_tracking.calibration import Calibration, calibrated
-from head_tracking.calibration.geometry import Estimate, Solution
+from head_tracking.calibration.geometry import Estimate
 from head_tracking.ros.kit.diagnostics import Level, health_from_message
 from head_tracking.ros.robot.robot_state_publisher import (
     RobotStatePublisherNode,
@@ -25,7 +25,7 @@ from head_tracking.run.options import parse_arguments
 def file(tmp_path):
     changes = np.array([0.03, 0.05, -0.02, 0.004, 0.003, 0.006, 0.01, 0.0, 0.0, 0.0])
     path = tmp_path / "calibration.yaml"
-    Calibration.of(kinectbot_geometry(), Solution(changes, {}, 0.3, 20, 1, RESIDUALS)).save(path)
+    Calibration.of(kinectbot_geometry(), changes, {}, 0.3, 20, 1, RESIDUALS).save(path)
     return path
 
 

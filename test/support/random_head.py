@@ -7,7 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from head_tracking.calibration.geometry import HeadGeometry, Residuals, rotation_matrices
+from head_tracking.calibration import Calibration
+from head_tracking.calibration.geometry import (
+    PARAMETERS,
+    HeadGeometry,
+    Residuals,
+    rotation_matrices,
+)
 from head_tracking.calibration.solver import View
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
@@ -124,6 +130,12 @@ def random_head(
         if seen(pan, tilt) is not None:
             held_out.append((pan, tilt, optical(pan, tilt, middle)))
     return Seen(changes, views, held_out)
+
+
+def changes_of(calibration: Calibration) -> np.ndarray:
+    """Return the values of `PARAMETERS`, 0 where one was not estimated, shape (12,)."""
+    found = [calibration.estimates.get(each.name) for each in PARAMETERS]
+    return np.array([0.0 if each is None else each.value for each in found])
 
 
 def pointing_error(geometry: HeadGeometry, head: Seen, changes: np.ndarray) -> float:
