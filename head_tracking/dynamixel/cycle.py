@@ -71,7 +71,6 @@ class Cycle:
         self._connected = self._unusual = False  # in this cycle
         self._plan: list[_Part] = []
         self._planned = -1  # version of the plan
-        self._lost: tuple[str, ...] = ()
 
     def begin(self) -> None:
         """Begin, once the servos have been found."""
@@ -115,7 +114,7 @@ class Cycle:
         except PortLostError as cause:
             self._lose_port(cause)
         self._read_time = self._monotonic() - start - self._poll_time
-        return BusReading(self.cycles, stamp, states, self._lost, ())
+        return BusReading(states, ())
 
     def write(self, reading: BusReading) -> BusReading:
         """End a cycle: write all goals, take steps of procedures; return the reading with events.
@@ -193,7 +192,7 @@ class Cycle:
                     self._lose(joint, servo)
 
     def _make_plan(self) -> None:
-        """Compute the instructions of a cycle, and which joints are missing.
+        """Compute the instructions of a cycle, and which joints are incomplete.
 
         A servo that did not answer the last time is asked alone, and last, because others would
         wait for it.
@@ -212,7 +211,6 @@ class Cycle:
             together.setdefault(key, []).append((joint, servo))
         self._plan = [*map(_part, together.values()), *alone]
         self._planned = self._version.number
-        self._lost = tuple([joint.name for joint in self._all if joint.lost])
         self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
 
     # Writing

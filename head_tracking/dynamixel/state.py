@@ -146,11 +146,8 @@ class BusEvent:
 class BusReading(NamedTuple):
     """Result of one bus cycle."""
 
-    cycle: int  # number of the cycle, from 1
-    stamp: int  # start of the cycle, ns
     # Measurements of this cycle by joint name; joints that did not answer are absent.
     states: Mapping[str, ServoState]
-    lost: tuple[str, ...]  # joints that have not answered for some time
     events: tuple[BusEvent, ...]  # events since the previous reading, in order
 
 

@@ -150,7 +150,6 @@ def test_stamp_is_when_the_servo_had_heard_the_request() -> None:
     bench.pass_time(0.02)
     start = bench.now()
     reading = bus.step()
-    assert reading.stamp == start
     request, reply = 8 * 10_000, 14 * 10_000 + 500_000  # with the default return delay
     pan, tilt = (reading.states[joint.joint_name].stamp - start for joint in JOINTS)
     assert pan == pytest.approx(request, abs=2000)
@@ -179,9 +178,10 @@ def test_impossible_feedback_counts_as_corrupt(register: str) -> None:
 
 def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) -> None:
     rig.pan.answers = False
-    readings = [rig.bus.step() for _ in range(8)]
-    assert [reading.lost for reading in readings[:4]] == [()] * 4
-    assert all(reading.lost == ("head_pan_joint",) for reading in readings[4:])
+    readings = [rig.bus.step() for _ in range(4)]
+    assert not rig.lost
+    readings += [rig.bus.step() for _ in range(4)]
+    assert rig.lost == ["head_pan_joint"]
     events = [event for reading in readings for event in reading.events]
     assert [(event.kind, event.joint_name) for event in events] == [
         (EventKind.LOST, "head_pan_joint")
@@ -204,7 +204,8 @@ def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_
     rig.pan.answers = False
     rig.step(4)
     rig.bus.command({"head_pan_joint": Goal(0.1)})
-    assert rig.bus.step().lost == ("head_pan_joint",)
+    rig.bus.step()
+    assert rig.lost == ["head_pan_joint"]
     rig.pan.answers = True
     rig.clock.pass_time(0.6)
     rig.step(5)
@@ -220,9 +221,8 @@ def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: Fa
     events: list[BusEvent] = []
     for _ in range(5):
         rig.clock.pass_time(0.6)
-        reading = rig.bus.step()
-        events += reading.events
-        assert reading.lost == ("head_pan_joint",)
+        events += rig.bus.step().events
+        assert rig.lost == ["head_pan_joint"]
     assert {event.kind for event in events} == {EventKind.UNUSABLE}
     assert [event.repeated for event in events] == [False, False, True, True, True]
     assert rig.pan["Torque Enable"] == 0
@@ -237,7 +237,7 @@ def test_bus_goes_on_without_its_port_and_finds_it_again(rig: FakeRig, kept: boo
     rig.bus.step()
     rig.port.gone = True
     reading = rig.bus.step()
-    assert (reading.states, reading.lost) == ({}, ("head_pan_joint", "head_tilt_joint"))
+    assert (reading.states, rig.lost) == ({}, ["head_pan_joint", "head_tilt_joint"])
     assert [event.kind for event in reading.events] == [EventKind.PORT_LOST]
     assert not rig.bus.statistics().connected
     with pytest.raises(GoalError, match="does not answer"):
@@ -280,8 +280,7 @@ def test_bus_starts_without_a_servo_if_it_may() -> None:
     assert healths == [Health.PRESENT, Health.UNKNOWN]
     with pytest.raises(GoalError):
         rig.bus.command({"head_tilt_joint": Goal(0.1)})
-    reading = rig.bus.step()
-    assert (set(reading.states), reading.lost) == ({"head_pan_joint"}, ("head_tilt_joint",))
+    assert (set(rig.bus.step().states), rig.lost) == ({"head_pan_joint"}, ["head_tilt_joint"])
     rig.port.servos[2] = servo
     rig.clock.pass_time(0.6)
     assert rig.bus.step().events[0].kind is EventKind.RETURNED

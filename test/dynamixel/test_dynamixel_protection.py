@@ -148,7 +148,7 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     run(rig.bus.stopping(["head_pan_joint"]))
     rig.port.take_log()
     reading = rig.step()
-    assert set(reading.states) == {"head_tilt_joint"} and not reading.lost
+    assert set(reading.states) == {"head_tilt_joint"} and not rig.lost
     assert rig.port.log == [("read", 2, 36, 8)]
     assert rig.pan["Torque Enable"] == 0
     assert rig.bus.statistics().servos[0].health is Health.STOPPED

@@ -188,7 +188,8 @@ class Requests:
     def settled(self, name: str) -> bool:
         """Whether the bus has had the time to find a servo that is there."""
         self.settle()
-        return name not in self.bus.step().lost
+        self.bus.step()
+        return not self.bus.joint(name).lost
 
     # The world
 

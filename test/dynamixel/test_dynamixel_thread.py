@@ -40,7 +40,7 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
     assert eventually(lambda: thread.timing.reached_rate > 0.0)
     thread.stop()
     assert thread.bus.requests.closed
-    assert [reading.cycle for reading in readings] == list(range(1, len(readings) + 1))
+    assert len(readings) == thread.bus.statistics().cycles
     timing = thread.timing
     assert timing.update_rate == 200.0
     assert timing.longest_cycle > 0.0

@@ -274,6 +274,11 @@ class FakeRig:
         return self.port.servos[2]
 
     @property
+    def lost(self) -> list[str]:
+        """The joints of which no servo answers."""
+        return [each.joint_name for each in self.bus.joints if self.bus.joint(each.joint_name).lost]
+
+    @property
     def torque(self) -> list[int]:
         return [servo["Torque Enable"] for servo in (self.pan, self.tilt)]
 
