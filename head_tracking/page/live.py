@@ -15,7 +15,7 @@ from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
 from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
-from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser, number
+from head_tracking.page.robot_shapes import RobotForBrowser, number
 from head_tracking.page.status import faults
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.kit.diagnostics import Level, Part
@@ -39,7 +39,6 @@ class Live:
 
     Args:
         robot: is sampled.
-        find_package: for meshes at package:// addresses.
         horizontal_view: of a camera without calibration, from side to side [rad].
         report: receives a text when a part begins to fail.
 
@@ -54,15 +53,8 @@ class Live:
         calibration: of the camera.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        find_package: FindPackage,
-        horizontal_view: float,
-        report: Callable[[str], None],
-    ) -> None:
+    def __init__(self, robot: Robot, horizontal_view: float, report: Callable[[str], None]) -> None:
         self._robot, self._view, self._report = robot, horizontal_view, report
-        self._find_package = find_package
         self._model: RobotModel | None = None
         self._shown: RobotForBrowser | None = None
         self._slow_due = 0.0
@@ -153,7 +145,7 @@ class Live:
             return
         self._model = model  # once: a model that fails is reported and not tried again
         self._shown = None
-        self._shown = RobotForBrowser(model, self._robot.head, "/head/mesh/", self._find_package)
+        self._shown = RobotForBrowser(model, self._robot.head, "/head/mesh/")
         about = {"type": "robot", **self._shown.about, "view": self._view}
         self.robot_text = json.dumps(about, allow_nan=False)
 

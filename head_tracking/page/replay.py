@@ -6,10 +6,10 @@ import secrets
 import threading
 from contextlib import nullcontext
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 from head_tracking.page.robot import Robot
-from head_tracking.page.robot_shapes import FindPackage, RobotForBrowser
+from head_tracking.page.robot_shapes import RobotForBrowser
 from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.transforms import RobotModelError, parse_robot_model
@@ -17,24 +17,16 @@ from head_tracking.transforms import RobotModelError, parse_robot_model
 _MOST = 6  # open recordings; then the one that was not used for the longest time is closed
 
 
-class OpenRecording(NamedTuple):
-    """A recording with the robot that was recorded."""
-
-    recording: Recording
-    robot: RobotForBrowser
-
-
 class Replays:
     """The open recordings; for any thread. A key that is not open raises RecordingError.
 
     Args:
         robot: the present robot.
-        find_package: for meshes at package:// addresses.
     """
 
-    def __init__(self, robot: Robot, find_package: FindPackage) -> None:
-        self._robot, self._find_package = robot, find_package
-        self._open: dict[str, OpenRecording] = {}
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._open: dict[str, tuple[Recording, RobotForBrowser]] = {}  # with what was recorded
         self._lock = threading.Lock()
 
     def open(self, file: Path | IO[bytes]) -> dict[str, Any]:
@@ -51,11 +43,11 @@ class Replays:
 
     def at(self, key: str, time: float) -> dict[str, Any]:
         """Return what was seen at a time [s] from the start, as a state for the browser."""
-        one = self._used(key)
-        seen = one.recording.at(time)
+        recording, robot = self._used(key)
+        seen = recording.at(time)
         return {
             "type": "state",
-            **one.robot.state(seen),
+            **robot.state(seen),
             "boxes": [],
             "word": "replay",
             "text": seen.text or "a recording",
@@ -63,14 +55,14 @@ class Replays:
 
     def picture(self, key: str, time: float) -> bytes | None:
         """Return the latest JPEG or PNG before a time [s]; None without one."""
-        found = self._used(key).recording.picture_at(time)
+        found = self._used(key)[0].picture_at(time)
         return None if found is None else found.data
 
     def meshes(self, key: str) -> tuple[bytes, ...]:
         """Return the meshes of the recorded robot."""
-        return self._used(key).robot.meshes
+        return self._used(key)[1].meshes
 
-    def _used(self, key: str) -> OpenRecording:
+    def _used(self, key: str) -> tuple[Recording, RobotForBrowser]:
         with self._lock:
             one = self._open.pop(key, None)
             if one is None:
@@ -86,9 +78,9 @@ class Replays:
         if model is None:
             raise RecordingError("The recording has no robot model, and none has been received.")
         key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(model)
-        robot = RobotForBrowser(model, head, f"/head/replay/{key}/mesh/", self._find_package)
+        robot = RobotForBrowser(model, head, f"/head/replay/{key}/mesh/")
         with self._lock:
-            self._open[key] = OpenRecording(recording, robot)
+            self._open[key] = recording, robot
             for oldest in list(self._open)[:-_MOST]:
                 del self._open[oldest]
         return {

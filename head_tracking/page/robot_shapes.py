@@ -5,15 +5,17 @@ from __future__ import annotations
 import io
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
+from ament_index_python.packages import get_package_share_directory
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation
+from head_tracking.share import PACKAGE, share_directory
 from head_tracking.transforms import RobotModel, Transform
 from head_tracking.transforms.urdf import import_yourdfpy
 
@@ -23,9 +25,6 @@ if TYPE_CHECKING:
 _GREY = [0.6, 0.6, 0.62, 1.0]
 _PLACEHOLDER = {"kind": "box", "size": [0.05] * 3, "rgba": [0.9, 0.25, 0.25, 1.0]}  # m
 _LARGEST = 1e3  # m: a larger shape is a mistake
-
-FindPackage = Callable[[str], Path | None]
-"""Returns the shared files of a ROS package; None if it is not installed."""
 
 
 class RobotForBrowser:
@@ -38,7 +37,6 @@ class RobotForBrowser:
         model: the robot.
         head: its head; None: it has none.
         meshes_at: the address of the meshes, up to their number.
-        find_package: for addresses that start with package://.
 
     Attributes:
         about: its joints, shapes, head and notices, for JSON.
@@ -50,7 +48,6 @@ class RobotForBrowser:
         model: RobotModel,
         head: PanTiltHead | None,
         meshes_at: str,
-        find_package: FindPackage = lambda _: None,
     ) -> None:
         self._names, self._head = model.independent_joints, head
         joints = []
@@ -70,7 +67,7 @@ class RobotForBrowser:
                     "limits": _finite(joint.limits),
                 }
             )
-        shapes = _Shapes(model.urdf, meshes_at, find_package)
+        shapes = _Shapes(model.urdf, meshes_at)
         self.meshes = tuple(shapes.meshes)
         self.about: dict[str, Any] = {
             "name": model.name,
@@ -126,7 +123,7 @@ class _Shapes:
         notices: what can't be shown, and why.
     """
 
-    def __init__(self, urdf: str, meshes_at: str, find_package: FindPackage) -> None:
+    def __init__(self, urdf: str, meshes_at: str) -> None:
         # yourdfpy logs what it does not understand; that becomes a notice here
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)
         yourdfpy = import_yourdfpy()
@@ -136,7 +133,7 @@ class _Shapes:
         self.found: list[dict[str, Any]] = []
         self.meshes: list[bytes] = []
         self.notices: list[str] = []
-        self._meshes_at, self._find_package = meshes_at, find_package
+        self._meshes_at = meshes_at
         self._materials = {material.name: material for material in robot.materials}
         self._loaded: dict[str, trimesh.Trimesh | str] = {}
         for link in robot.links:
@@ -192,7 +189,7 @@ class _Shapes:
             import trimesh  # takes a second, and not every robot has meshes
 
             try:
-                mesh = trimesh.load(mesh_file(address, self._find_package), force="mesh")
+                mesh = trimesh.load(mesh_file(address), force="mesh")
                 self._loaded[address] = (
                     mesh if len(mesh.faces) else f"the mesh {address!r} has no triangles"
                 )
@@ -218,7 +215,7 @@ class MeshAddressError(ValueError):
     """There is no file at the address of a mesh."""
 
 
-def mesh_file(address: str, find_package: FindPackage) -> Path:
+def mesh_file(address: str) -> Path:
     """Return the file of a URDF mesh by its `filename`.
 
     Raises:
@@ -259,3 +256,13 @@ def _finite(limits: Any) -> list[float]:
 
 def _numbers(transform: Transform) -> Sequence[float]:
     return [*map(float, transform.translation), *map(float, transform.rotation)]
+
+
+def find_package(name: str) -> Path | None:
+    """Return the shared files of a ROS package; None if it is not installed."""
+    if name == PACKAGE:
+        return share_directory()
+    try:
+        return Path(get_package_share_directory(name))
+    except (LookupError, OSError, ValueError):  # not installed; no index; an invalid name
+        return None

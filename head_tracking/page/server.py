@@ -32,7 +32,6 @@ from head_tracking.page.commands import commands
 from head_tracking.page.live import Live
 from head_tracking.page.replay import Replays
 from head_tracking.page.robot import Robot
-from head_tracking.page.robot_shapes import FindPackage
 from head_tracking.page.stop import ANSWER, Attempt
 from head_tracking.page.tuning import PRESETS, Tuning
 from head_tracking.parameters import ParameterError, parameter
@@ -109,7 +108,6 @@ class Page:
     Args:
         robot: is shown and steered.
         parameters: where and how often.
-        find_package: for meshes at package:// addresses.
         report: receives a text when a part of the page begins to fail.
 
     Raises:
@@ -117,15 +115,11 @@ class Page:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        parameters: PageParameters,
-        find_package: FindPackage,
-        report: Callable[[str], None],
+        self, robot: Robot, parameters: PageParameters, report: Callable[[str], None]
     ) -> None:
         self._robot = robot
-        self._live = Live(robot, find_package, parameters.horizontal_view, report)
-        self._replays = Replays(robot, find_package)
+        self._live = Live(robot, parameters.horizontal_view, report)
+        self._replays = Replays(robot)
         self._limit, self._period = parameters.max_browsers, 1.0 / parameters.rate
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._sampled = asyncio.Event()

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from pathlib import Path
 from typing import Any
-
-from ament_index_python.packages import get_package_share_directory
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode
-from head_tracking.share import PACKAGE, share_directory
 from head_tracking.tf import Buffer
 
 
@@ -46,7 +42,7 @@ class ViewerNode(ClosingNode):
         self.robot = Robot(self, buffer, head, recorder, self._report)
         self.closing.callback(self.robot.close)
         try:
-            self.page = Page(self.robot, page, find_package, self._report)
+            self.page = Page(self.robot, page, self._report)
         except BaseException:
             self.closing.close()
             raise
@@ -91,13 +87,3 @@ class ViewerNode(ClosingNode):
                 f"the page listens on {host}: everybody who reaches this machine there and knows "
                 "the token can steer the robot; the connection is not encrypted"
             )
-
-
-def find_package(name: str) -> Path | None:
-    """Return the shared files of a ROS package; None if it is not installed."""
-    if name == PACKAGE:
-        return share_directory()
-    try:
-        return Path(get_package_share_directory(name))
-    except (LookupError, OSError, ValueError):  # not installed; no index; an invalid name
-        return None

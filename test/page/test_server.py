@@ -65,7 +65,7 @@ def robot() -> _Robot:
 
 
 def serve(robot: _Robot, **parameters: Any) -> Page:
-    return Page(robot, PageParameters(**parameters), lambda _: None, print)  # type: ignore[arg-type]
+    return Page(robot, PageParameters(**parameters), print)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")

@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 import trimesh
 
+from head_tracking.page import robot_shapes
 from head_tracking.page.robot_shapes import RobotForBrowser
 from head_tracking.transforms import parse_robot_model
 
 
-def shown(visuals: str, links: str = "", find_package=lambda _: None) -> RobotForBrowser:
+def shown(visuals: str, links: str = "") -> RobotForBrowser:
     """A robot whose link `a` has visuals."""
     text = (
         '<robot name="r"><material name="red"><color rgba="1 0 0 0.5"/></material>'
         f'<link name="a">{visuals}</link>{links}</robot>'
     )
-    return RobotForBrowser(parse_robot_model(text), None, "/mesh/", find_package)
+    return RobotForBrowser(parse_robot_model(text), None, "/mesh/")
 
 
 def visual(geometry: str, material: str = "") -> str:
@@ -48,7 +49,7 @@ def test_the_robots_of_the_tutorials_are_shown_whole(robot):
 
 
 @pytest.fixture
-def package(tmp_path):
+def package(tmp_path, monkeypatch):
     folder = tmp_path / "my_robot"
     folder.mkdir()
     trimesh.creation.box((1.0, 1.0, 1.0)).export(folder / "box.stl")
@@ -57,6 +58,7 @@ def package(tmp_path):
     red.export(folder / "red.ply")
     (folder / "broken.stl").write_bytes(b"this is no mesh" * 10)
     (folder / "none.obj").write_text("v 0 0 0\n")
+    monkeypatch.setattr(robot_shapes, "find_package", {"my_robot": folder}.get)
     return folder
 
 
@@ -65,7 +67,7 @@ def package(tmp_path):
 )
 def test_a_mesh_is_found_and_scaled(package, address):
     mesh = f'<mesh filename="{address.format(package)}" scale="2 2 2"/>'
-    found = shown(visual(mesh), find_package={"my_robot": package}.get)
+    found = shown(visual(mesh))
     (sent,) = found.meshes
     again = trimesh.load(io.BytesIO(sent), file_type="stl", force="mesh")
     assert again.extents == pytest.approx([2.0, 2.0, 2.0])
@@ -93,7 +95,7 @@ def test_meshes_are_sent_in_a_format_that_keeps_their_colours(package):
     ],
 )
 def test_a_mesh_that_cannot_be_shown_is_replaced_and_named(package, address):
-    found = shown(visual(f'<mesh filename="{address}"/>'), find_package={"my_robot": package}.get)
+    found = shown(visual(f'<mesh filename="{address}"/>'))
     assert [shape["kind"] for shape in found.about["shapes"]] == ["box"]
     (notice,) = found.about["notices"]
     assert notice.startswith("a: ")
@@ -112,7 +114,7 @@ def test_a_mesh_that_cannot_be_shown_is_replaced_and_named(package, address):
 def test_an_invalid_shape_is_left_out(package, geometry, material):
     link = '<link name="b"><visual><geometry><sphere radius="1"/></geometry></visual></link>'
     joint = '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>'
-    robot = shown(visual(geometry, material), link + joint, {"my_robot": package}.get)
+    robot = shown(visual(geometry, material), link + joint)
     about = robot.about
     assert [shape["link"] for shape in about["shapes"]] == ["b"]
     json.dumps([about, len(robot.meshes)], allow_nan=False)
