@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 
 from rclpy.exceptions import InvalidHandle
@@ -40,7 +39,6 @@ class Robot:
         buffer: the robot's frames; None: fed by topics.
         head_parameters: which joints make up the head.
         recorder_parameters: where recordings are kept.
-        report: receives a text when the callback of a frequent topic fails.
 
     Attributes:
         buffer: the robot's frames.
@@ -62,7 +60,6 @@ class Robot:
         buffer: Buffer | None,
         head_parameters: HeadParameters,
         recorder_parameters: RecorderParameters,
-        report: Callable[[str], None],
     ) -> None:
         self._node = node
         self._head_parameters = head_parameters
@@ -72,7 +69,7 @@ class Robot:
         self.mode = Mode.OFF
         self.stop = Stop(node)
         self._attempt: Attempt | None = None
-        self._polled = PolledNode(node, f"{node.get_name()}_polled", report)
+        self._polled = PolledNode(node, f"{node.get_name()}_polled")
         if buffer is None:
             buffer = listening_buffer(node, self._polled)
         self.buffer = buffer.core

@@ -39,7 +39,7 @@ class ViewerNode(ClosingNode):
         head = NodeParameters(self, HeadParameters).value
         page = NodeParameters(self, PageParameters).value
         recorder = NodeParameters(self, RecorderParameters).value
-        self.robot = Robot(self, buffer, head, recorder, self._report)
+        self.robot = Robot(self, buffer, head, recorder)
         self.closing.callback(self.robot.close)
         try:
             self.page = Page(self.robot, page, self._report)

@@ -24,6 +24,7 @@ T = TypeVar("T")
 _POLL = 1.0  # s
 _EVENT_PERIOD = 1.0  # s
 _MOST = 200  # messages of a subscription in one poll: a flood must not keep the caller
+_LOG_PERIOD = 5.0  # s
 _PAUSE = 0.05  # s after an error, so that a repeated error does not use a whole core
 _PATIENCE = 3.0  # s that a callback or the current work may take at the end
 
@@ -96,13 +97,14 @@ class NodeThread:
 class PolledNode(Node):
     """A node beside another one, with subscriptions only.
 
+    An error in a callback is logged and costs its message only.
+
     Args:
         beside: gives namespace, context and kind of time.
         name: of the new node.
-        report: receives a text when a callback raises an error; that costs its message only.
     """
 
-    def __init__(self, beside: Node, name: str, report: Callable[[str], None]) -> None:
+    def __init__(self, beside: Node, name: str) -> None:
         sim_time = beside.get_parameter("use_sim_time").value
         super().__init__(
             name,
@@ -111,7 +113,6 @@ class PolledNode(Node):
             start_parameter_services=False,
             parameter_overrides=[Parameter("use_sim_time", value=bool(sim_time))],
         )
-        self._report = report
         self._polling = threading.Lock()
         self._events = SingleThreadedExecutor(context=beside.context)
         self._events.add_node(self)
@@ -140,7 +141,8 @@ class PolledNode(Node):
         try:
             callback(argument)
         except Exception as error:
-            self._report(f"{type(error).__name__}: {error}")
+            text = f"{type(error).__name__}: {error}"
+            self.get_logger().error(text, throttle_duration_sec=_LOG_PERIOD)
 
 
 def take_message(subscription: Any) -> tuple[Any, dict[str, Any]] | None:
