@@ -182,10 +182,7 @@ class HeadModes:
         return tuple(n for n in nodes if self._topics.enabled(n) and not self._exists(n))
 
     def conflict(self) -> str:
-        """Return which nodes control the head, or send targets, at the same time; empty: none."""
-        controllers = [name for name in CONTROLLERS if self._is_enabled(name)]
-        if len(controllers) > 1:
-            return f"{' and '.join(controllers)} both control the head"
+        """Return which nodes send targets at the same time; empty: none."""
         senders = [name for name in SENDERS if self._is_enabled(name)]
         if self._is_enabled(TRACKER) and len(senders) > 1:
             return f"{' and '.join(senders)} all send targets"

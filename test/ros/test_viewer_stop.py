@@ -258,13 +258,13 @@ def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_
     assert "somebody" in outcome.text
 
 
-def test_two_senders_or_two_controllers_are_named(start, page):
-    for name in ("head_tracker", "point_head"):
-        start(ControllerStandIn(name))
+def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
+    start(ControllerStandIn("head_tracker"))
+    camera, frame = (start(ControllerStandIn(f"{name}_target")) for name in ("visual", "frame"))
     robot = page()
-    wait_for(lambda: "both control the head" in "".join(robot.notices()), PATIENCE)
-    camera = start(ControllerStandIn("visual_target"))
-    wait_for(lambda: robot.modes.mode() is Mode.VISUAL, PATIENCE)
+    wait_for(lambda: "all send targets" in "".join(robot.notices()), PATIENCE)
+    frame.switch(False)
+    wait_for(lambda: robot.modes.mode() is Mode.VISUAL and not robot.notices(), PATIENCE)
     wait_for(lambda: "base_link" in robot.buffer.frames())
     seen = PointStamped(header=Header(frame_id="base_link"))
     targets = camera.create_publisher(PointStamped, "target_point", 10)
