@@ -46,20 +46,27 @@ def test_outliers_do_not_carry_the_head_away(head):
     assert error(head, circle, wild) < max(1.8 * error(head, circle, ON_HEAD) + 0.01, 0.022)
 
 
-def test_servos_with_a_long_dead_time_are_followed(head):
-    fast = replace(ON_HEAD, servos=PlainServo(dead_time=0.15))
-    assert error(head, sine(0.5), fast) < 0.04
+def walked_up(t):
+    """Walk up to the head, and move on after a pause."""
+    bearing, distance = 0.3 * math.sin(max(t - 32.0, 0.0)), max(3.0 - 1.2 * t, 0.5)
+    return distance * math.cos(bearing), distance * math.sin(bearing), 0.16
 
 
-def test_a_heavy_head_follows_what_it_can(head):
-    servos = PlainServo(acceleration=5.0)
-    heavy = replace(ON_HEAD, duration=20.0, field=(3.0, 3.0), servos=servos)
-    assert error(head, swing, heavy, start=14.0) < 0.03
+LATE, HEAVY = PlainServo(dead_time=0.15), PlainServo(acceleration=5.0)
 
 
-def test_outliers_on_a_fast_swing_do_not_stop_the_pursuit(head):
-    fast = replace(ON_HEAD, duration=14.0, outliers=0.05, outlier=0.5)
-    assert error(head, sine(0.5), replace(fast, seed=2)) < 0.05
+@pytest.mark.parametrize(
+    ("path", "ordeal", "start", "most"),
+    [
+        (sine(0.5), {"servos": LATE}, 3.0, 0.04),
+        (swing, {"servos": HEAVY, "duration": 20.0, "field": (3.0, 3.0)}, 14.0, 0.03),
+        (sine(0.5), {"duration": 14.0, "outliers": 0.05, "outlier": 0.5, "seed": 2}, 3.0, 0.05),
+        (walked_up, {"servos": PlainServo(), "duration": 38.0}, 33.0, 0.03),
+    ],
+    ids=["late servos", "heavy head", "outliers on a fast swing", "walked up"],
+)
+def test_the_head_follows_through_an_ordeal(head, path, ordeal, start, most):
+    assert error(head, path, replace(ON_HEAD, **ordeal), start) < most
 
 
 @pytest.mark.parametrize(("noise", "seed"), [(0.002, 1), (0.005, 2)])
@@ -70,15 +77,6 @@ def test_at_rest_the_head_is_quieter_than_the_points(head, noise, seed):
     changes = sum(a != b for a, b in pairwise(goals)) / (len(goals) / 50.0)
     assert changes < 2.0
     assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * noise
-
-
-def test_a_person_who_walked_up_to_the_head_is_followed_after_a_pause(head):
-    def path(t):
-        bearing, distance = 0.3 * math.sin(max(t - 32.0, 0.0)), max(3.0 - 1.2 * t, 0.5)
-        return distance * math.cos(bearing), distance * math.sin(bearing), 0.16
-
-    conditions = replace(ON_HEAD, duration=38.0, servos=PlainServo())
-    assert error(head, path, conditions, start=33.0) < 0.03
 
 
 def test_gaps_do_not_carry_the_head_past_its_target(head):

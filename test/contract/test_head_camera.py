@@ -58,23 +58,6 @@ def test_stop_ends_following_and_resume_does_not_restart_it(head, servos, follow
     wait_for(lambda: follows(head))
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        lambda head: head.hold(),
-        lambda head: head.look_at((1.0, -1.0, 0.6)),
-        lambda head: head.follow((1.0, -1.0, 0.6)),
-        lambda head: (head.relax(), head.resume()),
-    ],
-)
-def test_another_command_ends_following(head, follow, command):
-    camera = follow()
-    wait_for(lambda: follows(head))
-    command(head)
-    assert camera.wait(10.0)
-    assert isinstance(camera.error, SupersededError)
-
-
 def test_a_second_camera_replaces_the_first(head, follow):
     first, second = follow(), follow()
     assert first.wait(10.0)
@@ -83,13 +66,15 @@ def test_a_second_camera_replaces_the_first(head, follow):
     assert second.error is None
 
 
-def test_another_detector_gets_the_images_of_the_same_camera(head):
-    def images():
-        while True:
-            time.sleep(0.02)
-            yield time.time(), GREY
+def grey_images():
+    """See nothing, for ever."""
+    while True:
+        time.sleep(0.02)
+        yield time.time(), GREY
 
-    camera = images()
+
+def test_another_detector_gets_the_images_of_the_same_camera(head):
+    camera = grey_images()
     head.follow_camera("face", camera)
     second = head.follow_camera("colour", camera)
     assert not second.wait(0.5)
@@ -102,20 +87,17 @@ def test_another_detector_gets_the_images_of_the_same_camera(head):
     ("command", "error"),
     [
         (lambda head: head.hold(), SupersededError),
+        (lambda head: head.look_at((1.0, -1.0, 0.6)), SupersededError),
+        (lambda head: head.follow((1.0, -1.0, 0.6)), SupersededError),
         (lambda head: head.follow_camera("face", []), SupersededError),
+        (lambda head: (head.relax(), head.resume()), SupersededError),
         (lambda head: head.stop(), RefusedCommandError),
         (lambda head: head.close(), RefusedCommandError),
     ],
 )
-def test_a_camera_that_sees_nothing_ends_with_the_next_command_too(head, command, error):
+def test_the_next_command_ends_following_also_if_nothing_was_seen(head, command, error):
     """Else its device would stay in use."""
-
-    def images():
-        while True:
-            time.sleep(0.02)
-            yield time.time(), GREY
-
-    camera = head.follow_camera("face", images())
+    camera = head.follow_camera("face", grey_images())
     command(head)
     assert camera.wait(10.0)
     assert isinstance(camera.error, error)

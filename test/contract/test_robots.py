@@ -5,7 +5,7 @@ import pytest
 from rig import DEGREE
 from robot_pursuit import Pursuit
 
-from head_tracking import Head
+from head_tracking import Head, HeadState
 from head_tracking.configuration import configured_head
 from head_tracking.gaze import PanTiltHead
 from head_tracking.share import robot_file, robot_names, robot_parameters
@@ -107,6 +107,8 @@ def test_the_simulated_head_looks_there(name):
         result = head.look_at(robot.in_base((2.0, 0.5, -0.2)))
         assert result.arrived
         assert result.miss < DEGREE
+        assert head.state is HeadState.HOLDING
+    assert head.state is HeadState.CLOSED
 
 
 def servo_models(name):
