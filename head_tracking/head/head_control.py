@@ -222,7 +222,8 @@ class HeadControl(Controller):
     def save(self) -> None:
         """Save what was learned of the servos for the next run."""
         with self.lock:
-            self.targets.save()
+            if self._model is not None:
+                self.memory.save(self.law.to_save)
 
     def watch(self) -> None:
         """Check owners, clock, model and joint states, also while no joint states are received."""

@@ -8,12 +8,21 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from head_tracking.compatibility import StrEnum
-from head_tracking.gaze import HeadCommand, PanTiltHead, PointingParameters, together
+from head_tracking.gaze import (
+    Arrival,
+    Gaze,
+    HeadCommand,
+    PanTiltHead,
+    PointingParameters,
+    PointingResult,
+    together,
+)
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
@@ -31,7 +40,6 @@ from head_tracking.tracking import (
     Tracker,
     TrackingLaw,
     TrajectoryCode,
-    Turn,
 )
 from head_tracking.transforms import TransformException, Vector3
 
@@ -40,6 +48,12 @@ if TYPE_CHECKING:
 
 _PERIOD = 0.02  # s
 _MOVING = 0.15  # rad/s; the measured velocity of a joint at rest can reach this
+_RAMP = 0.2  # s of acceleration, and of braking
+_STILL = 0.006  # rad; a joint that moved less stands still: a little over one tick of an AX-12
+_ON_TARGET = 0.1  # s with a small miss after which the turn ends
+_SMALL_MISS = 0.3  # of the threshold
+_WINDOW = 0.15  # s over which the target's velocity is measured
+_LEAD_TIME = 0.3  # s for which that velocity is extrapolated at most
 _SAME_GOAL = 0.006  # rad; a little over one tick of an AX-12
 
 Locate: TypeAlias = "Callable[[float], tuple[Vector3, float | None]]"
@@ -127,14 +141,20 @@ class Motion(ABC):
 
 
 class PointMotion(Motion):
-    """A turn to a point, until the measured joints have arrived; not faster than is allowed now.
+    """A turn to a point, which may move, until the measured joints have arrived.
+
+    Both joints start and arrive together; the one with the longer way moves as fast as `p` and the
+    head allow, or slower if `min_duration` requires it. A joint that moves at the beginning brakes
+    within 0.2 s, while the motion to the point begins.
 
     Args:
         control: of the head.
         target: the point, as it was sent.
         locate: where it is.
         p: how to turn. With `clamp_to_limits` the head turns as far as the joints go to a point
-            out of reach; else that ends the motion.
+            out of reach; else that ends the motion. The motion has arrived or missed when the
+            joints have stood still for `settle_time`, or have missed a moving point by less than
+            `success_angle_threshold` for this time; or when the miss is very small for 0.1 s.
         joints: as measured now.
         notify: see `Motion`.
         head: the head, pointing another frame; None: the usual one.
@@ -155,20 +175,32 @@ class PointMotion(Motion):
         super().__init__(notify)
         head = head or control.frames.head
         assert head is not None
-        velocity, settled = min(p.max_velocity, control.fastest), p.settle_time
-        threshold = p.success_angle_threshold
         self.title = f"turning {head.pointing_frame} to {target}"
         self.target, self.locate = target, locate
-        self._law, self._clamp = control.law, p.clamp_to_limits
-        self._patience = control.frames.patience
-        start = control.present(joints)
-        self._turn = Turn(head, start, velocity, min_duration, threshold, settled)
+        self._head, self._p, self._min_duration = head, p, min_duration
+        self._speed = min(p.max_velocity, control.fastest)
+        self._law, self._patience = control.law, control.frames.patience
+        pan, tilt = control.present(joints)
+        self._velocity = pan.velocity or 0.0, tilt.velocity or 0.0
+        # where the joints would stand if they only braked
+        self._start = (
+            pan.position + 0.5 * _RAMP * self._velocity[0],
+            tilt.position + 0.5 * _RAMP * self._velocity[1],
+        )
+        self._began = self._duration = 0.0
         self._located: float | None = None
+        self._gazes: deque[tuple[float, tuple[float, float]]] = deque()
+        self._rate = (0.0, 0.0)
+        self._seen = 0.0
+        self._settling = Arrival(p.success_angle_threshold, p.settle_time)
+        self._ending = Arrival(_SMALL_MISS * p.success_angle_threshold, _ON_TARGET)
+        self._has_settled = self._is_on_target = False
+        self._rest = (0.0, 0.0)
+        self._still_since = 0.0
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`. After its result a motion computes its miss only."""
-        turn = self._turn
-        moves = turn.miss is not None
+        moves = self.miss is not None
         located = self._located = now if self._located is None else self._located
         try:
             point, stamp = self.locate(now)
@@ -177,16 +209,15 @@ class PointMotion(Motion):
                 return None
             self.end(MotionEnd.NO_TRANSFORM, f"the target {self.target} has no transform: {error}")
             return self._law.stop(joints) if moves else None
-        gaze = turn.aim(point, stamp, joints.positions, now)
-        self.miss, self._located = turn.miss, now
+        gaze, self._located = self._aim(point, stamp, joints.positions, now), now
         if self.result is not None:
             return None
-        if not gaze.is_usable(clamp=self._clamp):
+        if not gaze.is_usable(clamp=self._p.clamp_to_limits):
             self.end(MotionEnd.UNREACHABLE, gaze.reason)
             return self._law.stop(joints) if moves else None
-        result = turn.judge(now)
+        result = self._judge(now)
         if result is None:
-            return self._law.along(turn.positions, turn.max_velocity, joints, now)
+            return self._law.along(self._positions, self._speed, joints, now)
         if result.arrived:
             self.end(MotionEnd.SUCCEEDED, str(result), TrajectoryCode.SUCCESSFUL)
         else:
@@ -196,16 +227,94 @@ class PointMotion(Motion):
 
     def goal(self, now: float) -> HeadCommand:
         """Return the command that goes where the joints should be now."""
-        turn = self._turn
-        return HeadCommand(*turn.positions(now), turn.max_velocity, turn.max_velocity)
+        return HeadCommand(*self._positions(now), self._speed, self._speed)
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
         """See `Motion`."""
-        if self._turn.miss is None:
+        if self.miss is None:
             return None
-        here, soon = self._turn.positions(time), self._turn.positions(time + _PERIOD)
+        here, soon = self._positions(time), self._positions(time + _PERIOD)
         pan, tilt = (JointPoint(a, (b - a) / _PERIOD, 0.0) for a, b in zip(here, soon, strict=True))
         return pan, tilt
+
+    def _aim(
+        self, point: Vector3, stamp: float | None, present: tuple[float, float], now: float
+    ) -> Gaze:
+        """Set the present point and return the gaze at it, or the nearest possible one.
+
+        Args:
+            point: shape (3,) [m], in the head's base frame.
+            stamp: when it was there [s]; None: it does not move.
+            present: measured positions of the joints [rad].
+            now: the time [s].
+        """
+        gaze = self._head.gaze(point, *(self._gazes[-1][1] if self._gazes else present))
+        positions = gaze.pan, gaze.tilt
+        if self.miss is None:
+            self._began = now
+            longest = max(abs(b - a) for a, b in zip(self._start, positions, strict=True))
+            self._duration = max(self._min_duration, longest / self._speed + _RAMP)
+            self._rest, self._still_since = present, now
+        self.miss = self._head.miss(point, *present)
+        if stamp is None or not self._gazes or stamp > self._gazes[-1][0]:
+            self._seen = now if stamp is None else stamp
+            self._gazes.append((self._seen, positions))
+            while len(self._gazes) > 2 and self._gazes[0][0] < self._seen - _WINDOW:
+                self._gazes.popleft()
+            before, old = self._gazes[0]
+            if stamp is not None and before < self._seen:
+                pan, tilt = (
+                    (b - a) / (self._seen - before) for a, b in zip(old, positions, strict=True)
+                )
+                self._rate = pan, tilt
+        self._has_settled = self._settling.step(self.miss, now)
+        self._is_on_target = self._ending.step(self.miss, now)
+        if any(abs(a - b) > _STILL for a, b in zip(present, self._rest, strict=True)):
+            self._rest, self._still_since = present, now
+        return gaze
+
+    def _judge(self, now: float) -> PointingResult | None:
+        """Return the result; None while the turn is in progress."""
+        if self.miss is None or now < self._began + self._duration:
+            return None
+        moves = max(map(abs, self._rate)) > _STILL
+        if self._is_on_target or (moves and self._has_settled):
+            return PointingResult(True, self.miss)
+        if moves:
+            return None
+        if now - self._still_since < self._p.settle_time:
+            return None
+        return PointingResult(self.miss <= self._p.success_angle_threshold, self.miss)
+
+    def _positions(self, time: float) -> tuple[float, float]:
+        """Return the desired pan and tilt at a time [s]."""
+        elapsed = time - self._began
+        ratio = self._ratio(elapsed)
+        left = max(0.0, _RAMP - max(0.0, elapsed))  # s of braking
+        ahead = min(max(time - self._seen, 0.0), _LEAD_TIME)
+        pan, tilt = (
+            start - 0.5 * velocity * left * left / _RAMP + ratio * (goal + ahead * rate - start)
+            for start, velocity, goal, rate in zip(
+                self._start, self._velocity, self._gazes[-1][1], self._rate, strict=True
+            )
+        )
+        return self._head.pan_limits.clamp(pan), self._head.tilt_limits.clamp(tilt)
+
+    def _ratio(self, elapsed: float) -> float:
+        """Return the completed fraction of the way: a trapezoidal velocity profile."""
+        whole = self._duration
+        ramp = min(_RAMP, 0.5 * whole)
+        if ramp <= 0.0 or elapsed >= whole:
+            return 1.0
+        left = whole - elapsed
+        if elapsed <= 0.0:
+            return 0.0
+        speed = 1.0 / (whole - ramp)
+        if elapsed < ramp:
+            return 0.5 * speed * elapsed * elapsed / ramp
+        if left < ramp:
+            return 1.0 - 0.5 * speed * left * left / ramp
+        return speed * (elapsed - 0.5 * ramp)
 
 
 class TrajectoryMotion(Motion):
@@ -284,9 +393,6 @@ class TargetMotion(Motion):
     @abstractmethod
     def state(self) -> tuple[str, str]:
         """Return the state, as a code and as text, of a head that is enabled and measured."""
-
-    def save(self) -> None:
-        """Save what was learned of the servos for the next run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,11 +519,6 @@ class Tracking(TargetMotion):
         assert self.tracker is not None
         self.tracker.recenter()
         return None
-
-    def save(self) -> None:
-        """See `TargetMotion`."""
-        if self.tracker is not None:
-            self.control.memory.save(self.control.law.to_save)
 
     def state(self) -> tuple[str, str]:
         """See `TargetMotion`."""

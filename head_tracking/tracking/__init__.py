@@ -44,7 +44,6 @@ from head_tracking.tracking.trajectory import (
     Waypoint,
     checked_waypoints,
 )
-from head_tracking.tracking.turn import Turn
 
 __all__ = [
     "CAUTIOUS_SPEED",
@@ -88,7 +87,6 @@ __all__ = [
     "TrajectoryCode",
     "TrajectoryError",
     "TrajectoryParameters",
-    "Turn",
     "Verdict",
     "Waypoint",
     "checked_waypoints",
