@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import yaml
 
 from head_tracking.cli.terminal import Terminal
 from head_tracking.dynamixel.configuration import ServoCalibration
@@ -77,32 +79,22 @@ def configuration(
     joints: Sequence[Sequence[ServoCalibration]], port_name: str, baud_rate: int
 ) -> str:
     """Return the parameters of servo_bus as YAML; each joint has one servo or two."""
-    lines = [
-        "# Written by `head_tracking new-robot`.",
-        "",
-        "/**/servo_bus:",
-        "  ros__parameters:",
-        f"    port_name: {port_name}",
-        f"    baud_rate: {baud_rate}",
-        f"    dynamixels: [{', '.join(first.joint_name for first, *_ in joints)}]",
-    ]
-    for first, *others in joints:
-        name = first.joint_name
-        low, high = first.position(first.min), first.position(first.max)
-        motor = f"model: {first.model.name}, {_values(first)}"
-        lines += [
-            f"    {name}_controller:",
-            f"      joint_name: {name}_joint",
-            f"      motor: {{{motor}}}    # {low:.3f} to {high:.3f} rad",
-            *(f"      second_motor: {{{_values(other)}}}" for other in others),
-        ]
-    return "\n".join(lines) + "\n"
+    names = [first.joint_name for first, *_ in joints]
+    values: dict[str, Any] = {"port_name": port_name, "baud_rate": baud_rate, "dynamixels": names}
+    for name, (first, *others) in zip(names, joints, strict=True):
+        motor = {"model": first.model.name, **_values(first)}
+        controller: dict[str, Any] = {"joint_name": f"{name}_joint", "motor": motor}
+        if others:
+            controller["second_motor"] = _values(others[0])
+        values[f"{name}_controller"] = controller
+    text = yaml.safe_dump({"/**/servo_bus": {"ros__parameters": values}}, sort_keys=False)
+    return f"# Written by `head_tracking new-robot`.\n\n{text}"
 
 
-def _values(servo: ServoCalibration) -> str:
-    text = f"id: {servo.id}, init: {servo.init}, min: {servo.min}, max: {servo.max}"
-    text += "" if servo.offset is None else f", offset: {servo.offset}"
-    return text + ("" if servo.reverse is None else f", reverse: {int(servo.reverse)}")
+def _values(servo: ServoCalibration) -> dict[str, int]:
+    values = {"id": servo.id, "init": servo.init, "min": servo.min, "max": servo.max}
+    memory = {"offset": servo.offset, "reverse": servo.reverse}
+    return values | {name: int(value) for name, value in memory.items() if value is not None}
 
 
 def ticks_by_hand(terminal: Terminal, servos: Sequence[Servo], prompt: str) -> dict[int, int]:
