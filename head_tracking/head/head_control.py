@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from typing import Protocol
+from logging import Logger
 
 from head_tracking.control.loop import Controller, ControlLoop
 from head_tracking.control.owners import OwnershipError
@@ -47,19 +47,6 @@ _FASTEST = 12.0  # rad/s of a motion; usually the model's limit is lower
 _START_TIME = 0.3  # s that a joint may take to start after its command
 
 
-class Log(Protocol):
-    """A logger: Python's, or that of a ROS node."""
-
-    def info(self, message: str, /) -> object:
-        """Log an event."""
-
-    def warning(self, message: str, /) -> object:
-        """Log a problem that may pass."""
-
-    def error(self, message: str, /) -> object:
-        """Log a failure."""
-
-
 class HeadControl(Controller):
     """Controls a head in a loop by one `Motion` at a time; for any thread.
 
@@ -74,7 +61,7 @@ class HeadControl(Controller):
         clock: of the stamps.
         is_simulated: returns whether that clock may run at any speed.
         period: minimum time between two updates [s].
-        log: the logger.
+        log: the logger; that of a ROS node has the same methods.
         observer: called after the goals of each cycle were written, with the present `error`;
             None: there is none, or it is not new.
 
@@ -113,7 +100,7 @@ class HeadControl(Controller):
         *,
         is_simulated: Callable[[], bool] = lambda: False,
         period: float,
-        log: Log,
+        log: Logger,
         observer: Callable[[float | None], object] = lambda _: None,
     ) -> None:
         assert loop.buffer is not None
