@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import Any
@@ -71,7 +71,6 @@ class JointStatePublisherNode(Node):
         self._default_positions = p.publish_default_positions
         self._zeros = self._declare_zeros()
         self._dependents = self._declare_dependents()
-        self._described: RobotModel | None = None
         self._model: RobotModel | None = None
         self._states: JointStates | None = None
         self._measured = False
@@ -123,24 +122,17 @@ class JointStatePublisherNode(Node):
         return float(value)
 
     def _on_description(self, message: String) -> None:
-        try:
-            self._described = parse_robot_model(message.data)
-        except RobotModelError as error:
-            self._refuse(error)
+        self._use(lambda: parse_robot_model(message.data))
 
-    def _refuse(self, error: RobotModelError) -> None:
-        self.get_logger().error(f"robot_description is ignored: {error}")
-
-    def _use(self, model: RobotModel | None) -> None:
+    def _use(self, described: Callable[[], RobotModel]) -> None:
         """Use another model."""
-        self._model = model
-        if model is not None:
-            try:
-                self._states = JointStates(
-                    model, self._zeros, self._dependents, default_positions=self._default_positions
-                )
-            except RobotModelError as error:
-                self._refuse(error)
+        try:
+            self._model = model = described()
+            self._states = JointStates(
+                model, self._zeros, self._dependents, default_positions=self._default_positions
+            )
+        except RobotModelError as error:
+            self.get_logger().error(f"robot_description is ignored: {error}")
 
     def _on_measurement(self, message: JointStateMsg) -> None:
         measured = {
@@ -174,9 +166,9 @@ class JointStatePublisherNode(Node):
         """Add dependent joints and defaults; see `JointStates.complete`."""
         self._measured = True
         buffer = None if self._loop is None else self._loop.buffer
-        model = self._described if buffer is None else buffer.model
-        if model is not self._model:
-            self._use(model)
+        model = None if buffer is None else buffer.model
+        if model is not None and model is not self._model:
+            self._use(lambda: model)
         return {} if self._states is None else self._states.complete(measured)
 
     def _publish_defaults(self) -> None:

@@ -105,8 +105,7 @@ class VisualTargetNode(SightedTargetNode):
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
         self._others = self.create_publisher(PoseArray, "~/others", 10)
         self._annotated = self.create_publisher(Image, "~/image", 2)
-        self._image: Subscription | None = None
-        self._depth: Subscription | None = None
+        self._inputs: dict[str, Subscription] = {}
         self._subscribe_as_needed()
         steady_timer(self, _SUBSCRIPTION_PERIOD, self._subscribe_as_needed)
         self.create_subscription(RegionOfInterest, "~/select", self._on_select, 10)
@@ -152,18 +151,15 @@ class VisualTargetNode(SightedTargetNode):
         outputs = (self.confidence, self._region, self._others, self._annotated)
         wanted = self.output.on or any(one.get_subscription_count() for one in outputs)
         depth_only = DETECTORS[p.follow].depth_only
-        wants_image = wanted and not depth_only
-        wants_depth = wanted and (p.use_depth or depth_only)
-        if wants_image and self._image is None:
-            self._image = self._subscribe("image", p.image_transport, self._on_image)
-        elif not wants_image and self._image is not None:
-            self.destroy_subscription(self._image)
-            self._image = None
-        if wants_depth and self._depth is None:
-            self._depth = self._subscribe("depth", p.depth_transport, self._on_depth)
-        elif not wants_depth and self._depth is not None:
-            self.destroy_subscription(self._depth)
-            self._depth = None
+        for topic, is_needed, transport, callback in (
+            ("image", not depth_only, p.image_transport, self._on_image),
+            ("depth", p.use_depth or depth_only, p.depth_transport, self._on_depth),
+        ):
+            if not (wanted and is_needed):
+                if topic in self._inputs:
+                    self.destroy_subscription(self._inputs.pop(topic))
+            elif topic not in self._inputs:
+                self._inputs[topic] = self._subscribe(topic, transport, callback)
 
     def _on_parameters(self, _: Any) -> None:
         self.worker.do(self._apply_parameters)
@@ -180,7 +176,7 @@ class VisualTargetNode(SightedTargetNode):
         return self.create_subscription(CompressedImage, topic, callback, LATEST_ONLY)
 
     def _on_image(self, message: AnyImage) -> None:
-        depth = self._depth
+        depth = self._inputs.get("depth")
         if depth is None or not self.count_publishers(depth.topic_name):
             self.worker.offer(_Images(message, message, None))
             return
