@@ -55,8 +55,7 @@ class Replays:
 
     def picture(self, key: str, time: float) -> bytes | None:
         """Return the latest JPEG or PNG before a time [s]; None without one."""
-        found = self._used(key)[0].picture_at(time)
-        return None if found is None else found.data
+        return self._used(key)[0].picture_at(time)
 
     def meshes(self, key: str) -> tuple[bytes, ...]:
         """Return the meshes of the recorded robot."""

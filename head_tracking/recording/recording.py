@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import NamedTuple
 
 from head_tracking.ros.targets.latest_target import TransformedTarget
@@ -113,18 +114,6 @@ class Moment(NamedTuple):
     text: str
 
 
-class RecordedPicture(NamedTuple):
-    """A picture in a recording.
-
-    Attributes:
-        stamp: when it was recorded [ns].
-        data: a JPEG or a PNG.
-    """
-
-    stamp: int
-    data: bytes
-
-
 @dataclass(frozen=True, slots=True)
 class Recording:
     """Observations of a robot, oldest first; at least one.
@@ -134,7 +123,7 @@ class Recording:
         urdf: the robot's model; empty: not known.
         moments: events, oldest first.
         notice: what is unusual about the recording; empty: nothing.
-        pictures: of one camera, oldest first.
+        pictures: of one camera, oldest first: stamp [ns], and JPEG or PNG.
 
     Raises:
         RecordingError: there is no observation.
@@ -144,7 +133,7 @@ class Recording:
     urdf: str = ""
     moments: tuple[Moment, ...] = ()
     notice: str = ""
-    pictures: tuple[RecordedPicture, ...] = ()
+    pictures: tuple[tuple[int, bytes], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.seen:
@@ -161,12 +150,14 @@ class Recording:
         index = bisect.bisect_right(self.seen, stamp, key=lambda one: one.stamp)
         return self.seen[max(0, index - 1)]
 
-    def picture_at(self, time: float) -> RecordedPicture | None:
+    def picture_at(self, time: float) -> bytes | None:
         """Return the latest picture before a time [s] from the start; None without a recent one.
 
         Before the first picture it is the first one.
         """
         stamp = self.seen[0].stamp + round(time * 1e9)
-        index = max(0, bisect.bisect_right(self.pictures, stamp, key=lambda one: one.stamp) - 1)
-        found = self.pictures[index] if self.pictures else None
-        return None if found is None or abs(stamp - found.stamp) > _PICTURE_AGE else found
+        if not self.pictures:
+            return None
+        index = bisect.bisect_right(self.pictures, stamp, key=itemgetter(0))
+        taken, picture = self.pictures[max(0, index - 1)]
+        return picture if abs(stamp - taken) <= _PICTURE_AGE else None

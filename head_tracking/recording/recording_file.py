@@ -20,7 +20,6 @@ from head_tracking.recording.recording import (
     ERRORS,
     Moment,
     Observation,
-    RecordedPicture,
     Recording,
     RecordingError,
     known_joints,
@@ -220,7 +219,7 @@ class _Reading:
         self._target: TransformedTarget | None = None
         self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and the value
         self._levels: dict[str, int] = {}
-        self._pictures: list[RecordedPicture] = []
+        self._pictures: list[tuple[int, bytes]] = []  # stamp, and JPEG or PNG
         self._picture_bytes, self._picture_period = 0, 0
         self._unread: dict[str, str] = {}  # why messages can't be read, by topic
         self._handlers: dict[int, Callable[[bytes], None] | None] = {}  # by number of the channel
@@ -382,16 +381,15 @@ class _Reading:
 
     def _on_picture(self, message: Any) -> None:
         """Keep pictures: the longer the recording, the fewer per second."""
-        if self._pictures and self._now < self._pictures[-1].stamp + self._picture_period:
+        if self._pictures and self._now < self._pictures[-1][0] + self._picture_period:
             return
-        picture = RecordedPicture(self._now, bytes(message.data))
-        self._pictures.append(picture)
-        self._picture_bytes += len(picture.data)
+        self._pictures.append((self._now, bytes(message.data)))
+        self._picture_bytes += len(message.data)
         if self._picture_bytes > _PICTURES:
-            length = self._now - self._pictures[0].stamp
+            length = self._now - self._pictures[0][0]
             self._picture_period = 2 * length // len(self._pictures)
             self._pictures = self._pictures[::2]
-            self._picture_bytes = sum(len(one.data) for one in self._pictures)
+            self._picture_bytes = sum(len(picture) for _, picture in self._pictures)
 
     def _mark(self, text: str) -> None:
         """Note an event."""
