@@ -16,7 +16,7 @@ from ament_index_python.packages import get_package_share_directory
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation
 from head_tracking.share import PACKAGE, share_directory
-from head_tracking.transforms import RobotModel, Transform
+from head_tracking.transforms import JointLimits, RobotModel, Transform
 from head_tracking.transforms.urdf import import_yourdfpy
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class _Shapes:
         self.notices: list[str] = []
         self._meshes_at = meshes_at
         self._materials = {material.name: material for material in robot.materials}
-        self._loaded: dict[str, trimesh.Trimesh | str] = {}
+        self._loaded: dict[str, trimesh.Trimesh] = {}
         for link in robot.links:
             for visual in link.visuals:
                 try:
@@ -168,9 +168,10 @@ class _Shapes:
         self.found.append(shape)
 
     def _mesh(self, link: str, geometry: Any) -> dict[str, Any]:
-        mesh = self._load(geometry.filename)
-        if isinstance(mesh, str):
-            self.notices.append(f"{link}: {mesh}")
+        try:
+            mesh = self._load(geometry.filename)
+        except MeshError as error:
+            self.notices.append(f"{link}: {error}")
             return _PLACEHOLDER
         scale = 1.0 if geometry.scale is None else geometry.scale
         if not (np.abs(mesh.bounds * scale) < _LARGEST).all():
@@ -183,23 +184,22 @@ class _Shapes:
         address = f"{self._meshes_at}{len(self.meshes) - 1}"
         return {"kind": "coloured" if is_coloured else "mesh", "mesh": address}
 
-    def _load(self, address: str) -> trimesh.Trimesh | str:
-        """Return the mesh at an address, or why it can't be shown."""
+    def _load(self, address: str) -> trimesh.Trimesh:
+        """Return the mesh at an address; raise MeshError if it can't be shown."""
         if address not in self._loaded:
             import trimesh  # takes a second, and not every robot has meshes
 
+            file = mesh_file(address)
             try:
-                mesh = trimesh.load(mesh_file(address), force="mesh")
-                self._loaded[address] = (
-                    mesh if len(mesh.faces) else f"the mesh {address!r} has no triangles"
-                )
+                mesh = trimesh.load(file, force="mesh")
+                if not len(mesh.faces):
+                    raise ValueError("it has no triangles")
             except Exception as error:  # readers of mesh files raise any error
-                self._loaded[address] = (
-                    str(error)
-                    if isinstance(error, MeshAddressError)
-                    else f"the mesh {address!r} can't be read ({error or type(error).__name__}); "
+                raise MeshError(
+                    f"the mesh {address!r} can't be read ({error or type(error).__name__}); "
                     ".dae files need pycollada (pip install pycollada)"
-                )
+                ) from error
+            self._loaded[address] = mesh
         return self._loaded[address]
 
     def _colour(self, material: Any) -> list[float]:
@@ -211,21 +211,21 @@ class _Shapes:
         return [r, g, b, a]
 
 
-class MeshAddressError(ValueError):
-    """There is no file at the address of a mesh."""
+class MeshError(ValueError):
+    """A mesh can't be shown."""
 
 
 def mesh_file(address: str) -> Path:
     """Return the file of a URDF mesh by its `filename`.
 
     Raises:
-        MeshAddressError: there is none; with what to do.
+        MeshError: there is none; with what to do.
     """
     kind, separator, rest = address.partition("://")
     if not separator:
         path = Path(address)
         if not path.is_absolute():
-            raise MeshAddressError(
+            raise MeshError(
                 f"the mesh {address!r} has a relative path: write package://<package>/<path> or "
                 "file:///<path>"
             )
@@ -233,7 +233,7 @@ def mesh_file(address: str) -> Path:
         package, _, inside = unquote(rest).partition("/")
         folder = find_package(package)
         if folder is None:
-            raise MeshAddressError(
+            raise MeshError(
                 f"the mesh {address!r} is in the package {package!r}, which is not installed here: "
                 "install or source it and start the viewer again"
             )
@@ -241,16 +241,14 @@ def mesh_file(address: str) -> Path:
     elif kind == "file":
         path = Path(unquote(rest))
     else:
-        raise MeshAddressError(f"the mesh {address!r}: addresses of {kind}:// are not supported")
+        raise MeshError(f"the mesh {address!r}: addresses of {kind}:// are not supported")
     if not path.is_file():
-        raise MeshAddressError(f"the mesh {address!r}: there is no file {path}")
+        raise MeshError(f"the mesh {address!r}: there is no file {path}")
     return path
 
 
-def _finite(limits: Any) -> list[float]:
+def _finite(limits: JointLimits) -> list[float]:
     """Return the limits of a joint, at most half a turn each way."""
-    if limits is None:
-        return [-math.pi, math.pi]
     return [max(limits.lower, -math.pi), min(limits.upper, math.pi)]
 
 
