@@ -34,25 +34,20 @@ class Stop:
 
     Attributes:
         count: number of STOPs, of this page and of others; each ends what was begun before it.
+        stopped: whether the bus has published that it ignores commands until `resume`.
     """
 
     def __init__(self, beside: Node) -> None:
-        self.count = 0
+        self.count, self.stopped = 0, False
         self._own = NodeThread.beside(beside, f"{beside.get_name()}_stop")
         node = self._own.node
         self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
         self._where = f"in the namespace {node.get_namespace()}"
-        self._stopped: bool | None = None
         self._attempt: Attempt | None = None
         self._lock = threading.Lock()
         node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
         self._own.start()
-
-    @property
-    def stopped(self) -> bool:
-        """Whether the bus has published that it ignores commands until `resume`."""
-        return self._stopped is True
 
     @property
     def refusal(self) -> str:
@@ -121,11 +116,11 @@ class Stop:
                     clients.append(self._own.node.create_client(Trigger, name))
 
     def _on_stopped(self, message: Bool) -> None:
-        if self._stopped and not message.data:
+        if self.stopped and not message.data:
             self.cancel()  # somebody has resumed
         with self._lock:
-            self.count += bool(message.data and not self._stopped)
-        self._stopped = bool(message.data)
+            self.count += bool(message.data and not self.stopped)
+        self.stopped = bool(message.data)
 
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
