@@ -198,7 +198,7 @@ class Live:
             "can_resume": robot.stop.can_resume,
             "stop": "" if outcome is None else outcome.text,
             "notices": [*waiting, *shapes, *robot.notices()],
-            "warnings": list(robot.topics.warnings()),
+            "warnings": list(robot.topics.warnings),
             "servos": [asdict(servo) for servo in servos],
             "movable": movable,
             "free": robot.joints.free,

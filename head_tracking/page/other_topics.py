@@ -118,6 +118,9 @@ class OtherTopics:
             may be called from any.
         polled: subscribes to frequent topics.
         graph: tells what belongs to the robot.
+
+    Attributes:
+        warnings: the last warnings and errors of the log, latest last.
     """
 
     def __init__(self, node: Node, polled: PolledNode, graph: Graph) -> None:
@@ -127,7 +130,7 @@ class OtherTopics:
         self._subscriptions: dict[str, Any] = {}
         self._requesting = threading.Lock()
         self._diagnostics: dict[str, dict[str, Received]] = {}
-        self._warnings: tuple[str, ...] = ()
+        self.warnings: tuple[str, ...] = ()
         self._cameras: dict[str, tuple[float, Camera | None]] = {}
         self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
         self._images: tuple[str, ...] = ()
@@ -186,10 +189,6 @@ class OtherTopics:
         """Return the fields of a controller's `~/status`; empty if it has published none."""
         received = self._received.get(f"{name}/status")
         return {} if received is None else health_from_message(received.message).values
-
-    def warnings(self) -> tuple[str, ...]:
-        """Return the last warnings and errors of the log, latest last."""
-        return self._warnings
 
     def health(self) -> tuple[Part, ...]:
         """Return the latest diagnostics by name.
@@ -332,7 +331,7 @@ class OtherTopics:
         node = message.name.replace(".", "/")
         if message.level >= _WARN and self._graph.is_own(node):
             text = f"{node.rpartition('/')[2]}: {message.msg[:_MOST_TEXT]}"
-            self._warnings = (*self._warnings[1 - _MOST_WARNINGS :], text)
+            self.warnings = (*self.warnings[1 - _MOST_WARNINGS :], text)
 
 
 def _recent(received: Received | None) -> Any:

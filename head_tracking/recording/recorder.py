@@ -70,18 +70,15 @@ class Recorder:
 
     Args:
         beside: the node that it belongs to; the topics of the robot are those in its namespace.
-        parameters: where recordings are kept; read at each start.
+        parameters: where recordings are kept.
     """
 
     def __init__(self, beside: Node, parameters: RecorderParameters) -> None:
-        self._beside, self._parameters = beside, parameters
+        self._beside = beside
+        self._directory = Path(os.path.expanduser(parameters.record_directory))
+        self._limit = parameters.record_limit * 1_000_000
         self._lock = threading.Lock()
         self._session: _Session | None = None
-
-    @property
-    def directory(self) -> Path:
-        """The folder of the recordings."""
-        return Path(os.path.expanduser(self._parameters.record_directory))
 
     @property
     def file(self) -> Path | None:
@@ -98,7 +95,7 @@ class Recorder:
     def files(self) -> tuple[Path, ...]:
         """Return the recordings, latest first."""
         with contextlib.suppress(OSError):
-            return tuple(sorted(self.directory.glob("*.mcap"), reverse=True))
+            return tuple(sorted(self._directory.glob("*.mcap"), reverse=True))
         return ()
 
     def start(self) -> Outcome:
@@ -107,10 +104,9 @@ class Recorder:
             if self.file is not None:
                 return Outcome(False, f"{self.file} is being recorded already.")
             try:
-                self.directory.mkdir(parents=True, exist_ok=True)
-                file = _new_file(self.directory)
-                limit = self._parameters.record_limit * 1_000_000
-                self._session = _Session(self._beside, file, limit)
+                self._directory.mkdir(parents=True, exist_ok=True)
+                file = _new_file(self._directory)
+                self._session = _Session(self._beside, file, self._limit)
             except OSError as error:
                 return Outcome(False, f"Can't record: {error}. See the parameter record_directory.")
             return Outcome(True, f"Recording into {file}.")
