@@ -130,7 +130,7 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, tab: 
         assert robot.asked.acquire(timeout=30.0)
     before = robot.stops
     tab.locator("#stop").dispatch_event("click")
-    wait_for(lambda: robot.stops > before, 20.0)
+    wait_for(lambda: robot.stops > before, 50.0)
     robot.go_on.set()
 
 
@@ -201,7 +201,7 @@ def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, tab: Any) -> N
     before = robot.stops
     for button in ("torque-on", "centre", "reset", "recorder", "stop"):
         tab.locator(f"#{button}").dispatch_event("click")
-    wait_for(lambda: robot.stops > before, 20.0)
+    wait_for(lambda: robot.stops > before, 50.0)
     assert "stop" in asked
     assert not {"torque", "centre", "reset", "record"} & set(asked)
 
@@ -236,7 +236,7 @@ def test_an_older_browser_without_3d_and_storage_shows_the_rest(
     with visited(browser, page.port, _OLDER) as tab:
         before = robot.stops
         tab.locator("#stop").dispatch_event("click")
-        wait_for(lambda: robot.stops > before, 20.0)
+        wait_for(lambda: robot.stops > before, 50.0)
         tab.locator("nav button[data-tab=joints]").dispatch_event("click")
         tab.wait_for_selector("#joints > #robot > .failing", state="attached")
 

@@ -111,7 +111,7 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
         pans.append(robot.true("head_pan_joint"))
         return max(pans) > bearing(1.0, 0.3) and min(pans) < bearing(1.0, -0.3)
 
-    wait_for(swings, 20.0)
+    wait_for(swings)
     x, y, z = to_base @ seen.observe().target
     assert (x, z) == pytest.approx(((to_base @ ends[0])[0], (to_base @ ends[0])[2]), abs=1e-6)
     assert abs(y) <= 0.4 + 1e-6
@@ -206,7 +206,7 @@ def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, se
         wait_for(lambda mode=mode: seen.modes.mode() is mode)
         follow = robot.composition.nodes["visual_target"].get_parameter("follow")
         assert follow.value == follows
-    wait_for(lambda: seen.observe().target is not None, 30.0)
+    wait_for(lambda: seen.observe().target is not None)
     assert not seen.modes.conflict()
     assert seen.modes.select(Target(1, "camera_optical_frame", place)).done
     wait_for(lambda: selected)

@@ -51,9 +51,9 @@ class Sent:
         """The status by the server's topic."""
         return int(self._handle.status)
 
-    def ended(self, patience: float = 15.0) -> tuple[int, Any]:
+    def ended(self) -> tuple[int, Any]:
         """Waits for the end: status and result."""
-        wait_for(self._result.done, patience)
+        wait_for(self._result.done)
         answer = self._result.result()
         return answer.status, answer.result
 

@@ -38,9 +38,9 @@ from typing import Any
 
 import rclpy
 import yaml
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
+from rclpy.time import Time
 from rig import JOINTS, LATCHED, SOURCE, TICK, Bench, Program
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -111,7 +111,7 @@ def invalid_target(rnd: random.Random) -> PointStamped:
     rnd.shuffle(numbers)
     message = PointStamped(point=Point(x=numbers[0], y=numbers[1], z=numbers[2]))
     message.header.frame_id = frame_id
-    message.header.stamp = to_stamp(max(0.0, time.time() + rnd.choice((0.0, -1e6, 1e6))))
+    message.header.stamp = Time(seconds=time.time() + rnd.choice((0.0, -1e6, 1e6))).to_msg()
     return message
 
 
@@ -124,11 +124,6 @@ def invalid_command(rnd: random.Random) -> JointState:
     else:
         message.position = [rnd.choice(INVALID) for _ in message.name]
     return message
-
-
-def to_stamp(seconds: float) -> Time:
-    whole = math.floor(seconds)
-    return Time(sec=max(0, min(whole, 2**31 - 1)), nanosec=int((seconds - whole) * 1e9))
 
 
 class Chaos:
@@ -251,7 +246,7 @@ class Chaos:
         turn = 0
         while not self._ending.wait(0.01):
             turn += 1
-            stamp = to_stamp(time.time() + self._offset)
+            stamp = Time(seconds=time.time() + self._offset).to_msg()
             if self.clock:
                 self._clocks.publish(Clock(clock=stamp))
             if self._is_commanded and turn % 3 == 0:
