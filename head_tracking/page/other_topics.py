@@ -340,11 +340,6 @@ def _recent(received: Received | None) -> Any:
     return received.message if received is not None and is_recent else None
 
 
-def node_of(name: str) -> str:
-    """Return the node that the name of a diagnostic status begins with."""
-    return name.partition(":")[0]
-
-
 _MODES = {
     "rgb8": ("RGB", "RGB"), "bgr8": ("RGB", "BGR"),
     "rgba8": ("RGBA", "RGBA"), "bgra8": ("RGBA", "BGRA"), "mono8": ("L", "L"),

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from head_tracking.compatibility import StrEnum
 from head_tracking.page.joint_control import JointServo
-from head_tracking.page.other_topics import node_of
 from head_tracking.recording.recording import Observation
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part
 from head_tracking.tracking import TargetState
@@ -170,7 +169,7 @@ def faults(
             )
         )
     for one in health:
-        name, node = one.values.get(FAULT, ""), node_of(one.name)
+        name, node = one.values.get(FAULT, ""), one.name.partition(":")[0]
         # the bus calls a servo that misses more than one cycle lost
         if one.level >= Level.ERROR and node not in missing and name != FaultName.LATE:
             found.append(ShownFault(f"{one.name}: {one.message}", *advice(name, node)))
