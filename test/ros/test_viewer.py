@@ -89,6 +89,15 @@ TAPPED = """([u, v]) => {
 }"""
 """What a tap on a place of the picture chooses, where a person is shown."""
 
+LOADING = """() => {
+  const { camera } = headPage;
+  camera.image.removeAttribute("src");
+  camera.image.src = URL.createObjectURL(new Blob());
+  camera.mark([{frame: "follow 0", label: "follow", box: [0.2, 0.3, 0.1, 0.2], distance: 2}]);
+  return [camera.image.naturalWidth, document.querySelectorAll("#overlay rect").length];
+}"""
+"""The width of a picture that loads, and how many boxes are shown meanwhile."""
+
 USABILITY = Path(browser_support.__file__).with_name("usability.js").read_text()
 
 
@@ -391,6 +400,7 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
     open_tab(page, "live")
     choose(page, "source", "/camera/image")
     wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6), PATIENCE)
+    assert page.evaluate(LOADING) == [0, 1]
     assert page.evaluate(TAPPED, [0.25, 0.4]) == {"person": "follow 0"}
     assert page.evaluate(TAPPED, [0.7, 0.4]) == {"u": pytest.approx(0.7, abs=0.02)}
     choose(page, "source", "none")

@@ -15,6 +15,7 @@ export class CameraPicture {
     this.times = [];
     this.faces = new Map();
     this.layout = "";
+    this.size = null; // of the picture that is shown: while the next one loads, the element has none
     const card = by("camera");
     card.addEventListener("pointerdown", (event) => {
       if (event.button || event.target.closest("button, label")) return;
@@ -37,7 +38,7 @@ export class CameraPicture {
 
   /** Look at a place in the picture, or follow the person there. */
   point(event, tapped = false) {
-    if (!this.image.naturalWidth) return;
+    if (!this.size) return;
     const inner = this.inner(), outer = by("camera").getBoundingClientRect();
     const u = (event.clientX - outer.left - inner.left) / inner.width;
     const v = (event.clientY - outer.top - inner.top) / inner.height;
@@ -69,12 +70,14 @@ export class CameraPicture {
     this.image.src = URL.createObjectURL(blob);
     await Promise.race([this.image.decode().catch(() => {}), new Promise((end) => setTimeout(end, DECODING))]);
     if (before) URL.revokeObjectURL(before);
+    if (this.image.naturalWidth) this.size = [this.image.naturalWidth, this.image.naturalHeight];
     this.place();
   }
 
   clear() {
     if (this.image.src) URL.revokeObjectURL(this.image.src);
     this.image.removeAttribute("src");
+    this.size = null;
     this.times = [];
     write(by("fps"), "no picture");
     this.mark([]);
@@ -83,7 +86,7 @@ export class CameraPicture {
   /** Return where the picture is inside its card. It covers the card, unless too much would be cropped. */
   inner() {
     const { clientWidth, clientHeight } = by("camera");
-    const { naturalWidth: across, naturalHeight: down } = this.image;
+    const [across, down] = this.size;
     const scales = [clientWidth / across, clientHeight / down], [least, most] = [Math.min(...scales), Math.max(...scales)];
     const scale = most / least < MOST_CROPPED ? most : least;
     const width = across * scale, height = down * scale;
@@ -92,7 +95,7 @@ export class CameraPicture {
 
   /** Put the overlay over the picture where that has moved. */
   place() {
-    if (!this.image.naturalWidth) return;
+    if (!this.size) return;
     const inner = this.inner(), layout = JSON.stringify(inner);
     if (layout === this.layout) return;
     this.layout = layout;
@@ -102,7 +105,7 @@ export class CameraPicture {
   /** Mark persons and the followed target; the box of the target has no frame. */
   mark(boxes) {
     this.place(); // a tab that has just been opened has its size now
-    if (!this.image.naturalWidth) boxes = [];
+    if (!this.size) boxes = [];
     const seen = new Set(boxes.map((one) => one.frame));
     for (const [frame, { box, label }] of this.faces) if (!seen.has(frame)) { box.remove(); label.remove(); this.faces.delete(frame); }
     const { clientWidth: across, clientHeight: down, offsetLeft, offsetTop } = by("labels");
