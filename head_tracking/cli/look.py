@@ -84,6 +84,8 @@ def _wait(
     end = math.inf if options.follow else time.monotonic() + options.timeout
     while True:
         angle = miss()
+        if client.stop() and not options.follow:
+            raise KeyboardInterrupt
         text = f"the head misses the target by {math.degrees(angle):.2f} degrees"
         is_stopped = options.follow and client.stop() and angle <= options.tolerance
         if is_stopped or (not options.follow and arrival.step(angle, time.monotonic())):

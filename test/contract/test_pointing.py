@@ -1,9 +1,11 @@
 """point_head: a target is looked at once, exactly, or refused; what the head says of it."""
 
 import math
+import signal
 
 import pytest
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PointStamped
 from rig import DEGREE, JOINTS
 from std_msgs.msg import Float64
 from waiting import wait_for
@@ -158,6 +160,10 @@ def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
     assert person.call("relax").success
     look = bench.start("look", "1,1,0@base_link", "--timeout", "1")
     assert look.end() == 1, look.output
+    look = bench.start("look", "1,1,0@base_link", "--timeout", "60")
+    targets = person.hear("target_point", PointStamped)
+    wait_for(lambda: targets)
+    assert look.end(signal.SIGINT) == 130, look.output
     assert person.looks_at(0.0, 0.0)
 
 
