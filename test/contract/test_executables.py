@@ -98,11 +98,8 @@ def test_a_target_node_reports_the_package_that_is_missing(bench, words, package
         ("robot_state_publisher --ros-args -p world_transform:=[0.0,1.0]", 1),
         ("head_tracker --ros-args -p law:=magic", 1),
         ("transforms tree --wait 0.3", 1),
-        ("look", 2),
         ("look 1,1,0.5@base_link --wait 0.3", 1),
-        ("doctor --sim --robot nobot --listen 0", 2),
         ("servo --port /dev/ttyNOT0 info 1", 1),
-        ("doctor --nonsense", 3),
     ],
 )
 def test_usage_errors_have_an_exit_code_and_no_traceback(bench, words, code):

@@ -162,38 +162,34 @@ def test_the_core_answers_without_waiting(buffer):
 # Messages in other frames, at 2 s: turned by TURN and 2 m along x
 
 
-def test_a_point(buffer):
-    point = stamped(PointStamped)
-    point.point.x = 1.0
-    moved = buffer.transform(point, "map")
-    assert (moved.header.frame_id, moved.header.stamp.sec) == ("map", 2)
-    expected = (2 + math.cos(TURN), math.sin(TURN), 0.0)
-    assert (moved.point.x, moved.point.y, moved.point.z) == pytest.approx(expected)
+MOVED = 2 + math.cos(TURN)
+HALF = math.sin(0.5 * TURN), math.cos(0.5 * TURN)
 
 
 @pytest.mark.parametrize(
-    ("kind", "moved"),
+    ("kind", "moved", "expected"),
     [
-        (Vector3Stamped, lambda m: (m.vector.x, m.vector.y, 0.0)),
-        (PoseStamped, lambda m: (m.pose.position.x, m.pose.orientation.z, 0.0)),
-        (QuaternionStamped, lambda m: (m.quaternion.z, m.quaternion.w, 0.0)),
-        (TransformStamped, lambda m: (m.transform.translation.x, m.transform.rotation.z, 0.0)),
+        (PointStamped, lambda m: (m.point.x, m.point.y), (MOVED, math.sin(TURN))),
+        (Vector3Stamped, lambda m: (m.vector.x, m.vector.y), (math.cos(TURN), math.sin(TURN))),
+        (PoseStamped, lambda m: (m.pose.position.x, m.pose.orientation.z), (MOVED, HALF[0])),
+        (QuaternionStamped, lambda m: (m.quaternion.z, m.quaternion.w), HALF),
+        (
+            TransformStamped,
+            lambda m: (m.transform.translation.x, m.transform.rotation.z),
+            (MOVED, HALF[0]),
+        ),
     ],
 )
-def test_each_type_is_turned_and_moved_as_it_should_be(buffer, kind, moved):
+def test_each_type_is_turned_and_moved_as_it_should_be(buffer, kind, moved, expected):
     given = stamped(kind)
-    for part in ("vector", "pose.position", "transform.translation"):
+    for part in ("point", "vector", "pose.position", "transform.translation"):
         owner = given
         for name in part.split("."):
             owner = getattr(owner, name, None)
         if owner is not None:
             owner.x = 1.0
-    expected = {
-        Vector3Stamped: (math.cos(TURN), math.sin(TURN), 0.0),
-        QuaternionStamped: (math.sin(0.5 * TURN), math.cos(0.5 * TURN), 0.0),
-    }.get(kind, (2 + math.cos(TURN), math.sin(0.5 * TURN), 0.0))
     found = buffer.transform(given, "map")
-    assert found.header.frame_id == "map"
+    assert (found.header.frame_id, found.header.stamp.sec) == ("map", 2)
     assert moved(found) == pytest.approx(expected)
 
 

@@ -108,6 +108,19 @@ def test_a_target_that_is_not_seen_any_more_comes_to_a_stop():
     assert estimate.ray_at(estimate.stamp + 60.0) == pytest.approx(end)
 
 
+def test_the_distance_of_who_walks_up_to_the_camera_and_stops_stays_right():
+    rnd, estimator = random.Random(1), TargetEstimator(EstimatorParameters())
+    for k in range(50 * RATE):
+        t = k / RATE
+        x = max(4.0 - 1.2 * t, 0.4) if t < 40.0 else 0.4 + 0.8 * (t - 40.0)
+        ray = seen((x, 0.02 + rnd.gauss(0.0, 0.001), 0.1))
+        distance = ray.distance * math.exp(rnd.gauss(0.0, 0.05))
+        estimator.add(t, ray._replace(distance=distance), t)
+        if t % 4.0 < 1.0 or t < 6.0:  # (while a walk begins or ends the distance may lag)
+            continue
+        assert estimator.estimate.ray_at(t).distance == pytest.approx(ray.distance, rel=0.25)
+
+
 @pytest.mark.parametrize("distance", [1e-300, 1e12])
 def test_no_distance_makes_the_estimate_infinite(distance):
     estimator = fed(circle)
