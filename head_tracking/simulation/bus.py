@@ -117,7 +117,7 @@ class SimulatedBus:
             second: Id of the other servo.
             direction: -1 if they turn in opposite directions (mounted face to face), else 1.
         """
-        self._couplings.append(self[first].couple(self[second], direction))
+        self._couplings.append(Coupling(self[first].drive, self[second].drive, direction))
 
     def _advance_coupled(self, now: int) -> None:
         """Simulate coupled shafts in small steps."""

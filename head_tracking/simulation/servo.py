@@ -16,7 +16,7 @@ from head_tracking.simulation.models import (
     simulated_model,
     to_sign_magnitude,
 )
-from head_tracking.simulation.motion import Coupling, Drive, Mechanics
+from head_tracking.simulation.motion import Drive, Mechanics
 from head_tracking.simulation.packets import (
     ALERT,
     BROADCAST,
@@ -115,6 +115,7 @@ class SimulatedServo:
 
     Attributes:
         model: Its model.
+        drive: Motor, gear and shaft, which may be pushed or impeded.
         supply_voltage: V; may be changed at any time.
         temperature: Degrees Celsius; may be changed at any time, and does not change by itself.
         alarms: Its error bits.
@@ -164,7 +165,7 @@ class SimulatedServo:
         self._registers["ID"] = servo_id
         self._registers.start(ticks)
         self._measured = self._registers.first_measured
-        self._drive = Drive(
+        self.drive = Drive(
             own,
             (ticks - own.center) * own.radians_per_tick,
             self._registers.settings(),
@@ -182,27 +183,17 @@ class SimulatedServo:
     @property
     def true_position(self) -> float:
         """Exact angle of the link, rad, counter-clockwise, 0 in the middle of the range."""
-        return self._drive.link
-
-    @property
-    def encoder_position(self) -> float:
-        """Exact angle of the shaft at the encoder, rad; the play separates it from the link."""
-        return self._drive.angle
+        return self.drive.link
 
     @property
     def true_ticks(self) -> float:
         """Exact angle of the link in ticks of the servo, not quantised."""
-        return self._registers.ticks(self._drive.link)
-
-    @property
-    def true_velocity(self) -> float:
-        """Speed of the shaft, rad/s, counter-clockwise."""
-        return self._drive.speed
+        return self._registers.ticks(self.drive.link)
 
     @property
     def at_rest(self) -> bool:
         """Whether nothing moves until the next packet or disturbance."""
-        return self._drive.at_rest and self._watchdog_trip is None
+        return self.drive.at_rest and self._watchdog_trip is None
 
     @property
     def return_delay(self) -> int:
@@ -214,15 +205,6 @@ class SimulatedServo:
         """Baud rate, bits per second."""
         code = self._registers["Baud Rate"]
         return self.model.baud_rates.get(code) or 2_000_000 // (code + 1)
-
-    @property
-    def inertia(self) -> float:
-        """Inertia of rotor, gear and load at the output shaft, kg m^2."""
-        return self._drive.mechanics.inertia
-
-    @inertia.setter
-    def inertia(self, inertia: float) -> None:
-        self._drive.mechanics.inertia = inertia
 
     def register(self, name: str) -> int:
         """Return the value of a register; raise SimulationError if the model does not have it."""
@@ -257,10 +239,6 @@ class SimulatedServo:
         except KeyError:
             raise SimulationError(f"{self.model.name} has no register {name!r}") from None
 
-    def push(self, torque: float) -> None:
-        """Apply an external torque until the next call, N m, counter-clockwise."""
-        self._drive.push(torque)
-
     def lead(self, ticks: float, duration: float, strength: float = 0.5) -> None:
         """Move the shaft by hand to a tick and release it there.
 
@@ -271,19 +249,11 @@ class SimulatedServo:
         """
         ticks_per_radian = self._registers.ticks(1.0) - self._registers.ticks(0.0)
         angle = self.true_position + (ticks - self.true_ticks) / ticks_per_radian
-        self._drive.lead(angle, duration, strength)
-
-    def couple(self, other: SimulatedServo, direction: int) -> Coupling:
-        """Couple the shafts of two servos; see `SimulatedBus.couple`."""
-        return Coupling(self._drive, other._drive, direction)
-
-    def impede(self, share: float) -> None:
-        """Set the friction to a share of the stall torque; 1 blocks the shaft, 0: the model's."""
-        self._drive.impede(share)
+        self.drive.lead(angle, duration, strength)
 
     def overload(self) -> None:
         """Cause an overload error."""
-        self._drive.strain = 2 * OVERLOAD_TIME
+        self.drive.strain = 2 * OVERLOAD_TIME
         self._check_errors()
 
     def power_off(self) -> None:
@@ -303,13 +273,13 @@ class SimulatedServo:
         if trip is not None and now > trip:
             self._pass(trip)
             if self._watchdog_trip == trip and isinstance(self._registers, XRegisters):
-                self._registers.hold(self._drive)
+                self._registers.hold(self.drive)
                 self._configure()
         self._pass(now)
 
     def _pass(self, now: int) -> None:
         voltage = self.supply_voltage / self.model.nominal_voltage
-        drive = self._drive
+        drive = self.drive
         while self._now + _CHECK_PERIOD < now and (
             not drive.at_rest or 0 < drive.strain <= OVERLOAD_TIME  # an error may occur
         ):
@@ -332,7 +302,7 @@ class SimulatedServo:
         """Update the alarms; shut down if an error requires it."""
         if not self._powered:
             return
-        registers, drive = self._registers, self._drive
+        registers, drive = self._registers, self.drive
         fatal = self.alarms.update(registers, self.supply_voltage, self.temperature, drive.strain)
         if fatal and registers.shut_down():
             self._configure()
@@ -343,7 +313,7 @@ class SimulatedServo:
         """Update the registers of measurements."""
         registers, deviation = self._registers, self._position_noise
         position = registers["Present Position"]
-        registers.measure(self._drive, self._random.gauss(0.0, deviation) if deviation else 0.0)
+        registers.measure(self.drive, self._random.gauss(0.0, deviation) if deviation else 0.0)
         if self.encoder_frozen:
             registers["Present Position"] = position
         volts = max(0, min(255, round(self.supply_voltage * 10.0)))
@@ -354,14 +324,14 @@ class SimulatedServo:
             registers["Realtime Tick"] = self._now // 1_000_000 % 32_768
 
     def _configure(self) -> None:
-        self._drive.configure(self._registers.settings())
+        self.drive.configure(self._registers.settings())
 
     def _start(self) -> None:
         registers = self._registers
         registers.load_initial_values(eeprom=False)
-        registers.reset_turns(self._drive)
-        registers.start(registers.ticks(self._drive.measured))
-        self._drive.strain = 0
+        registers.reset_turns(self.drive)
+        registers.start(registers.ticks(self.drive.measured))
+        self.drive.strain = 0
         self.alarms.clear()
         self._ignore_packets(self._boot_time)
         self._configure()
@@ -469,10 +439,10 @@ class SimulatedServo:
         changes = registers.changes(address, data)
         if isinstance(changes, Denial):
             return changes
-        before = registers.apply(changes, self._drive)
+        before = registers.apply(changes, self.drive)
         if before.get("Torque Limit") == 0 and registers["Torque Limit"]:
             self.alarms.clear()
-            self._drive.strain = 0
+            self.drive.strain = 0
         if any(registers[name] != value for name, value in before.items()):
             self._configure()
         if self._eeprom_time:

@@ -100,7 +100,7 @@ def test_another_target_is_no_jerk(head):
 
 
 def heavy(servo):
-    servo.inertia *= 6.0
+    servo.drive.mechanics.inertia *= 6.0
 
 
 def slow(servo):
@@ -140,7 +140,7 @@ def test_servos_that_are_held_are_stalled_within_two_seconds(head, law):
     watched = Watched(tracker(head, law), lambda now, steered: states.update({now: steered.state}))
 
     def held(servo):
-        servo.inertia *= 1e6
+        servo.drive.mechanics.inertia *= 1e6
 
     run(head, lambda t: around(0.6), Conditions(duration=4.0, servos=ax12(held)), watched)
     assert {state for now, state in states.items() if now > 1_002.0} == {TargetState.STALLED}

@@ -322,7 +322,7 @@ def test_a_timeout_before_the_first_step_reports_the_angle_to_the_point(head):
 
 
 def test_a_blocked_head_reports_that_it_has_not_arrived(head, servos):
-    servos.port.use(lambda bus: bus[1].impede(1.5))  # more than the servo can turn
+    servos.port.use(lambda bus: bus[1].drive.impede(1.5))  # more than the servo can turn
     result = head.look_at(RIGHT, timeout=5.0)
     assert not result.arrived
     assert result.miss > 0.1

@@ -26,7 +26,7 @@ def bench(running):
     """The servos hold at the centre."""
     person = running.person
     for servo in (1, 2):
-        running.servos.port.use(lambda bus, servo=servo: bus[servo].push(0.0))
+        running.servos.port.use(lambda bus, servo=servo: bus[servo].drive.push(0.0))
     assert person.call("torque_enable", True).success
     for controller in (PAN, TILT):
         person.publish(f"{controller}/speed", Float64(data=3.0))

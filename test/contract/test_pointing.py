@@ -30,7 +30,7 @@ def running(module_bench):
 def bench(running):
     """The head looks ahead."""
     person = running.person
-    running.servos.port.use(lambda bus: bus[1].push(0.0))
+    running.servos.port.use(lambda bus: bus[1].drive.push(0.0))
     assert person.call("torque_enable", True).success
     assert person.set("point_head", "max_velocity", 5.0).successful
     assert person.call("point_head/enable", True).success

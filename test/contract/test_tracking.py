@@ -29,7 +29,7 @@ def running(module_bench):
 def bench(running):
     """The head looks ahead and waits for a target."""
     person = running.person
-    running.servos.port.use(lambda bus: bus[1].push(0.0))
+    running.servos.port.use(lambda bus: bus[1].drive.push(0.0))
     for name, value in running.usual.items():
         assert person.set("head_tracker", name, value).successful
     assert person.call("torque_enable", True).success

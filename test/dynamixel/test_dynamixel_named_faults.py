@@ -147,7 +147,7 @@ def _latched(rig: Rig) -> None:
 
 def _sagging(rig: Rig) -> None:
     def sag() -> None:
-        rig[1].supply_voltage = 12.0 - 5.0 * abs(rig[1].true_velocity) / 3.0
+        rig[1].supply_voltage = 12.0 - 5.0 * abs(rig[1].drive.speed) / 3.0
 
     rig.each_cycle.append(sag)
 
@@ -193,7 +193,7 @@ def _line(rig: Rig) -> None:
 
 
 def _pushed(rig: Rig) -> None:
-    rig[1].push(3.0)
+    rig[1].drive.push(3.0)
 
 
 def _twin(rig: Rig) -> None:
@@ -215,7 +215,7 @@ def _unplugged(rig: Rig) -> None:
 
 
 def _blocked(rig: Rig) -> None:
-    rig[1].impede(1.5)
+    rig[1].drive.impede(1.5)
 
 
 def _too_hot(rig: Rig) -> None:
@@ -289,7 +289,7 @@ def strained(rig: Rig) -> None:
     """It works against a load that it can just bear, and grows warmer by 0.05 degrees a second."""
 
     def warm() -> None:
-        rig[1].push(0.8)
+        rig[1].drive.push(0.8)
         rig[1].temperature = 60.0 + 0.05 * rig.time
 
     rig.still = True
@@ -329,7 +329,7 @@ def test_a_servo_that_is_slower_than_commanded_is_named(model, distance: float) 
     rig.goal = lambda joint: -distance / 2  # type: ignore[method-assign]
     rig.run(2.0)
     assert not [event for _, event in rig.events if event.kind is EventKind.SYMPTOM]
-    rig[1].impede(0.9)
+    rig[1].drive.impede(0.9)
     rig.goal = lambda joint: distance / 2  # type: ignore[method-assign]
     struck = rig.time
     rig.run(0.6)
@@ -340,8 +340,8 @@ def test_a_servo_that_is_slower_than_commanded_is_named(model, distance: float) 
 def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
     rig = Rig(pair=True).connect()
     rig.run(2.0)
-    rig[3]._drive.angle += 0.12
-    rig[3].impede(2.0)
+    rig[3].drive.angle += 0.12
+    rig[3].drive.impede(2.0)
     struck = rig.time
     rig.run(0.5)
     named = next(told(rig, struck, ("servos disagree",)))
@@ -352,7 +352,7 @@ def test_one_of_two_servos_mounted_the_wrong_way_round_is_named() -> None:
     rig = Rig(pair=True).connect()
 
     def turn_together() -> None:
-        rig[3]._drive.angle = -rig[1]._drive.angle
+        rig[3].drive.angle = -rig[1].drive.angle
 
     rig.each_cycle.append(turn_together)
     rig.goal = lambda joint: 0.0  # type: ignore[method-assign]
@@ -382,11 +382,11 @@ def test_a_symptom_lasts_until_its_cause_is_gone(model) -> None:
     rig = Rig(model).connect()
     rig.still = True
     rig.run(1.0)
-    rig[1].impede(2.0)
+    rig[1].drive.impede(2.0)
     rig.goal = lambda joint: 0.7  # type: ignore[method-assign]
     rig.run(0.5)
     assert health(rig) == {Symptom.BLOCKED}
-    rig[1].impede(0.0)
+    rig[1].drive.impede(0.0)
     rig.run(0.3)
     run(rig.bus.recovering())
     rig.run(3.0)

@@ -234,7 +234,7 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
     for _ in range(200):
         rig.bus.command({"j1": Goal(1.3, model.no_load_speed)})
         rig.step()
-        if servo.true_velocity > 0.8 * model.no_load_speed:
+        if servo.drive.speed > 0.8 * model.no_load_speed:
             break
     before = servo.true_position
     assert rig.bus.close() == ()

@@ -70,4 +70,4 @@ def test_a_goal_speed_is_kept(model: ServoModel) -> None:
     servo.execute(kind.write(1, model.goal.address, data), 0)
     way = model.ticks * 0.4 * model.radians_per_tick
     servo.advance(round(0.5 * way / (speed * model.speed_unit) * 1e9))
-    assert servo.true_velocity == pytest.approx(speed * model.speed_unit, rel=0.06)
+    assert servo.drive.speed == pytest.approx(speed * model.speed_unit, rel=0.06)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 
 import pytest
 from simulated_packets import InstructionPacket, write
@@ -36,7 +37,7 @@ class Bench:
         for _ in range(round(seconds * 1e3)):
             self.now += MS
             self.servo.advance(self.now)
-            seen.append(getattr(self.servo, what))
+            seen.append(attrgetter(what)(self.servo))
         return seen
 
 
@@ -62,7 +63,7 @@ def test_moving_speed_is_kept(speed: int, direction: int) -> None:
     b = bench()
     b.go(512 + direction * 400, speed)
     wanted = speed * AX_12.speed_unit
-    speeds = b.run(0.4, "true_velocity")
+    speeds = b.run(0.4, "drive.speed")
     assert max(abs(v) for v in speeds) <= wanted * 1.05 + 0.01
     steady = speeds[250:350]
     assert sum(steady) / len(steady) == pytest.approx(direction * wanted, rel=0.05)
@@ -71,12 +72,12 @@ def test_moving_speed_is_kept(speed: int, direction: int) -> None:
 def test_deflection_under_load() -> None:
     b = bench()
     b.go(512, 0)
-    b.servo.push(-0.75)  # half the stall torque
+    b.servo.drive.push(-0.75)  # half the stall torque
     b.run(2.0)
     sag = 512 - b.servo.true_ticks
     assert sag == pytest.approx(1 + 32 * (0.5 - 32 / 1023), abs=1.5)  # margin + half the slope
     assert b.servo.register("Present Load") == pytest.approx(512, abs=30)
-    b.servo.push(0.75)
+    b.servo.drive.push(0.75)
     b.run(2.0)
     assert b.servo.register("Present Load") == pytest.approx(1024 + 512, abs=30)  # clockwise
 
@@ -84,13 +85,13 @@ def test_deflection_under_load() -> None:
 @pytest.mark.parametrize("model", ["AX-12", "XM430-W350", "STS3215"])
 def test_a_relaxed_shaft_does_not_coast_far(model: str) -> None:
     b = Bench(SimulatedServo(1, model))
-    b.servo.push(0.25 * b.servo.model.stall_torque)
-    while b.servo.true_velocity < 1.0:
+    b.servo.drive.push(0.25 * b.servo.model.stall_torque)
+    while b.servo.drive.speed < 1.0:
         b.run(0.001)
     released = b.servo.true_position
-    b.servo.push(0.0)
+    b.servo.drive.push(0.0)
     b.run(3.0)
-    assert b.servo.true_velocity == 0.0
+    assert b.servo.drive.speed == 0.0
     assert math.degrees(b.servo.true_position - released) < 5.0
 
 
@@ -99,7 +100,7 @@ def test_the_dead_angle_reads_as_the_nearer_end_of_the_range(model: str) -> None
     b = Bench(SimulatedServo(1, model))
     read: dict[int, set[int]] = {}
     for torque in (0.3, -0.3):
-        b.servo.push(torque)
+        b.servo.drive.push(torque)
         for _ in range(200):
             b.run(0.01)
             degrees = math.degrees(b.servo.true_position) % 360.0
@@ -113,10 +114,10 @@ def test_wheel_mode_turns_without_end() -> None:
     b = bench()
     b.write("CCW Angle Limit", 0)
     b.write("Moving Speed", 512)
-    travelled = sum(v * 0.001 for v in b.run(5.0, "true_velocity"))
+    travelled = sum(v * 0.001 for v in b.run(5.0, "drive.speed"))
     assert travelled > 2 * math.pi
     b.write("Moving Speed", 1024 + 512)
-    assert b.run(1.0, "true_velocity")[-1] < -1.0
+    assert b.run(1.0, "drive.speed")[-1] < -1.0
 
 
 def test_motion_does_not_depend_on_the_calls_of_advance() -> None:
@@ -128,7 +129,7 @@ def test_motion_does_not_depend_on_the_calls_of_advance() -> None:
     often.servo.advance(SECOND)
     rarely.servo.advance(SECOND)
     assert often.servo.true_position == rarely.servo.true_position
-    assert often.servo.true_velocity == rarely.servo.true_velocity
+    assert often.servo.drive.speed == rarely.servo.drive.speed
 
 
 def test_time_at_rest_is_skipped() -> None:
@@ -147,7 +148,7 @@ def test_link_play_shifts_the_link_by_half_to_either_side(
     for goal, sign in ((600, 1.0), (430, -1.0)):
         b.go(goal, 100)
         b.run(2.5)
-        play = sign * (b.servo.encoder_position - b.servo.true_position)
+        play = sign * (b.servo.drive.angle - b.servo.true_position)
         assert play == pytest.approx(0.5 * math.radians(degrees), abs=1e-9)
 
 
@@ -157,10 +158,12 @@ def test_torque_falls_with_the_supply(volts: float) -> None:
 
     def lifts(share: float) -> bool:
         b = bench(supply_voltage=volts)
-        b.servo.push(-share * b.servo.model.stall_torque * volts / b.servo.model.nominal_voltage)
+        b.servo.drive.push(
+            -share * b.servo.model.stall_torque * volts / b.servo.model.nominal_voltage
+        )
         b.go(600, 0)
         b.run(0.3)
-        return b.servo.encoder_position > 0.0
+        return b.servo.drive.angle > 0.0
 
     assert lifts(0.9)
     assert not lifts(1.05)

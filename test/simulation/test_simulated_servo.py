@@ -71,11 +71,11 @@ def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model: str)
     servo.advance(0)
     goal = servo.model.center + 200
     write(servo, "Goal Position", goal)
-    servo.impede(1.0)
+    servo.drive.impede(1.0)
     servo.advance(3 * SECOND)
     assert servo.register("Torque Limit") == 0
     assert servo.register("Torque Enable") == 1
-    servo.impede(0.0)
+    servo.drive.impede(0.0)
     servo.advance(60 * SECOND)
     now = 60 * SECOND
     status = servo.execute(Packet.read(1, 36, 2), now)
@@ -114,4 +114,4 @@ def test_mx_goal_acceleration_ramps_the_speed() -> None:
     write(servo, "Goal Acceleration", 10)  # 1.5 rad/s2
     servo.execute(Packet.write(1, 30, bytes.fromhex("A0 0F 00 02")), 0)
     servo.advance(500 * MS)
-    assert servo.true_velocity == pytest.approx(0.75, rel=0.15)
+    assert servo.drive.speed == pytest.approx(0.75, rel=0.15)

@@ -161,7 +161,7 @@ class World:
         """Brakes a joint by this share of its servo's torque until the next call."""
         _, servo = self._servos[joint_name]
         servo.advance(self.now)
-        servo.impede(share)
+        servo.drive.impede(share)
 
     def claim(self) -> None:
         """See `JointBackend`."""
