@@ -87,7 +87,7 @@ class DynamixelBackend(JointBackend):
             raise ConfigurationError(
                 "two serial ports have a joint or a controller of the same name"
             )
-        if any(bus.epoch is not loop.owners.epoch for bus in buses):
+        if any(bus.requests.epoch is not loop.owners.epoch for bus in buses):
             raise ConfigurationError("every bus must have the epoch of the loop's owners")
 
     def connect(self, *, allow_missing: bool = False) -> None:

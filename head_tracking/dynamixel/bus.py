@@ -8,7 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from head_tracking.dynamixel.adapter import Adapter
 from head_tracking.dynamixel.configuration import (
     BusSettings,
     EepromSettings,
@@ -66,6 +65,7 @@ class ServoBus:
         epoch: Counts STOPs; shared with everything that is stopped together. None: its own.
 
     Attributes:
+        port: Port of the servos.
         cycle: Reads and writes.
         requests: Requests, and goals that have not been written.
 
@@ -98,7 +98,7 @@ class ServoBus:
         self._bus = BusContext(
             port, self._joints, self.requests, settings, version, clock, monotonic, pause
         )
-        self._port, self._pause, self._each_servo = port, pause, self._bus.each_servo
+        self.port, self._pause, self._each_servo = port, pause, self._bus.each_servo
         self._procedures = Procedures(self._bus)
         self.cycle = Cycle(self._bus, self._procedures)
         self._connected = False
@@ -182,26 +182,6 @@ class ServoBus:
             ) from None
 
     @property
-    def epoch(self) -> Epoch:
-        """Counts STOPs."""
-        return self.requests.epoch
-
-    @property
-    def port_name(self) -> str:
-        """Device that the servos are on."""
-        return self._port.name
-
-    @property
-    def stable_port_name(self) -> str:
-        """The same by the adapter's serial number, if it has one; a USB reset may change others."""
-        return self._port.stable_name or self._port.name
-
-    @property
-    def adapter(self) -> Adapter:
-        """Facts about the adapter, since it was opened."""
-        return self._port.adapter
-
-    @property
     def joints(self) -> tuple[JointConfiguration, ...]:
         """The configured joints."""
         return tuple(joint.configuration for joint in self._all)
@@ -224,7 +204,7 @@ class ServoBus:
 
     def servo_name(self, joint_name: str) -> str:
         """Return adapter (by serial number), model and id of a joint's servo; "" if not known."""
-        adapter, servo = self._port.stable_name, self.joint(joint_name).configuration
+        adapter, servo = self.port.stable_name, self.joint(joint_name).configuration
         return f"{Path(adapter).name} {servo.model.name} {servo.id}" if adapter else ""
 
     def statistics(self) -> BusStatistics:
@@ -234,9 +214,9 @@ class ServoBus:
             self._refused,
             self._clamped,
             tuple(self._servo_statistics(joint, servo) for joint, servo in self._each_servo()),
-            self._connected and self._port.is_open,
+            self._connected and self.port.is_open,
             self.cycle.port_losses,
-            self._port.adapter,
+            self.port.adapter,
         )
 
     def _servo_statistics(self, joint: BusJoint, servo: Servo) -> ServoStatistics:
@@ -287,7 +267,7 @@ class ServoBus:
             CommunicationError: A servo answers pings, but then fails.
         """
         servos = [servo for _, servo in self._each_servo()]
-        self._port.open()
+        self.port.open()
         for servo in servos:
             servo.identity = None  # its settings may have been changed since
         try:
@@ -306,16 +286,16 @@ class ServoBus:
                     problem = problem or cause
             if len(found) < len(servos) and not allow_missing:
                 asked = [servo.id for servo in servos]
-                raise ServoNotFoundError(asked, found, self._port.name, self._port.baud_rate)
+                raise ServoNotFoundError(asked, found, self.port.name, self.port.baud_rate)
             if problem is not None:
                 raise problem
             for joint in self._all:
                 joint.require_range()
         except BaseException:
-            self._port.close()
+            self.port.close()
             raise
         self.requests.drop_goals()
-        self.requests.obeyed, self.requests.closed = self.epoch.value, False
+        self.requests.obeyed, self.requests.closed = self.requests.epoch.value, False
         self._connected = True
         for joint, servo in self._each_servo():
             self._procedures.note_shortcomings(joint, servo)
@@ -342,7 +322,7 @@ class ServoBus:
                     problems = self._relax_all()
         finally:
             self._connected = False
-            self._port.close()
+            self.port.close()
         return tuple(name for name, problem in problems.items() if problem)
 
     def _relax_all(self) -> Mapping[str, str]:
@@ -403,8 +383,8 @@ class ServoBus:
             What went wrong, by joint; empty where the servos have confirmed.
         """
         if epoch is None:
-            self.epoch.advance()
-        self.requests.obeyed = self.epoch.value
+            self.requests.epoch.advance()
+        self.requests.obeyed = self.requests.epoch.value
         deadline = self._bus.monotonic() + round(timeout * 1e9)
         self.requests.discard_older()
         steps = self._procedures.relax(self._all)
@@ -475,7 +455,7 @@ class ServoBus:
     def _require_connection(self, joints: Iterable[str] | None = ()) -> list[BusJoint]:
         """Return some joints, or all (None), of a bus that is connected."""
         if not self._connected:
-            raise NotConnectedError(f"the bus on {self._port.name} is not connected")
+            raise NotConnectedError(f"the bus on {self.port.name} is not connected")
         if joints is None:
             return list(self._all)
         return [self.joint(name) for name in dict.fromkeys(joints)]

@@ -118,13 +118,13 @@ class BusThread:
             if self._thread.is_alive():
                 if not self._owner.acquire(timeout=timeout):
                     raise BusStoppedError(
-                        f"the servo bus on {self.bus.port_name} did not end within {timeout} s; "
+                        f"the servo bus on {self.bus.port.name} did not end within {timeout} s; "
                         "its port hangs, and the servos may have torque on"
                     )
                 self._owner.release()
                 self._finish()
                 raise BusStoppedError(
-                    f"the servo bus on {self.bus.port_name} did not end within {timeout} s; a "
+                    f"the servo bus on {self.bus.port.name} did not end within {timeout} s; a "
                     "callback does not return. The servos were relaxed without it"
                 )
 
@@ -163,7 +163,7 @@ class BusThread:
             BusStoppedError: The bus has stopped, or the port is not free in time.
         """
         if not self._owner.acquire(timeout=timeout):
-            raise BusStoppedError(f"the port {self.bus.port_name} was not free for {timeout} s")
+            raise BusStoppedError(f"the port {self.bus.port.name} was not free for {timeout} s")
         try:
             if self._requests.closed:
                 raise BusStoppedError("the servo bus has stopped")

@@ -84,7 +84,7 @@ class Interleavings:
         rig = FakeRig(PAN, tick=100_000)
         self.port, self.bus = rig.port, rig.bus
         self.thread = BusThread(self.bus, 50.0, lambda _: None)
-        self.epoch = self.bus.epoch
+        self.epoch = self.bus.requests.epoch
         self.made: list[tuple[int | None, int]] = []  # goal in ticks or None: torque on; its epoch
         self.goals: set[int] = set()  # of this epoch
         self.delivered: list[tuple[int, Future[None]]] = []
@@ -203,7 +203,7 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
 
 
 def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig: FakeRig) -> None:
-    first, second = rig.bus.epoch.advance(), rig.bus.epoch.advance()
+    first, second = rig.bus.requests.epoch.advance(), rig.bus.requests.epoch.advance()
     for epoch in (second, first):  # as the port became free
         assert set(rig.bus.relax_at_once(1.0, epoch).values()) == {""}
     run(rig.bus.switching_torque(None, True))

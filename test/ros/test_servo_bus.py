@@ -141,7 +141,7 @@ def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot
     """After a USB reset two adapters may have exchanged their other names."""
     node = robot.composition.nodes["servo_bus"]
     ((before, _, models),) = node.servos_by_port()
-    monkeypatch.setattr(bus_thread(robot).bus._port, "stable_name", "/dev/serial/by-id/x")
+    monkeypatch.setattr(bus_thread(robot).bus.port, "stable_name", "/dev/serial/by-id/x")
     ((name, _, same),) = node.servos_by_port()
     assert (before, name) == ("simulated port", "/dev/serial/by-id/x")
     assert models == same and set(models) == {1, 2}

@@ -144,7 +144,7 @@ class ServoBusNode(ClosingNode):
         """Return port, baud rate, and the models of the servos on it by id, of each bus."""
         return [
             (
-                each.bus.stable_port_name,
+                each.bus.port.stable_name or each.bus.port.name,
                 baud_rate,
                 {servo.id: servo.model.name for servo in each.bus.servos},
             )
@@ -222,10 +222,10 @@ class ServoBusNode(ClosingNode):
         log = self.get_logger()
         self.backend.connect(allow_missing=allow_missing)
         for bus in [thread.bus for thread in self.backend.threads]:
-            found = f"{bus.summary or 'no servo answers'} on {bus.port_name} ({bus.adapter})"
+            found = f"{bus.summary or 'no servo answers'} on {bus.port.name} ({bus.port.adapter})"
             log.info(f"{found}; relaxed until a command comes")
-            if bus.adapter.advice:
-                log.warning(f"{bus.port_name}: {bus.adapter.advice}")
+            if bus.port.adapter.advice:
+                log.warning(f"{bus.port.name}: {bus.port.adapter.advice}")
 
     def _create_topics(self) -> None:
         self.create_subscription(
@@ -349,7 +349,7 @@ class ServoBusNode(ClosingNode):
     def _statuses(self) -> list[BusStatus]:
         return [
             BusStatus(
-                thread.bus.port_name,
+                thread.bus.port.name,
                 thread.bus.statistics(),
                 thread.timing,
                 self._states.get(thread.bus, {}),
