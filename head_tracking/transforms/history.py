@@ -105,11 +105,8 @@ class History(Generic[Value]):
             return self.values[first]
         after = bisect_right(stamps, stamp, first)
         if not first < after < len(stamps):
-            raise ExtrapolationException(
-                f"extrapolation into the {'future' if after > first else 'past'}: time "
-                f"{seconds(stamp)} was asked for, {seconds(stamps[first])} to "
-                f"{seconds(stamps[-1])} is known"
-            )
+            known = f"{seconds(stamps[first])} to {seconds(stamps[-1])}"
+            raise ExtrapolationException(f"{seconds(stamp)} is not within {known}")
         before = stamps[after - 1]
         if before == stamp:
             return self.values[after - 1]
