@@ -181,14 +181,6 @@ class ControlTable:
     def __iter__(self) -> Iterator[Register]:
         return iter(self._registers)
 
-    def __len__(self) -> int:
-        return len(self._registers)
-
-    @property
-    def size(self) -> int:
-        """Number of bytes up to the end of the last register."""
-        return self._registers[-1].end
-
     def block(self, *names: str) -> Block:
         """Return the block of these registers, named in rising order of address."""
         return Block(tuple(self[name] for name in names), self._byte_order)

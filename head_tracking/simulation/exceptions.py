@@ -7,7 +7,3 @@ from head_tracking.exceptions import HeadTrackingError
 
 class SimulationError(HeadTrackingError):
     """The simulator was set up or used in a wrong way; root of its errors."""
-
-
-class PortLinkError(SimulationError):
-    """The symbolic link to the simulated port cannot be created."""

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from head_tracking.simulation.bus import SimulatedBus
-from head_tracking.simulation.exceptions import PortLinkError
+from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.serial_line import Overlap, SerialLine
 from head_tracking.simulation.servo import SimulatedServo
 
@@ -44,7 +44,7 @@ class PseudoTerminal:
         name: Path of the device.
 
     Raises:
-        PortLinkError: The link cannot be created.
+        SimulationError: The link cannot be created.
     """
 
     def __init__(self, link: str | None = None) -> None:
@@ -98,7 +98,7 @@ class PseudoTerminal:
     def _make_link(self, link: str) -> None:
         is_replaced = os.path.islink(link) and os.readlink(link).startswith(_PTYS)
         if os.path.lexists(link) and not is_replaced:
-            raise PortLinkError(
+            raise SimulationError(
                 f"cannot create the link {link}: another file has this name; remove it or choose "
                 "another path"
             )
@@ -107,7 +107,7 @@ class PseudoTerminal:
                 os.unlink(link)
             os.symlink(self.name, link)
         except OSError as cause:
-            raise PortLinkError(
+            raise SimulationError(
                 f"cannot create the link {link}: {cause.strerror}; choose a path in a writable "
                 "directory"
             ) from cause
@@ -167,7 +167,7 @@ class SimulatedPort:
         return "" if terminal is None else terminal.link or terminal.name
 
     def open(self) -> None:
-        """Create the device and the link; raise PortLinkError if the link is impossible."""
+        """Create the device and the link; raise SimulationError if the link is impossible."""
         if self._thread is not None:
             return
         self._terminal = terminal = PseudoTerminal(self._link)

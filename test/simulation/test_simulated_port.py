@@ -18,10 +18,10 @@ from waiting import PATIENCE, eventually
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
     Answer,
-    PortLinkError,
     SimulatedBus,
     SimulatedPort,
     SimulatedServo,
+    SimulationError,
 )
 
 PING = InstructionPacket.ping(1).encode()
@@ -101,7 +101,7 @@ def test_an_impossible_link_is_refused(tmp_path: Path, kind: str) -> None:
     else:
         link = tmp_path / "none" / "ttyHead"
     descriptors = len(os.listdir("/proc/self/fd"))
-    with pytest.raises(PortLinkError):
+    with pytest.raises(SimulationError):
         SimulatedPort([SimulatedServo(1)], link=link).open()
     assert len(os.listdir("/proc/self/fd")) == descriptors
     assert kind != "device" or os.readlink(link) == "/dev/null"

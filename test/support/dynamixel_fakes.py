@@ -48,7 +48,7 @@ class FakeServo:
     """
 
     def __init__(self, servo_id: int) -> None:
-        self.bytes = bytearray(TABLE.size)
+        self.bytes = bytearray(max(register.end for register in TABLE))
         for register in TABLE:
             self[register.name] = register.initial or 0
         self["ID"] = servo_id
