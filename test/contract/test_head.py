@@ -418,6 +418,21 @@ def test_a_relaxed_head_is_turned_by_hand_and_refuses_commands_until_resume(head
     assert head.look_at((2.0, 0.0, 0.6)).arrived
 
 
+def test_a_command_that_began_before_relax_does_not_switch_the_torque_on(head, servos, monkeypatch):
+    lookup = head.frames.lookup_transform
+
+    def relaxing_meanwhile(*arguments):
+        head.relax()
+        assert servos.torque == [0, 0]
+        return lookup(*arguments)
+
+    monkeypatch.setattr(head.frames, "lookup_transform", relaxing_meanwhile)
+    with pytest.raises(RefusedCommandError) as refused:
+        head.look_at(LEFT)
+    assert refused.value.state == head.state == HeadState.RELAXED
+    assert servos.torque == [0, 0]
+
+
 def test_concurrent_commands_each_get_a_result(head, servos):
     failures = []
 

@@ -5,11 +5,13 @@ import random
 import threading
 
 import pytest
+from lockstep import World
 from std_srvs.srv import SetBool
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head import head_actions
+from head_tracking.ros.head.point_head import PointHeadNode
 
 goals = pytest.importorskip("goals")
 goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
@@ -110,6 +112,15 @@ def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, ki
         speeds.append((before - pan) / 0.02)
     assert speeds[0] > 1.5
     assert min(speeds) > 0.5 * speeds[0]
+
+
+def test_actions_and_topic_have_the_name_of_another_controller(kinectbot, threads):
+    """As clients of TIAGo and PR2 call it."""
+    world = World(kinectbot)
+    parameters = {"controller_name": "head_controller"}
+    node = world.make(PointHeadNode, parameters, loop=world.loop)
+    assert world.listeners("/head_controller/joint_trajectory") == 1
+    node.destroy_node()
 
 
 def test_a_goal_is_refused_while_another_owns_the_joints_or_nobody_measures_them(pointed):

@@ -20,6 +20,7 @@ from head_tracking.ros.kit.spinning import NodeDied
 from head_tracking.ros.kit.topics import LATCHED
 
 JOINTS = ("head_pan_joint", "head_tilt_joint")
+STILL = 0.012  # rad: a joint that is let go moves on a little
 
 
 @pytest.fixture
@@ -107,6 +108,27 @@ def test_a_sender_that_names_no_epoch_is_a_name():
     for epoch in ("", "9" * 5000, "one"):
         assert sender_from(f"somebody#{epoch}") == (f"somebody#{epoch}", None)
     assert sender_from("somebody#7") == ("somebody", 7)
+
+
+def test_commands_of_an_earlier_epoch_are_discarded(robot):
+    """With the epoch of before, as a message that was long on its way."""
+    tracking(robot)
+    assert robot.call("head_tracker/enable", False).success
+    old = robot.composition.loop.owners.epoch.value
+    assert robot.call("stop").success
+    assert robot.call("resume").success
+    where = robot.at_rest()
+    command = JointState(name=["head_pan_joint"], position=[where[0] + 0.5])
+    command.header.frame_id = f"/elsewhere#{old}"
+    robot.log.clear()
+    commands = robot.node.create_publisher(JointState, "joint_commands", 1)
+    wait_for(commands.get_subscription_count)
+    commands.publish(command)
+    robot.logged("joint_commands of /elsewhere refused")
+    assert robot.at_rest() == pytest.approx(where, abs=STILL)
+    command.header.frame_id = f"/elsewhere#{robot.composition.loop.owners.epoch.value}"
+    commands.publish(command)
+    wait_for(lambda: abs(robot.pan - where[0]) > 0.4)
 
 
 def test_stop_waits_for_no_controller_that_hangs(robot):

@@ -79,6 +79,14 @@ def test_one_that_flickers_at_the_far_edge_is_not_chased_all_the_way_round(make)
     assert ideal.positions[0] == pytest.approx(edge + 0.3, abs=0.03)
 
 
+def test_recentring_forgets_the_target(make, law):
+    ideal = IdealHead(make(law)).run(2.0, TARGET)
+    ideal.tracker.recenter()
+    ideal.run(4.0)
+    assert ideal.positions == pytest.approx((0.0, 0.0), abs=0.04)
+    assert ideal.tracker.state is TargetState.IDLE
+
+
 def test_a_target_ends_the_recentring_for_good(make):
     ideal = IdealHead(make()).run(2.0, TARGET)
     ideal.tracker.recenter()
