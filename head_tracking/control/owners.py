@@ -48,15 +48,19 @@ class JointOwners:
 
     Args:
         clock: monotonic time [s].
+        exclusive: refuse commands for a joint of another owner; else the last command wins.
 
     Attributes:
         stopped: whether everything but `resume` is refused.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, *, exclusive: bool = True
+    ) -> None:
         self.epoch = Epoch()
         self.stopped = False
         self._clock = clock
+        self._exclusive = exclusive
         self._lock = threading.Lock()
         self._owners: dict[str, tuple[str, float]] = {}
         self._interrupted: dict[str, str] = {}
@@ -89,7 +93,7 @@ class JointOwners:
             StoppedError: the head is stopped, or was after the command was made.
         """
         with self._lock:
-            self._check(owner, joints)
+            self._check(owner, joints, LEASE)
             return self._permit(epoch)
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
@@ -101,10 +105,14 @@ class JointOwners:
         """
         joints = tuple(joints)
         with self._lock:
-            self._check(owner, joints)
+            self._check(owner, joints, lease)
             self._permit()
-            changed = any([self._owners.get(joint, ("",))[0] != owner for joint in joints])
-            self._owners |= dict.fromkeys(joints, (owner, self._clock() + lease))
+            before = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
+            given = [
+                j for j, (other, until) in before.items() if other == owner or until < math.inf
+            ]
+            changed = any(before[joint][0] != owner for joint in given)
+            self._owners |= dict.fromkeys(given, (owner, self._clock() + lease))
         if changed:
             self._notify()
 
@@ -224,11 +232,12 @@ class JointOwners:
             raise StoppedError(_OVERTAKEN)
         return self.epoch.value
 
-    def _check(self, owner: str, joints: Iterable[str]) -> None:
+    def _check(self, owner: str, joints: Iterable[str], lease: float) -> None:
         now = self._clock()
         for joint in joints:
             other, until = self._owners.get(joint, ("", 0.0))
-            if other != owner and now < until:
+            both_control = math.isinf(until) and math.isinf(lease)
+            if other != owner and now < until and (self._exclusive or both_control):
                 raise OwnershipError(joint, other, leased=math.isfinite(until))
 
     def _stop(self) -> None:

@@ -155,7 +155,7 @@ class ControlProcess:
         plan = self._plan
         claim = self._claim(threads)
         threading.Thread(target=self._receive, daemon=True).start()
-        owners = JointOwners()
+        owners = JointOwners(exclusive=not plan.allow_others)
         if kept is not None:
             kept.guard(owners)
         head = self._head = Composition(
@@ -171,7 +171,8 @@ class ControlProcess:
         )
 
         def update() -> None:
-            claim.check()
+            if not plan.allow_others:
+                claim.check()
             self._report_servos(head.nodes["servo_bus"])
             parts, colour = monitor.update()
             self._status.show([*parts, *self._hint], colour)
@@ -189,7 +190,7 @@ class ControlProcess:
         node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
         claim = HeadClaim(node, simulated=self._plan.simulated)
         threads.start(node)
-        if is_heard_elsewhere(os.environ):
+        if not self._plan.allow_others and is_heard_elsewhere(os.environ):
             self._status.show(["searching for other heads"])
             self._stop.wait(LOOK_TIME)
             self._stop.check()

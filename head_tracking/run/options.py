@@ -46,6 +46,7 @@ class Run:
         parameter_files: for all nodes; later ones win.
         duration: how long to run [s]; None: until a signal.
         arguments: the command line, including ROS arguments.
+        allow_others: whether it may run beside other heads; the last command wins then.
         is_local: whether other machines cannot discover it.
         hold_on_crash: whether the servos hold, instead of relaxing, if the control process dies.
         keeps_stop: whether a STOP persists when the run crashes and is started again.
@@ -57,6 +58,7 @@ class Run:
     parameter_files: tuple[Path, ...]
     duration: float | None
     arguments: tuple[str, ...]
+    allow_others: bool
     is_local: bool
     hold_on_crash: bool
     keeps_stop: bool
@@ -124,6 +126,11 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "robot_state_publisher, or head (its controller); can be given several times",
     )
     parser.add_argument(
+        "--allow-others",
+        action="store_true",
+        help="run although another head has this ROS domain and namespace; the last command wins",
+    )
+    parser.add_argument(
         "--network", action="store_true", help="let other machines discover a simulated run"
     )
     parser.add_argument(
@@ -177,6 +184,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         (*robot_parameters(options.robot), *options.params),
         options.duration,
         tuple(arguments),
+        options.allow_others,
         options.sim and not options.network,
         options.on_crash == "hold",
         options.keep_stop,

@@ -19,11 +19,12 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, Final
 
+from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.stop_signal import ENDING, StopSignal
 from head_tracking.run.channel import Channel
@@ -186,7 +187,7 @@ class Supervisor:
             EndRequestedError: a signal came before the first process was started.
         """
         with StopSignal() as stop:
-            self._lock.acquire(stop.wait)
+            self._acquire(stop.wait)
             return self._run(stop)
 
     def _run(self, stop: StopSignal) -> int:
@@ -240,6 +241,14 @@ class Supervisor:
         for process in running:
             process.wait()
         return 1 if self._yields or code < 0 else code
+
+    def _acquire(self, wait: Callable[[float], bool]) -> None:
+        """Lock the head; with --allow-others only if it is free."""
+        if not self._plan.allow_others:
+            self._lock.acquire(wait)
+        elif not self._plan.simulated:
+            with suppress(RefusedError):
+                self._lock.acquire(wait, shared=True, patience=0.0)
 
     def _end(self, control: Process) -> None:
         """Ask control to end, and plan to kill it if it does not."""

@@ -306,6 +306,8 @@ def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_
     second = bench.start("head_tracking", "--sim")
     second.read_until("servo_bus")
     assert bench.person.state("head_tracker") == "tracking"
+    beside = bench.start("head_tracking", "--sim", "--duration", "1", "--allow-others")
+    assert beside.end() == 0, beside.output
     real = bench.run_bus()
     assert first.end() == 1, first.output
     later = bench.start("head_tracking", "--sim")

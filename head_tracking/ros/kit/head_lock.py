@@ -33,7 +33,7 @@ _PERIOD: Final = 0.05  # s
 _RETRIES: Final = (0.002, 0.005, 0.01, 0.02, 0.0)  # s
 CURES: Final = (
     "give this one a ROS domain of its own (ROS_DOMAIN_ID) or names of its own "
-    "(--ros-args -r __ns:=/second)"
+    "(--ros-args -r __ns:=/second), or let both command one head (--allow-others)"
 )
 
 
