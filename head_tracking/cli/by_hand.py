@@ -76,7 +76,7 @@ def calibration_of(name: str, motion: ServoPoses, margin: float) -> ServoCalibra
 
 
 def configuration(
-    joints: Sequence[Sequence[ServoCalibration]], port_name: str, baud_rate: int
+    joints: Sequence[Sequence[ServoCalibration]], port_name: str, baud_rate: int, program: str
 ) -> str:
     """Return the parameters of servo_bus as YAML; each joint has one servo or two."""
     names = [first.joint_name for first, *_ in joints]
@@ -88,7 +88,7 @@ def configuration(
             controller["second_motor"] = _values(others[0])
         values[f"{name}_controller"] = controller
     text = yaml.safe_dump({"/**/servo_bus": {"ros__parameters": values}}, sort_keys=False)
-    return f"# Written by `head_tracking new-robot`.\n\n{text}"
+    return f"# Written by `{program}`.\n\n{text}"
 
 
 def _values(servo: ServoCalibration) -> dict[str, int]:

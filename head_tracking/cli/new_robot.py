@@ -89,7 +89,7 @@ def _describe(
     session = make_session(terminal, options.port, options.baud or USUAL_BAUD_RATES[0])
     rate, joints = _calibrate(options, session)
     model = _model(options, [first for first, *_ in joints], measures)
-    text = configuration(joints, options.port, rate)
+    text = configuration(joints, options.port, rate, "head_tracking new-robot")
     _check_and_write(files, (model, text))
     script = share_directory() / "scripts" / "run"  # adds what the page needs
     in_checkout = Path(sys.prefix) == script.parents[1] / ".venv" and script.exists()

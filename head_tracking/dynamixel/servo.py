@@ -307,8 +307,8 @@ class Servo:
                 level = model.control_table["Status Return Level"].address
                 raise ServoSetupError(
                     f"servo {self.id} ({joint_name}) answers pings but no reads: its Status Return "
-                    f"Level (register {level}) is probably 0; set it to 2 with the program of its "
-                    "maker, such as Dynamixel Wizard"
+                    f"Level (register {level}) is probably 0; set it to 2, for example with "
+                    f"`servo set {self.id} 'Status Return Level' 2`"
                 ) from cause
             memory.update((r.name, value) for r, value in zip(span.registers, values, strict=True))
             number = memory.get("Model Number", model.model_number)

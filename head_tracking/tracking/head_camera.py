@@ -341,12 +341,12 @@ class HeadCamera:
         if not by_pan:
             return (
                 f"{pan} and {tilt} are swapped, as the camera sees it: swap the servos' ids, or "
-                "describe it anew with `new-robot` (or is the camera rolled by 90 degrees?)"
+                "run `servo calibrate` with swapped ids (or is the camera rolled by 90 degrees?)"
             )
         wrong = [joint for joint, way in ((pan, by_pan), (tilt, by_tilt)) if way < 0]
         return (
             f"{' and '.join(wrong)} {'turns' if len(wrong) == 1 else 'turn'} in the wrong "
-            "direction, as the camera sees it: find the direction with `new-robot` (or is "
+            "direction, as the camera sees it: find the direction with `servo calibrate` (or is "
             f"the image {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
         )
 

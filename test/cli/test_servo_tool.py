@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from random import Random
 
 import pytest
+import yaml
 from simulated_device import Bench, Keyboard, as_device
 
 from head_tracking.cli.servo import main as tool
@@ -48,6 +52,7 @@ class Tool(Bench):
         self.answers = ""
         self.impossible = 0
         self.accepts_any_rate = False
+        self.on_enter: list[Callable[[], None]] = []
         self._capsys, self._monkeypatch = capsys, monkeypatch
         self.output = self.messages = ""
 
@@ -77,6 +82,7 @@ class Tool(Bench):
                 terminal, port_name, baud_rate, self._make_port, self.pass_time, self.clock
             )
 
+        self._monkeypatch.setattr(Terminal, "wait_for_enter", lambda *_: self.on_enter.pop(0)())
         self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))
         code = tool.main(["--port", "/dev/sim", *arguments], session)
         captured = self._capsys.readouterr()
@@ -86,6 +92,10 @@ class Tool(Bench):
     def rows(self) -> list[list[str]]:
         """Return the words of each row of the printed table."""
         return [line.split() for line in self.output.splitlines()[1:]]
+
+    def move_by_hand(self, servo_id: int, *ticks: int) -> None:
+        """Turn a servo to the next tick at each Enter."""
+        self.on_enter += [partial(self.turn_by_hand, servo_id, tick) for tick in ticks]
 
 
 @pytest.fixture
@@ -260,14 +270,16 @@ def test_set_of_impossible_values_fails(bench: Tool, register: str, values: list
         assert bench.run("--yes", "set", "7", register, value) == FAILED
 
 
-@pytest.mark.parametrize("servo_id", [1, 7, 8])
-def test_a_servo_that_answers_reads_only_can_be_set_up(bench: Tool, servo_id: int) -> None:
-    command = ("--yes", "set", str(servo_id), "Status Return Level")
-    assert bench.run(*command, "0") == REFUSED
-    assert bench.run(*command, "1") == DONE
-    assert bench[servo_id].register("Status Return Level") == 1
-    assert bench.run("--yes", "set", str(servo_id), "Temperature Limit", "60") == DONE
-    assert bench.run(*command, "2") == DONE
+@pytest.mark.parametrize(("servo_id", "level"), [(1, 0), (7, 1), (8, 0)])
+def test_the_status_return_level_can_be_set_and_restored(
+    bench: Tool, servo_id: int, level: int
+) -> None:
+    assert bench.run("--yes", "set", str(servo_id), "Status Return Level", str(level)) == DONE
+    assert bench[servo_id].register("Status Return Level") == level
+    model = bench[servo_id].model.name
+    back = ("--yes", "--model", model, "set", str(servo_id), "Status Return Level", "2")
+    bench.pass_time(0.1)
+    assert bench.run(*back) == DONE
     assert bench[servo_id].register("Status Return Level") == 2
 
 
@@ -278,6 +290,9 @@ def test_common_options_may_come_after_the_command(bench: Tool) -> None:
     assert "/dev/none" in bench.messages
     bench[2].set_register("Baud Rate", 34)
     assert bench.run("info", "2", "--baud", "57600") == DONE
+    bench[1].set_register("Status Return Level", 0)
+    command = ("set", "1", "Status Return Level", "2", "--model", "AX-12", "--yes")
+    assert bench.run(*command) == DONE
 
 
 # set-id, set-baud
@@ -370,6 +385,65 @@ def test_monitor_shows_servos_that_stop_answering(bench: Tool) -> None:
     assert bench.run("monitor", "1", "2", "--count", "2") == DONE
     last = bench.output.splitlines()[-1]
     assert last.split()[0] == "2" and "no answer" in last and "300" in last
+
+
+# calibrate
+
+
+def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) -> None:
+    bench[1].set_register("Torque Enable", 1)
+    bench.answers = "y\n"
+    bench.move_by_hand(1, 520, 200, 850)
+    bench.move_by_hand(7, 2100, 3000, 1500)
+    file = tmp_path / "head.yaml"
+    command = ("calibrate", "head_pan:1", "head_tilt:7", "--output", str(file), "--margin", "0.05")
+    assert bench.run(*command) == DONE
+    assert bench[1].register("Torque Enable") == 0
+    parameters = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
+    assert parameters["baud_rate"] == 1_000_000
+    assert parameters["port_name"] == "/dev/sim"
+    assert parameters["dynamixels"] == ["head_pan", "head_tilt"]
+    pan = parameters["head_pan_controller"]
+    assert pan["joint_name"] == "head_pan_joint"
+    assert pan["motor"]["model"] == "AX-12" and pan["motor"]["id"] == 1
+    assert pan["motor"]["init"] == pytest.approx(520, abs=3)
+    assert pan["motor"]["min"] == pytest.approx(210, abs=4)
+    assert pan["motor"]["max"] == pytest.approx(840, abs=4)
+    tilt = parameters["head_tilt_controller"]["motor"]
+    assert tilt["min"] == pytest.approx(2967, abs=12)
+    assert tilt["max"] == pytest.approx(1533, abs=12)
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "poses"), [(1, (512, 512, 520)), (1, (100, 300, 800)), (7, (2048, 3500, 4500))]
+)
+def test_impossible_poses_are_refused(
+    bench: Tool, tmp_path: Path, servo_id: int, poses: tuple[int, ...]
+) -> None:
+    bench.move_by_hand(servo_id, *poses)
+    file = tmp_path / "head.yaml"
+    assert bench.run("calibrate", f"head_pan:{servo_id}", "--output", str(file)) == REFUSED
+    assert not bench.on_enter and not file.exists()
+
+
+def test_what_calibrate_refuses_changes_nothing(bench: Tool, tmp_path: Path) -> None:
+    file = tmp_path / "head.yaml"
+    file.write_text("precious")
+    bench[1].set_register("Torque Enable", 1)
+    for arguments in (
+        ("head_pan:1",),  # torque on, and the answer is no
+        ("head_pan:1", "--output", str(file)),
+        ("head_pan:1", "head_tilt:1"),
+        ("head_pan:1", "head_pan:2"),
+    ):
+        bench.answers = "n\n"
+        assert bench.run("calibrate", *arguments) == REFUSED
+    for place in ("none/head.yaml", "."):
+        with pytest.raises(SystemExit) as end:
+            bench.run("calibrate", "head_pan:1", "--output", str(tmp_path / place))
+        assert end.value.code == 2
+    assert file.read_text() == "precious"
+    assert bench[1].register("Torque Enable") == 1
 
 
 # Feetech servos

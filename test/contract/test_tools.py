@@ -99,6 +99,30 @@ def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
         assert f"code {130 if ended == 'by ctrl-c' else 1}" in terminal.waits_for(r"code \d+\r")
 
 
+def move_by_hand(bench, terminal, *poses):
+    """Turn a servo to a tick and press Enter, at each prompt."""
+    for prompt, servo, tick in poses:
+        terminal.waits_for(prompt)
+        bench.servos.turn_by_hand(servo, (tick - 512) * TICK)
+        wait_for(lambda: abs(bench.servos.ticks[servo - 1] - tick) < 10)  # noqa: B023
+        bench.servos.at_rest()
+        terminal.type("\n")
+
+
+def test_calibration_is_led_by_hand_and_written_to_a_file(bench):
+    file = bench.folder / "head.yaml"
+    words = ("calibrate", "head_pan:1", "--output", str(file))
+    unattended = bench.start("servo", "--port", bench.servos.name, *words)
+    assert unattended.end() == 3, unattended.output
+    assert not file.exists()
+    with closing(on_terminal(bench, "servo", *words)) as terminal:
+        move_by_hand(bench, terminal, ("zero", 1, 512), ("lowest", 1, 300), ("highest", 1, 700))
+        wait_for(file.exists)
+    motor = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
+    motor = motor["head_pan_controller"]["motor"]
+    assert [motor[key] for key in ("init", "min", "max")] == pytest.approx([512, 306, 694], abs=14)
+
+
 def test_a_head_is_described_by_hand_in_a_terminal(bench):
     measures = ("--pan-xyz", "0", "0", "0.05", "--tilt-xyz", "0", "0", "0.04")
     words = ("my_head", "--folder", str(bench.folder), "--baud", "1000000", *measures)
@@ -109,12 +133,7 @@ def test_a_head_is_described_by_hand_in_a_terminal(bench):
     assert not file.exists()
     poses = [("ahead", 1, 512), ("left", 1, 700), ("right", 1, 300), ("up", 2, 400)]
     with closing(on_terminal(bench, "new_robot", *words)) as terminal:
-        for prompt, servo, tick in (*poses, ("down", 2, 600)):
-            terminal.waits_for(prompt)
-            bench.servos.turn_by_hand(servo, (tick - 512) * TICK)
-            wait_for(lambda: abs(bench.servos.ticks[servo - 1] - tick) < 10)  # noqa: B023
-            bench.servos.at_rest()
-            terminal.type("\n")
+        move_by_hand(bench, terminal, *poses, ("down", 2, 600))
         wait_for(file.exists)
     bus = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
     for name, ticks in (("head_pan", (512, 306, 694)), ("head_tilt", (512, 406, 594))):

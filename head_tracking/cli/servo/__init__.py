@@ -1,1 +1,1 @@
-"""The tool `servo`: shows what servos measure and sets them up."""
+"""The tool `servo`: shows what servos measure, sets them up and calibrates a head."""

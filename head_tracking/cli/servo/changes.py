@@ -28,7 +28,6 @@ from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
 from head_tracking.exceptions import RefusedError
 
-_LEVEL: Final = "Status Return Level"
 _MOVING: Final = (
     "Torque Enable", "Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current",
 )  # fmt: skip
@@ -37,7 +36,7 @@ _MOVING: Final = (
 def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
     """Write a register of a servo and return the exit code."""
     with session.port() as port:
-        servo = find_servo(port, servo_id)
+        servo = find_servo(port, servo_id, session.model)
         register = find_register(servo.model.control_table, name)
         value = parse_value(register, text)
         name = register.name
@@ -45,11 +44,9 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
             raise RefusedError(
                 f"id {value} is used by another servo; give another id, or disconnect that servo"
             )
-        if name == _LEVEL and value + 1 < (register.maximum or 0):
-            raise RefusedError(f"with {name} {value} servo {servo_id} would answer pings only")
         if name in _MOVING and (value or name != "Torque Enable"):
             raise RefusedError(f"{name} could move servo {servo_id}; this tool moves no servo")
-        if register.eeprom:
+        if register.eeprom and name != "Status Return Level":
             try:
                 servo.require_writable_memory()
             except ServoError as refusal:
@@ -66,7 +63,7 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
 def set_baud_rate(session: Session, servo_id: int, rate: int) -> int:
     """Change the baud rate of a servo and return the exit code."""
     with session.port() as port:
-        known = find_servo(port, servo_id).model
+        known = find_servo(port, servo_id, session.model).model
     codes = {rate: code for code, rate in known.baud_rates.items()}
     if rate not in codes:
         raise _no_rate(known, rate)
@@ -80,9 +77,9 @@ def _no_rate(model: ServoModel, value: int) -> ToolError:
 
 def _write(session: Session, servo: Servo, register: Register, value: int, shown: str) -> None:
     name = register.name
-    if name == _LEVEL:
-        servo.acknowledges_writes = False  # the new level decides whether this write is answered
-    if register.eeprom:
+    if name == "Status Return Level":
+        _set_return_level(session, servo, register, value)
+    elif register.eeprom:
         _ask(session, servo, f"{shown} (now {servo.get(name)})")
         run(servo.write_eeprom({name: value}), session.pause)
     else:
@@ -101,7 +98,7 @@ def _readdress(session: Session, servo: Servo, name: str, value: int, shown: str
         pass  # the adapter supports it
     _ask(session, servo, shown)
     with session.port() as port:
-        servo = find_servo(port, servo.id)
+        servo = find_servo(port, servo.id, servo.model)
         run(servo.lock_eeprom(False))
         servo.write(servo.model.control_table.block(name), value)
         session.pause(EEPROM_PAUSE)
@@ -114,6 +111,30 @@ def _readdress(session: Session, servo: Servo, name: str, value: int, shown: str
         run(Servo(port, new_id, servo.model).lock_eeprom(True))
 
 
+def _set_return_level(session: Session, servo: Servo, register: Register, value: int) -> None:
+    """Set the Status Return Level, also of a servo that answers pings only."""
+    what = f"{register.name} = {value}"
+    _ask(session, servo, what + (", and relax it" if register.eeprom else ""))
+    servo.acknowledges_writes = False  # the new level decides whether this write is answered
+    table = servo.model.control_table
+    lock = "EEPROM Lock" if "EEPROM Lock" in table else ""
+    if register.eeprom:
+        servo.write(table.block("Torque Enable"), 0)
+    if lock:
+        servo.write(table.block(lock), 0)
+    servo.write(table.block(register.name), value)
+    session.pause(EEPROM_PAUSE)
+    if lock:
+        servo.write(table.block(lock), 1)
+    if value == 0:
+        session.terminal.print(
+            f"servo {servo.id} answers pings only from now on; give this tool --model "
+            f"{servo.model.name}"
+        )
+    elif (after := servo.get(register.name)) != value:
+        raise ToolError(f"servo {servo.id} still has {after} in {register.name}")
+
+
 def _ask(session: Session, servo: Servo, what: str) -> None:
     session.terminal.confirm(f"Set {what} in servo {servo.id} ({servo.model.name})?")
 
@@ -122,16 +143,18 @@ def relax(session: Session, ids: Sequence[int]) -> int:
     """Switch torque off, of all servos if there are no ids; return the exit code."""
     with session.port() as port:
         if not ids:
-            _relax_all(port)
+            _relax_all(port, session.model)
             session.terminal.show("torque off was sent to all servos")
         for servo_id in ids:
-            find_servo(port, servo_id).set("Torque Enable", 0)
+            find_servo(port, servo_id, session.model).set("Torque Enable", 0)
             session.terminal.show(f"servo {servo_id} is relaxed")
     return 0
 
 
-def _is_feetech_line(port: DynamixelPort) -> bool:
+def _is_feetech_line(port: DynamixelPort, model: ServoModel | None) -> bool:
     """Return whether the servo with the lowest id up to 20 is a Feetech servo."""
+    if model is not None:
+        return model.family != "Dynamixel"
     for servo_id in range(21):
         with suppress(ReplyTimeoutError):
             try:
@@ -142,7 +165,7 @@ def _is_feetech_line(port: DynamixelPort) -> bool:
     return False
 
 
-def _relax_all(port: DynamixelPort) -> None:
+def _relax_all(port: DynamixelPort, model: ServoModel | None) -> None:
     """Switch torque off by broadcast; one by one where that would write another register.
 
     Protocol 2.0: address 64 is Torque Enable of X servos and unused in an XL-320. Address 24 is
@@ -156,7 +179,7 @@ def _relax_all(port: DynamixelPort) -> None:
     )
     for protocol, address in ((1, feetech_address), (2, x_address)):
         port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
-    if not _is_feetech_line(port):
+    if not _is_feetech_line(port, model):
         port.write(BROADCAST_ID, ax_address, b"\0", acknowledged=False)
     for servo_id, (number, _) in port.find_all().items():
         with suppress(ConfigurationError, CommunicationError, ServoError):

@@ -1,11 +1,13 @@
-"""servo: shows and configures servos."""
+"""servo: shows, configures and calibrates servos."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
+from head_tracking.cli.servo.calibrate import calibrate
 from head_tracking.cli.servo.changes import relax, set_baud_rate, set_register
 from head_tracking.cli.servo.overview import info, monitor, scan
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session
@@ -14,9 +16,14 @@ from head_tracking.command_line import (
     baud_rate,
     between,
     exit_code,
+    named_id,
+    read_by,
     servo_id,
     with_negative_values,
+    writable_file,
 )
+from head_tracking.dynamixel.exceptions import ConfigurationError
+from head_tracking.dynamixel.models import servo_model
 
 _DEFAULT_PORT, _DEFAULT_BAUD_RATE = "/dev/ttyUSB0", 1_000_000
 
@@ -32,6 +39,7 @@ def main(arguments: Sequence[str] | None = None, session: Callable[..., Session]
     options = _parser().parse_args(with_negative_values(words))
     terminal = Terminal(assume_yes=options.yes)
     opened = session(terminal, options.port, options.baud or _DEFAULT_BAUD_RATE)
+    opened = replace(opened, model=options.model)
     return exit_code("servo", lambda: options.run(opened, options))
 
 
@@ -41,6 +49,8 @@ def _common() -> argparse.ArgumentParser:
     add = common.add_argument
     add("--port", metavar="DEV", help=f"serial port ({_DEFAULT_PORT})")
     add("--baud", type=baud_rate, metavar="RATE", help=f"its baud rate ({_DEFAULT_BAUD_RATE})")
+    known = read_by(servo_model, ConfigurationError)
+    add("--model", type=known, help="model of a servo that answers no reads")
     add("--yes", action="store_true", help="answer every question with yes")
     return common
 
@@ -48,12 +58,12 @@ def _common() -> argparse.ArgumentParser:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="servo",
-        description="Shows and configures servos.",
+        description="Shows, configures and calibrates servos.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[_common()],
     )
-    parser.set_defaults(port=_DEFAULT_PORT, baud=None, yes=False)
+    parser.set_defaults(port=_DEFAULT_PORT, baud=None, model=None, yes=False)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     def add_command(
@@ -105,6 +115,19 @@ def _parser() -> argparse.ArgumentParser:
         "--count", type=between(1, 1e9, "times", int), default=0, metavar="N",
         help="stop after N times",
     )  # fmt: skip
+    add = add_command(
+        "calibrate", "measure zero, range and direction of joints moved by hand",
+        lambda s, o: calibrate(s, o.servos, output=o.output, margin=o.margin),
+    )  # fmt: skip
+    add(
+        "servos", type=_named_servo, nargs="+", metavar="NAME:ID",
+        help="name in the configuration and servo id, such as head_pan:1 head_tilt:2",
+    )  # fmt: skip
+    add("--output", type=writable_file, metavar="FILE", help="YAML to write (stdout)")
+    add(
+        "--margin", type=between(0.0, 1.0, "rad"), default=0.03, metavar="RAD",
+        help="distance of the limits from both ends (%(default)s)",
+    )  # fmt: skip
     return parser
 
 
@@ -123,3 +146,10 @@ def _ids(text: str) -> range:
     if not ids:
         raise argparse.ArgumentTypeError(f"{text!r} is not a range of ids, such as 10-20")
     return ids
+
+
+def _named_servo(text: str) -> tuple[str, int]:
+    name, number = named_id(text)
+    if not name.isidentifier():
+        raise argparse.ArgumentTypeError(f"{name!r} is not a name, such as head_pan")
+    return name, number

@@ -147,7 +147,7 @@ def _found(port: DynamixelPort, servo_id: int, protocol: int, tries: int) -> Fou
 def info(session: Session, servo_id: int, *, all_of_them: bool) -> int:
     """Show the registers of a servo and return the exit code."""
     with session.port() as port:
-        servo = find_servo(port, servo_id)
+        servo = find_servo(port, servo_id, session.model)
         registers = servo.registers()
     session.terminal.show(
         f"servo {servo_id}: {servo.model.name}, protocol {servo.model.protocol}.0"
@@ -171,7 +171,7 @@ def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) ->
             for servo_id in _FIRST_IDS
             if protocol_of(port, servo_id, attempts=1) and protocol_of(port, servo_id)  # no noise
         ]
-        servos = [find_servo(port, servo_id) for servo_id in present]
+        servos = [find_servo(port, servo_id, session.model) for servo_id in present]
         if not servos:
             raise ToolError(
                 f"no servo with an id up to {_FIRST_IDS[-1]} answers at {session.baud_rate} baud; "

@@ -12,7 +12,7 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
 )
-from head_tracking.dynamixel.models import servo_model, servo_model_by_number
+from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import MAX_ID
 from head_tracking.dynamixel.servo import MOST_TRIES, Servo, answering
@@ -41,6 +41,7 @@ class Session:
 
     Attributes:
         make_port: makes a closed port from device and baud rate.
+        model: of a servo that answers no reads.
     """
 
     terminal: Terminal
@@ -49,6 +50,7 @@ class Session:
     make_port: Callable[[str, int], DynamixelPort] = patient_port
     pause: Callable[[float], object] = time.sleep
     clock: Callable[[], float] = time.monotonic
+    model: ServoModel | None = None
 
     @contextmanager
     def port(self, baud_rate: int | None = None) -> Iterator[DynamixelPort]:
@@ -81,11 +83,11 @@ def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -
     return next((p for p in MAX_ID if answers(port, servo_id, p, attempts)), None)
 
 
-def find_servo(port: DynamixelPort, servo_id: int) -> Servo:
-    """Return the servo with an id.
+def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> Servo:
+    """Return the servo with an id; `model` is needed for one that answers no reads.
 
     Raises:
-        ToolError: the servo does not answer, answers pings only, or its model is unknown.
+        ToolError: the servo does not answer, or its model is unknown.
     """
     protocol = protocol_of(port, servo_id, MOST_TRIES)
     if protocol is None:
@@ -98,10 +100,15 @@ def find_servo(port: DynamixelPort, servo_id: int) -> Servo:
     except ConfigurationError as error:
         raise ToolError(f"servo {servo_id}: {error}") from error
     except CommunicationError as error:
-        raise ToolError(
-            f"servo {servo_id} answers pings but no reads: its Status Return Level is probably 0; "
-            "set it to 2 with the program of its maker, such as Dynamixel Wizard"
-        ) from error
+        if model is None:
+            raise ToolError(
+                f"servo {servo_id} answers pings but no reads: its Status Return Level is "
+                "probably 0. Set it to 2 and give the model: "
+                f"servo --model MODEL set {servo_id} 'Status Return Level' 2"
+            ) from error
+        servo = Servo(port, servo_id, model)
+        servo.acknowledges_writes = False
+        return servo
     level = servo.get("Status Return Level", MOST_TRIES)
     servo.acknowledges_writes = servo.model.acknowledges_writes(level)
     return servo
