@@ -189,6 +189,10 @@ class TargetEstimate:
         """Return the standard deviation of one of the `velocities` [rad/s]."""
         return math.sqrt(self.bearings[joint].certainty[1])
 
+    def point_deviation(self, joint: int) -> float:
+        """Return the standard deviation of pan (0) or tilt (1) of a point [rad]."""
+        return math.sqrt(self.bearings[joint].variance)
+
     def _position(self, joint: int, time: float) -> float:
         """Return pan (0) or tilt (1) [rad] at a time [s].
 

@@ -132,6 +132,7 @@ _AIM = 1.0  # s; averaging time of the reference at rest, and delay of small cor
 _FINE = 0.25  # of the dead band; smaller errors are not corrected
 _SLOW = 0.015  # rad/s; a slower reference may be at rest
 _UNLIKELY = 4.0  # standard deviations; at 3, noise alone would end the rest every few seconds
+_RESTFUL, _RESTLESS = 1.5, 2.0  # unrest below which a joint may rest, and above which it does not
 _STEP = 0.004  # rad: three quarters of the step of an AX-12's encoder
 _LARGEST_CORRECTION = 0.015  # rad
 _DRIFT_MEMORY = 0.6  # s: averaging time of a reference that drifts
@@ -148,6 +149,8 @@ class Reference:
         noise: standard deviation of `position` [rad].
         speed_noise: standard deviation of `velocity` [rad/s].
         ahead: later reference positions [rad]; a goal does not lie beyond them.
+        unrest: how uncertain the target is, over the deviation of a point. Averaging makes this
+            less than 1 for a target at rest; one that moves as nobody can predict has 2 and more.
     """
 
     position: float
@@ -155,6 +158,7 @@ class Reference:
     noise: float = 0.0
     speed_noise: float = 0.0
     ahead: tuple[float, ...] = ()
+    unrest: float = 0.0
 
 
 class Rest:
@@ -198,11 +202,17 @@ class Rest:
         self.near = abs(reference.velocity) <= slow
         if self.goal is not None:
             away = abs(reference.position - self._place)
-            if away > band or abs(reference.velocity) > 2.5 * slow:
+            moves = abs(reference.velocity) > 2.5 * slow or reference.unrest > _RESTLESS
+            if away > band or moves:
                 self.goal = self._calm_since = None
                 return
             self._average(reference, now - self._judged)
-        elif not self.near or abs(speed) > slow or abs(off) > 0.5 * band:
+        elif (
+            not self.near
+            or abs(speed) > slow
+            or abs(off) > 0.5 * band
+            or reference.unrest > _RESTFUL
+        ):
             self._calm_since = None
         elif self._calm_since is None:
             self._calm_since = now

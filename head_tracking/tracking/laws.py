@@ -137,6 +137,7 @@ _LONGEST_PAUSE = 0.2  # s; after a longer pause the law starts anew
 _SHORTEST = 1e-4  # s between two commands; simulated clocks may stop
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up is not planned
 _MOVING = 0.15  # rad/s
+_SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
 _EDGE = 0.05  # rad; a target at the other end of the pan range is followed if this far inside
 
 Path: TypeAlias = Callable[[float], tuple[float, float]]
@@ -183,14 +184,18 @@ class PredictiveLaw(TrackingLaw):
         limits = [(fastest, joint.steady_acceleration(hardest)) for joint in self._joints]
         target = target.within(limits)
         gazes = [self._gaze(target, times, near) for times in self._times(now)]
-        deviations = [
-            (target.deviation(joint, now + lead), target.speed_deviation(joint))
-            for joint, lead in enumerate(self.lead_times)
-        ]
+        spreads = [self._spread(target, joint, now) for joint in (0, 1)]
         places = [(gaze.pan, gaze.tilt) for gaze in gazes]
-        command = self._along(places, self.fastest, elapsed, now, deviations)
+        command = self._along(places, self.fastest, elapsed, now, spreads)
         self._aimed = places[1]
         return command, gazes[1]
+
+    def _spread(self, target: TargetEstimate, joint: int, now: float) -> tuple[float, float, float]:
+        """Return noise [rad], speed noise [rad/s] and unrest of a reference; see `Reference`."""
+        noise = target.deviation(joint, now + self.lead_times[joint])
+        speed_noise = target.speed_deviation(joint)
+        uncertain = min(noise, _SOON * speed_noise)
+        return noise, speed_noise, uncertain / target.point_deviation(joint)
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float
@@ -272,7 +277,7 @@ class PredictiveLaw(TrackingLaw):
         speed: float,
         elapsed: float,
         now: float,
-        deviations: Sequence[tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0)),
+        spreads: Sequence[tuple[float, float, float]] = 2 * ((0.0, 0.0, 0.0),),
     ) -> HeadCommand:
         """Return the command for both joints, whose references at `_times` are `places` [rad]."""
         velocities = [(soon - here) / self._period for here, soon in zip(*places[:2], strict=True)]
@@ -283,15 +288,15 @@ class PredictiveLaw(TrackingLaw):
             self._joints,
             *places,
             velocities,
-            deviations,
+            spreads,
             (self._head.pan_limits, self._head.tilt_limits),
             strict=True,
         ):
             # while one joint moves, the other does not rest either
-            noise, speed_noise = (0.0, 0.0) if moving else spread
+            noise, speed_noise = (0.0, 0.0) if moving else spread[:2]
             goals.append(
                 joint.follow(
-                    Reference(here, velocity, noise, speed_noise, (soon, last)),
+                    Reference(here, velocity, noise, speed_noise, (soon, last), spread[2]),
                     now,
                     self._period,
                     elapsed,

@@ -37,3 +37,11 @@ def test_a_coarse_encoder_never_makes_it_hunt(place, dead_band):
     assert abs(STEP * round(goals[-1] / STEP) - place) <= STEP
     assert len(set(goals)) <= 6
     assert len(set(goals[100:])) == 1
+
+
+def test_a_joint_rests_only_at_a_target_that_does_not_move_by_itself():
+    rest = settle(Rest(), Reference(0.3, unrest=1.0))
+    assert rest.goal == 0.3
+    assert settle(rest, Reference(0.3, unrest=1.8), 0.3).goal == 0.3
+    assert settle(rest, Reference(0.3, unrest=2.5), 0.6).goal is None
+    assert settle(rest, Reference(0.3, unrest=1.8), 0.9).goal is None
