@@ -267,6 +267,14 @@ def test_it_runs_without_ros(head: Head, monkeypatch: pytest.MonkeyPatch) -> Non
     assert head.levels["network"] == "amber"
 
 
+def test_servos_at_another_baud_rate_are_found_and_named(head: Head) -> None:
+    rate = head.baud_rate = 57_600
+    assert head.check() == Grade.RED
+    lines = [line for line in head.output.splitlines() if str(rate) in line]
+    assert [line.split()[2] for line in lines] == ["1", "2"]
+    assert all("1000000" in line for line in lines)
+
+
 def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head: Head) -> None:
     head.params(head_of("STS3215", ", offset: 85"))
     head.servos(SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3215"))

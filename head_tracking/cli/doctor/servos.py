@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from statistics import median
 from typing import Final
 
 from head_tracking.cli.doctor.findings import Finding, Grade
+from head_tracking.cli.servo.session import USUAL_BAUD_RATES
 from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
     CommunicationError,
@@ -44,6 +45,7 @@ def check_bus(
     except (PortError, ConfigurationError) as error:
         yield Finding("port", Grade.RED, str(error))
         return
+    silent: list[Servo] = []
     with closing(port):
         yield Finding("port", Grade.GREEN, f"{bus.port_name} at {bus.baud_rate} baud")
         try:
@@ -56,8 +58,30 @@ def check_bus(
                 yield from _check_servo(servo, port, bus.settings.temperature)
             yield from _check_limits(servos)
             yield from _check_line(bus, port, [each for each in servos if each.identity])
+            silent = [each for each in servos if not each.counters.replies]
         except PortLostError as error:
             yield Finding("port", Grade.RED, str(error))
+    for rate in USUAL_BAUD_RATES if silent else ():
+        if rate != bus.baud_rate:
+            with suppress(PortError, ConfigurationError):  # the adapter does not support this rate
+                yield from _check_other_rate(bus, make_port(bus.port_name, rate), silent)
+
+
+def _check_other_rate(
+    bus: ConfiguredBus, port: DynamixelPort, servos: Sequence[Servo]
+) -> Iterator[Finding]:
+    """Check whether silent servos answer at the baud rate of another port."""
+    port.open()
+    with closing(port):
+        for servo in servos:
+            with suppress(CommunicationError):
+                port.ping(servo.id, servo.model.protocol)
+                text = (
+                    f"{servo.calibration.joint_name}: answers at {port.baud_rate} baud, not at "
+                    f"{bus.baud_rate}: set baud_rate, or `servo --baud {port.baud_rate} set-baud "
+                    f"{servo.id} {bus.baud_rate}`"
+                )
+                yield Finding(f"servo {servo.id}", Grade.RED, text)
 
 
 def _check_servo(

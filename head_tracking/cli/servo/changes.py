@@ -19,18 +19,19 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
+    PositionError,
     ReplyTimeoutError,
     ServoError,
+    ServoSetupError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
+from head_tracking.dynamixel.torque import pin, require_straight_path
 from head_tracking.exceptions import RefusedError
 
-_MOVING: Final = (
-    "Torque Enable", "Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current",
-)  # fmt: skip
+_GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 
 
 def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
@@ -44,8 +45,6 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
             raise RefusedError(
                 f"id {value} is used by another servo; give another id, or disconnect that servo"
             )
-        if name in _MOVING and (value or name != "Torque Enable"):
-            raise RefusedError(f"{name} could move servo {servo_id}; this tool moves no servo")
         if register.eeprom and name != "Status Return Level":
             try:
                 servo.require_writable_memory()
@@ -82,9 +81,13 @@ def _write(session: Session, servo: Servo, register: Register, value: int, shown
     elif register.eeprom:
         _ask(session, servo, f"{shown} (now {servo.get(name)})")
         run(servo.write_eeprom({name: value}), session.pause)
+    elif name == "Torque Enable" and value:
+        _switch_torque_on(session, servo)
     else:
         if name == "Lock":
             _ask(session, servo, shown)
+        if name in _GOALS:
+            _check_goal(session, servo, name, value)
         servo.set(name, value)
 
 
@@ -137,6 +140,54 @@ def _set_return_level(session: Session, servo: Servo, register: Register, value:
 
 def _ask(session: Session, servo: Servo, what: str) -> None:
     session.terminal.confirm(f"Set {what} in servo {servo.id} ({servo.model.name})?")
+
+
+def _check_goal(session: Session, servo: Servo, name: str, value: int) -> None:
+    """Refuse goals outside the limits, and goals of a relaxed servo: some switch torque on."""
+    if not servo.get("Torque Enable"):
+        raise RefusedError(
+            f"servo {servo.id} is relaxed; switch its torque on first: servo set "
+            f"{servo.id} 'Torque Enable' 1"
+        )
+    if name != "Goal Position":
+        return
+    low, high = _range(servo)
+    if not low <= value <= high:
+        raise RefusedError(
+            f"goal {value} is outside the limits of servo {servo.id}, {low} to {high} "
+            f"({' and '.join(servo.model.position_limits)})"
+        )
+    speed = servo.model.goal_speed
+    if servo.get(speed) == 0:
+        session.terminal.confirm(
+            f"The {speed} of servo {servo.id} is 0: it moves at full speed. Continue?"
+        )
+
+
+def _switch_torque_on(session: Session, servo: Servo) -> None:
+    """Switch torque on with the present position as the goal."""
+    low, high = _range(servo)
+    position = servo.get("Present Position")
+    try:
+        require_straight_path(servo, position)
+    except PositionError as refusal:
+        raise RefusedError(f"{refusal}, or cycle its power") from refusal
+    if not low <= position <= high:
+        session.terminal.confirm(
+            f"Servo {servo.id} is at {position}, outside its limits, {low} to {high}: with torque "
+            f"on it moves slowly to {max(low, min(high, position))}. Switch it on?"
+        )
+    goal = run(pin(servo))
+    session.terminal.print(f"goal {goal}, lowest speed")
+
+
+def _range(servo: Servo) -> tuple[int, int]:
+    """Return the limits of a servo in position mode; refuse other modes."""
+    try:
+        run(servo.identify(keep_torque=True))
+    except ServoSetupError as refusal:
+        raise RefusedError(str(refusal)) from refusal
+    return servo.range
 
 
 def relax(session: Session, ids: Sequence[int]) -> int:

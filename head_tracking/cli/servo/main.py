@@ -93,7 +93,10 @@ def _parser() -> argparse.ArgumentParser:
         "set", "write a register", lambda s, o: set_register(s, o.id, o.register, o.value), "ID"
     )
     add("register", metavar="REGISTER", help="its name or its address")
-    add("value", metavar="VALUE", help="counts, or a quantity such as 11.5V, -30deg, 2rad/s")
+    add(
+        "value", metavar="VALUE",
+        help="counts, or a quantity such as 11.5V, -30deg, 2rad/s; `full` for full speed",
+    )  # fmt: skip
     add_command(
         "set-id", "change the id of a servo",
         lambda s, o: set_register(s, o.id, "ID", str(o.new)), "ID", "NEW",

@@ -12,6 +12,7 @@ from head_tracking.dynamixel.control_table import NUMBER, ControlTable, Register
 from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import ServoModel
 from head_tracking.dynamixel.protocol import describe_errors
+from head_tracking.exceptions import RefusedError
 
 _QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(\S*)\s*", re.I)
 _OTHER_UNITS: Final = {
@@ -45,11 +46,15 @@ def find_register(table: ControlTable, text: str) -> Register:
 
 
 def parse_value(register: Register, text: str) -> int:
-    """Convert counts, or a quantity with its unit, to the value of a register.
+    """Convert counts, a quantity with its unit, or "full" to the value of a register.
 
     Raises:
         ToolError: the text is none of them, or outside the register's range.
+        RefusedError: the value 0 would mean full speed.
     """
+    is_speed = register.name in _UNLIMITED
+    if is_speed and text.strip().lower() in ("full", "full speed"):
+        return 0
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise ToolError(f"{text!r} is not a value for {register.name}; {_allowed(register)}")
@@ -70,6 +75,11 @@ def parse_value(register: Register, text: str) -> int:
         value = None
     if value is None or not register.writable or not register.admits(value):
         raise ToolError(f"{register.name} cannot be {text}; {_allowed(register)}")
+    if is_speed and not value:
+        raise RefusedError(
+            f"{register.name} 0 is not a stop but full speed; the slowest is 1, "
+            f"{register.in_unit(1):.4g} {own}. For full speed give the value `full`"
+        )
     return value
 
 
