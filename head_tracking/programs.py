@@ -39,6 +39,7 @@ TOOLS: Final = (
     "relax",
     "transforms",
     "track_report",
+    "check_model",
     "simulated_bus",
     "head_setup",
     "new_robot",

@@ -168,7 +168,7 @@ def test_the_core_loads_without_ros_and_without_opencv():
         f"for name in {(*ROS, 'cv2')!r}: sys.modules[name] = None\n"
         + "".join(f"import head_tracking.{name}\n" for name in sorted(CORE))
         + "import head_tracking.cli.doctor.__main__, head_tracking.cli.simulated_bus\n"
-        + "import head_tracking.cli.servo.main\n"
+        + "import head_tracking.cli.servo.main, head_tracking.cli.check_model\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PACKAGE.parent, timeout=120)
 

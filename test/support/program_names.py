@@ -6,6 +6,6 @@ NODES = {
     "simulated_camera", "viewer", "recorder",
 }  # fmt: skip
 PROGRAMS = {
-    "head_tracking", "look", "relax", "transforms", "track_report", "simulated_bus",
+    "head_tracking", "look", "relax", "transforms", "track_report", "check_model", "simulated_bus",
     "calibrate", "head_setup", "new_robot", "servo", "doctor",
 }  # fmt: skip
