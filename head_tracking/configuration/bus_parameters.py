@@ -60,6 +60,14 @@ class ServoBusParameters:
         "Offer stop, resume, relax, recover and torque_enable also without the node's name.",
         fixed=True,
     )
+    command_timeout: float = parameter(
+        0.0,
+        "A moving joint stops at its position this long after its last command; 0: never.",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+        fixed=True,
+    )
     bus_watchdog: float = parameter(
         1.0,
         "Servos of the X series stop after this time without a packet; 0: never.",

@@ -131,7 +131,7 @@ def configured_buses(
     values = _Values("servo_bus", files, {"port_name": port_name, "baud_rate": baud_rate})
     p = values.read(ServoBusParameters)
     temperature = values.read(TemperatureParameters, "temperature.")
-    settings = BusSettings(p.bus_watchdog, temperature)
+    settings = BusSettings(p.command_timeout, p.bus_watchdog, temperature)
     values.read(EepromSettings, "eeprom.")  # only ~/write_eeprom uses them
     buses: dict[tuple[str, int], list[JointConfiguration]] = {}
     for name in p.dynamixels:

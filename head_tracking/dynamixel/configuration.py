@@ -267,13 +267,18 @@ class BusSettings:
         ConfigurationError: A time is out of range.
     """
 
+    # Time without a command after which a moving joint holds, s; 0: never.
+    command_timeout: float = 0.0
     # Time without any packet after which X servos stop by themselves, s; 0: never.
     watchdog: float = 1.0
     temperature: TemperatureParameters = TemperatureParameters()
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.watchdog <= 2.5:
-            raise ConfigurationError(f"watchdog is {self.watchdog}; allowed are 0 to 2.5 seconds")
+        for name, most in (("command_timeout", 1e9), ("watchdog", 2.5)):
+            if not 0.0 <= getattr(self, name) <= most:
+                raise ConfigurationError(
+                    f"{name} is {getattr(self, name)}; allowed are 0 to {most:g} seconds"
+                )
 
 
 @dataclass(frozen=True, slots=True)

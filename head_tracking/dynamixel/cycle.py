@@ -63,6 +63,7 @@ class Cycle:
         self._all = tuple(bus.joints.values())
         self.diagnosis = Diagnosis(bus, procedures)
         self._rest = bus.settings.temperature.rest
+        self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0
         self._read_time = self._poll_time = 0  # of this cycle, ns
@@ -135,7 +136,7 @@ class Cycle:
 
     def _read(self, stamp: int, states: dict[str, ServoState]) -> bool:
         """Read all servos into the states; return whether anything was unusual."""
-        port, rest, unusual = self._port, self._rest, False
+        port, rest, unusual = self._port, self._rest, self._command_timeout > 0.0
         offset = stamp - int(port.clock() * 1e9)
         for group, members in self._plan:
             for (joint, servo), reply in zip(members, port.read_group(group), strict=True):
@@ -183,8 +184,8 @@ class Cycle:
                 for servo in answered:
                     if servo.model.protocol == 1:
                         servo.errors = servo.read_errors()
-                states[joint.name] = joint.state()
-                self.diagnosis.protect(joint, now)
+                state = states[joint.name] = joint.state()
+                self.diagnosis.protect(joint, state, now)
             else:
                 states.pop(joint.name, None)
             for servo in there:
@@ -232,7 +233,7 @@ class Cycle:
         for name, goal in self._requests.take_goals().items():
             joint = self._joints[name]
             if joint.goal_ticks and not joint.busy:
-                joint.aim(goal.position, goal.speed)
+                joint.aim(goal.position, goal.speed, self._last)
                 continue
             if joint.torque.refuses or not joint.complete:
                 continue  # since the command was accepted

@@ -1,4 +1,4 @@
-"""Find faults of servos, and protect them: relax a joint that must not go on.
+"""Find faults of servos, and protect them: relax or hold a joint that must not go on.
 
 A fault is found by comparing measurements with goals, and by the error bits of the servo. Before
 a servo that does not follow its goal is reported, a few of its registers are read, to find the
@@ -22,7 +22,7 @@ from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.protocol import NO_ERROR, REFUSALS, ErrorBits, describe_errors
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import LinkState, Servo, ServoIdentity, wrong_mode
-from head_tracking.dynamixel.state import EventKind, Symptom
+from head_tracking.dynamixel.state import EventKind, ServoState, Symptom
 
 _GONE: Final = 1.0  # s without a symptom until it is cleared
 _AGAIN: Final = 1.0  # s between two examinations of a servo
@@ -31,6 +31,7 @@ _DRIVES: Final = 0.15  # of full torque
 _LONGEST_READ: Final = 64  # bytes
 _NEAR: Final = 0.1  # rad; closer to its goal a servo may be slow
 _FAR: Final = 0.3  # rad
+_ARRIVED: Final = 5.0  # ticks
 _CAUSES: Final = (
     "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog",
 )  # fmt: skip
@@ -433,10 +434,10 @@ class Diagnosis:
                 text = f"servo {watch.servo.id}: no longer {symptom.value}"
                 self._bus.note(EventKind.CLEARED, watch.joint, text, about=symptom)
 
-    # Shutdown, heat, lost torque: only for joints with something unusual
+    # Shutdown, heat, lost torque, missing commands: only for joints with something unusual
 
-    def protect(self, joint: BusJoint, now: int) -> None:
-        """Relax a joint, if its measurements call for it; `now` is monotonic, ns.
+    def protect(self, joint: BusJoint, state: ServoState, now: int) -> None:
+        """Relax or hold a joint, if its measurements call for it; `now` is monotonic, ns.
 
         Raises:
             PortLostError: The port was lost.
@@ -450,6 +451,8 @@ class Diagnosis:
             if servo.link is LinkState.INTERRUPTED and not joint.busy:
                 self._check_torque(watch)
         self._judge_heat(joint)
+        if self._settings.command_timeout and joint.on:
+            self._judge_command(joint, state, now)
 
     def _judge_errors(self, watch: _Watch, now: int) -> None:
         joint, servo = watch.joint, watch.servo
@@ -527,6 +530,22 @@ class Diagnosis:
             joint.resting = False
             text = f"{temperature:.0f} °C; it takes commands again"
             self._bus.note(EventKind.COOLED, joint, text)
+
+    def _judge_command(self, joint: BusJoint, state: ServoState, now: int) -> None:
+        """Hold a moving joint when no command has come for some time."""
+        since = joint.commanded_at
+        if since is None or now - since < self._settings.command_timeout * 1e9:
+            return
+        off = joint.goal_position - state.position
+        if abs(off) <= _ARRIVED * joint.configuration.resolution:
+            joint.commanded_at = None
+            return
+        joint.hold()
+        self._bus.note(
+            EventKind.HELD,
+            joint,
+            f"no command for {self._settings.command_timeout:.2f} s; it holds its position",
+        )
 
 
 def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom, str] | None:

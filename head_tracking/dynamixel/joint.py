@@ -48,6 +48,7 @@ class BusJoint:
         self.goal_ticks: tuple[int, ...] = ()  # of each servo; () while its torque is off
         self.goal_position = 0.0  # of the joint, rad
         self.goal_speed: float | None = None  # rad/s; None: the default, 0: the slowest
+        self.commanded_at: int | None = None  # monotonic, ns; None: no goal, or a held position
         self.goal_bytes: tuple[bytes, ...] = ()  # position and speed for each servo, as registers
         self.stale = False  # `goal_bytes` must be made anew
         self._limit_speed()
@@ -165,12 +166,12 @@ class BusJoint:
         self.stopped = stopped
         self._version.number += 1
 
-    def aim(self, position: float, speed: float | None) -> None:
-        """Set the goal, moved into the limits."""
+    def aim(self, position: float, speed: float | None, now: int | None) -> None:
+        """Set the goal, moved into the limits; `now` is monotonic, ns, or None: no command."""
         lower, upper = self.limits  # they may have been narrowed since the goal was admitted
         position = min(max(position, lower), upper)
         self.goal_ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
-        self.goal_speed = speed
+        self.goal_speed, self.commanded_at = speed, now
         self.encode()
 
     def encode(self) -> None:
@@ -216,7 +217,7 @@ class BusJoint:
         self, servos: Sequence[Servo], ticks: Sequence[int], speed: float | None
     ) -> None:
         positions = [s.calibration.position(each) for s, each in zip(servos, ticks, strict=True)]
-        self.aim(sum(positions) / len(positions), speed)
+        self.aim(sum(positions) / len(positions), speed, None)
 
     def lose(self) -> None:
         """Drop the goal, because no servo answers."""
@@ -249,7 +250,7 @@ class BusJoint:
         self.configuration = new
         self._limit_speed()
         if self.goal_ticks:
-            self.aim(self.goal_position, self.goal_speed)
+            self.aim(self.goal_position, self.goal_speed, self.commanded_at)
 
     def reconfigured(
         self, lowest: int | None, highest: int | None, max_speed: float | None = None

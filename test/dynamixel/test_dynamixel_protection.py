@@ -138,6 +138,28 @@ def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None
     assert writes(rig.port.log)[-1][0] == "sync"
 
 
+# Commands that stop coming
+
+
+def test_joint_holds_when_its_commands_stop() -> None:
+    rig = FakeRig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
+    rig.pan["Present Position"] = 540
+    assert rig.events(3) == []
+    assert rig.events(4) == [EventKind.HELD]
+    assert rig.pan["Goal Position"] == 540
+    rig.bus.command({"head_pan_joint": Goal(0.5)})
+    rig.step()
+    assert rig.pan["Goal Position"] == PAN.ticks(0.5)
+
+
+def test_joint_that_has_arrived_just_stays() -> None:
+    rig = FakeRig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
+    for off in (2, 20):  # also when it is pushed away later
+        rig.pan["Present Position"] = PAN.ticks(0.5) - off
+        assert rig.events(20) == []
+    assert rig.pan["Goal Position"] == PAN.ticks(0.5)
+
+
 # Joints stopped, started, changed
 
 

@@ -93,7 +93,7 @@ class ServoBusNode(ClosingNode):
         p = NodeParameters(self, ServoBusParameters).value
         temperature = NodeParameters(self, TemperatureParameters, "temperature.").value
         self._eeprom = NodeParameters(self, EepromSettings, "eeprom.")
-        self._settings = BusSettings(p.bus_watchdog, temperature)
+        self._settings = BusSettings(p.command_timeout, p.bus_watchdog, temperature)
         self._loop = loop = loop or ControlLoop(None)
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._states_output = Output(self, JointState, "servo_states")
