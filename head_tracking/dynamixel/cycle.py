@@ -207,7 +207,7 @@ class Cycle:
             if servo.failed_cycles:
                 alone.append(_part([(joint, servo)]))
                 continue
-            own = None if model.sync_read else servo.id
+            own = None if model.sync_read or model.bulk_read else servo.id
             key = (own, model.protocol, block.address, block.length)
             together.setdefault(key, []).append((joint, servo))
         self._plan = [*map(_part, together.values()), *alone]
@@ -405,4 +405,5 @@ def _part(members: list[tuple[BusJoint, Servo]]) -> _Part:
     model = members[0][1].model
     ids = tuple([servo.id for _, servo in members])
     block = model.feedback
-    return _Part(ReadGroup(model.protocol, block.address, block.length, ids), members)
+    group = ReadGroup(model.protocol, block.address, block.length, ids, model.bulk_read)
+    return _Part(group, members)

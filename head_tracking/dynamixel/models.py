@@ -88,6 +88,7 @@ class ServoModel:
     baud_rates: Mapping[int, int]  # bit/s by value of the Baud Rate register
     errors: type[IntFlag]  # bits of its error state and of its Shutdown register
     signs: tuple[int, int, int]  # sign bits of position, speed, load; 0: two's complement or none
+    bulk_read: bool  # MX with protocol 1.0
     sync_read: bool  # protocol 2.0, Feetech STS
     family: str  # "Dynamixel", "STS" or "SCS"; families cannot share a line
     modes: Mapping[str, RequiredMode]  # required values by register name
@@ -229,6 +230,7 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         signs=(position_sign, speed_sign, load_sign),
         speed_minimum=facts.pop("speed_minimum", 1),
         goal_margin=facts.pop("goal_margin", 0),
+        bulk_read=facts.pop("bulk_read", False),
         sync_read=facts.pop("sync_read", facts["protocol"] == 2),
         family=family,
         modes=MappingProxyType(modes),

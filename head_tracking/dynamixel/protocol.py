@@ -43,6 +43,7 @@ class Instruction(IntEnum):
     REBOOT = 0x08
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
+    BULK_READ = 0x92
 
 
 class ErrorBits(IntFlag):
@@ -174,6 +175,12 @@ def sync_read_packet(protocol: int, ids: Sequence[int], address: int, length: in
     """Return the instruction to read the same bytes of several servos (2.0, Feetech STS)."""
     where = address.to_bytes(protocol, "little") + length.to_bytes(protocol, "little")
     return encode_packet(protocol, BROADCAST_ID, Instruction.SYNC_READ, where + bytes(ids))
+
+
+def bulk_read_packet(ids: Sequence[int], address: int, length: int) -> bytes:
+    """Return the instruction to read the same bytes of several MX servos with protocol 1.0."""
+    shares = b"".join(bytes((length, servo_id, address)) for servo_id in ids)
+    return encode_packet(1, BROADCAST_ID, Instruction.BULK_READ, b"\x00" + shares)
 
 
 def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) -> bytes:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from head_tracking.dynamixel.protocol import (
     OVERHEAD,
+    bulk_read_packet,
     read_packet,
     status_prefix,
     sync_read_packet,
@@ -37,12 +38,13 @@ def instruction_packet(
 
 @dataclass(frozen=True, slots=True)
 class ReadGroup:
-    """The same registers of one servo, or of several with a sync read, in one packet."""
+    """The same registers of one servo, or of several with a sync or bulk read, in one packet."""
 
     protocol: int
     address: int  # of the first byte
     length: int  # bytes
     ids: tuple[int, ...]
+    bulk: bool = False  # whether several are read with a bulk read
     # the packet, once for the reply of each servo
     replies: tuple[InstructionPacket, ...] = field(init=False, repr=False, compare=False)
 
@@ -50,6 +52,8 @@ class ReadGroup:
         protocol, address, length, ids = self.protocol, self.address, self.length, self.ids
         if len(ids) == 1:
             packet = read_packet(protocol, ids[0], address, length)
+        elif self.bulk:
+            packet = bulk_read_packet(ids, address, length)
         else:
             packet = sync_read_packet(protocol, ids, address, length)
         what = f"read of {length} byte(s) at {address}"
@@ -59,7 +63,7 @@ class ReadGroup:
     def extended(self, extra: int) -> ReadGroup:
         """Return a group that reads `extra` bytes more, before the others where possible."""
         first = self.address - extra if self.address >= extra else self.address
-        return ReadGroup(self.protocol, first, self.length + extra, self.ids)
+        return ReadGroup(self.protocol, first, self.length + extra, self.ids, self.bulk)
 
 
 single_read_group = lru_cache(maxsize=512)(ReadGroup)

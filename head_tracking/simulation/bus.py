@@ -34,7 +34,7 @@ class Answer:
         data: The bytes.
         delay: Time from the instruction, or from the end of the previous turn, to the first byte,
             ns.
-        turn: Position in the answers to a sync read; servos with the same id have the same turn.
+        turn: Position in the answers to a group read; servos with the same id have the same turn.
         stalled: Additional delay of the servo, ns; it may collide with other packets.
         complaint: Whether it reports a damaged packet, perhaps of another servo.
         late: Additional delay of the adapter, ns; other packets do not wait for it.
@@ -177,8 +177,8 @@ def _answers(
                         delay = servo.return_delay + _PING_SLOT
                         yield Answer(encode_status(protocol, status), delay, turn)
             return
-        if packet.code == Instruction.SYNC_READ:
-            yield from _read_in_turn(packet.parameters, protocol, servos, now)
+        if packet.code in (Instruction.SYNC_READ, Instruction.BULK_READ):
+            yield from _read_in_turn(packet, protocol, servos, now)
             return
     for servo in servos:
         delay = servo.return_delay  # a new value applies from the next packet on
@@ -191,18 +191,16 @@ def _answers(
 
 
 def _read_in_turn(
-    parameters: bytes, protocol: int, servos: Sequence[SimulatedServo], now: int
+    packet: Packet, protocol: int, servos: Sequence[SimulatedServo], now: int
 ) -> Iterator[Answer]:
-    """Yield the answers to a sync read.
+    """Yield the answers to a sync or bulk read.
 
     Each servo waits for the answer of the previous one in the list. If one is missing, those after
     it do not answer (DynamixelSDK issue 331).
     """
-    able = [s for s in servos if s.model.protocol == 2 or s.model.control == "sts"]
-    address, length = (
-        int.from_bytes(parameters[at : at + protocol], "little") for at in (0, protocol)
-    )
-    for turn, servo_id in enumerate(parameters[2 * protocol :]):
+    control = "sts" if packet.code == Instruction.SYNC_READ else "gain"  # MX
+    able = [s for s in servos if s.model.protocol == 2 or s.model.control == control]
+    for turn, (servo_id, address, length) in enumerate(_shares(packet, protocol)):
         answered = False
         for servo in able:
             status = servo.answer_read(address, length, now) if servo.id == servo_id else None
@@ -211,3 +209,17 @@ def _read_in_turn(
                 answered = True
         if not answered:
             break
+
+
+def _shares(packet: Packet, protocol: int) -> list[tuple[int, int, int]]:
+    """Return id, address and length of each share of a sync or bulk read."""
+    data = packet.parameters
+
+    def number(at: int) -> int:
+        return int.from_bytes(data[at : at + protocol], "little")
+
+    if packet.code == Instruction.SYNC_READ:
+        return [(servo_id, number(0), number(protocol)) for servo_id in data[2 * protocol :]]
+    if protocol == 1:
+        return [(data[at + 1], data[at + 2], data[at]) for at in range(1, len(data) - 2, 3)]
+    return [(data[at], number(at + 1), number(at + 3)) for at in range(0, len(data) - 4, 5)]

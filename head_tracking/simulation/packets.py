@@ -33,6 +33,7 @@ class Instruction(IntEnum):
     REBOOT = 8
     SYNC_READ = 130
     SYNC_WRITE = 131
+    BULK_READ = 146
 
 
 class Packet(NamedTuple):

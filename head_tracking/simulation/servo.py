@@ -370,7 +370,7 @@ class SimulatedServo:
         return self._status(None, self._ping()) if self._receives(now) else None
 
     def answer_read(self, address: int, length: int, now: int) -> Status | None:
-        """Return the status packet for its share of a sync read, if any."""
+        """Return the status packet for its share of a sync or bulk read, if any."""
         if not self._receives(now) or not self._answers(Instruction.READ):
             return None
         return self._status(*self._read(address, length))

@@ -72,7 +72,7 @@ def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
     ("name", "instructions"),
     [
         ("AX-12", [Instruction.READ] * 2),
-        ("MX-28", [Instruction.READ] * 2),
+        ("MX-28", [Instruction.BULK_READ]),
         ("MX-28(2.0)", [Instruction.SYNC_READ]),
         ("XL-320", [Instruction.SYNC_READ]),
         ("XM430-W350", [Instruction.SYNC_READ]),

@@ -116,6 +116,7 @@ groups = st.builds(
     st.just(36),
     st.sampled_from([2, 4]),
     st.sampled_from([(1,), (1, 2), (3, 1, 2)]),
+    st.booleans(),
 )
 
 
