@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from processes import child
-from rig import JOINTS, SOURCE
+from rig import DEGREE, JOINTS, SOURCE
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from terminal import Terminal
@@ -317,3 +317,12 @@ def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_
     assert bench.servos.torque == [0, 0]
     assert bench.servos.true == (0.0, 0.0)
     assert real.end(signal.SIGINT) == 0, real.output
+
+
+def test_with_allow_others_the_last_command_wins(bench):
+    bench.run("--target", "none", "--allow-others")
+    wait_for(lambda: set(bench.person.owners.values()) == {"/head_tracker"})
+    bench.person.command("head_pan_controller", 0.3)
+    wait_for(lambda: abs(bench.person.pan - 0.3) < DEGREE)
+    bench.person.look_at(2.0, 0.0, 0.5)
+    wait_for(lambda: abs(bench.person.pan) < DEGREE)
