@@ -58,7 +58,7 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         while not link.messages.empty():
             start(**link.messages.get())
         for name, (node, before) in list(running.items()):
-            if getattr(node, "enabled", before) != before:
-                report(name, node, not before)
+            if hasattr(node, "output") and node.output.on != before:
+                report(name, node, node.output.on)
 
     return run_threads(stop, threads, lambda: None, arguments, update)
