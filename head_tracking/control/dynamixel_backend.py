@@ -281,6 +281,9 @@ class DynamixelBackend(JointBackend):
         self._loop.update(self._names[bus])
 
     def _after_write(self, bus: ServoBus, reading: BusReading) -> None:
+        for event in reading.events:
+            if event.stuck:
+                self._loop.stuck[event.joint_name] = event.text
         self._on_reading(bus, reading)
         self._loop.publish(self._names[bus], *self._read[bus])
         if self._unmeasured:

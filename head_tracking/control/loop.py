@@ -76,12 +76,15 @@ class ControlLoop:
 
     Attributes:
         backend: what drives the joints; None: nothing does yet.
+        stuck: joints that cannot move as commanded, and why, as the servo bus of this process has
+            diagnosed. A new motion removes its joints.
     """
 
     def __init__(self, buffer: TransformBuffer | None, owners: JointOwners | None = None) -> None:
         self.buffer = buffer
         self.owners = owners or JointOwners()
         self.backend: JointBackend | None = None
+        self.stuck: dict[str, str] = {}
         self._complete: Completer = lambda measured: measured
         self._observers: tuple[Observer, ...] = ()
         self._controllers: tuple[Controller, ...] = ()

@@ -14,6 +14,7 @@ from head_tracking.dynamixel.servo import Servo, Version
 from head_tracking.dynamixel.state import BusEvent, EventKind
 
 _REPEATS: Final = 30_000_000_000  # ns; an event that returns sooner is repeated
+_STUCK: Final = (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
 
 
 @dataclass(slots=True)
@@ -40,6 +41,7 @@ class BusContext:
         kind: EventKind,
         joint: BusJoint,
         text: str,
+        stuck: bool = False,
         about: Hashable = None,
     ) -> None:
         """Add an event.
@@ -51,6 +53,7 @@ class BusContext:
             kind: What happened.
             joint: To which joint.
             text: The same for the log.
+            stuck: Whether the joint cannot reach its goals.
             about: Distinguishes events of one kind.
         """
         text = f"{joint.name} (id {joint.servos[0].id}): {text}"
@@ -60,7 +63,8 @@ class BusContext:
         self._recent[key] = count, now
         if count == 2:
             text += "; it repeats, and is not logged again while it does"
-        self.events.append(BusEvent(kind, joint.name, text, repeated=count > 2))
+        stuck = stuck or kind in _STUCK
+        self.events.append(BusEvent(kind, joint.name, text, stuck, repeated=count > 2))
 
     def take_events(self) -> tuple[BusEvent, ...]:
         """Return and remove the events."""

@@ -425,7 +425,7 @@ class Diagnosis:
         joint, servo = watch.joint, watch.servo
         kind = EventKind.TORQUE_LOST if symptom is Symptom.TORQUE_LOST else EventKind.SYMPTOM
         text = f"servo {servo.id}: {symptom.value}: {text}"
-        self._bus.note(kind, joint, text, about=symptom)
+        self._bus.note(kind, joint, text, symptom.stuck, about=symptom)
 
     def _clear(self, watch: _Watch) -> None:
         for symptom in [s for s in watch.symptoms if s is not Symptom.SWAPPED]:

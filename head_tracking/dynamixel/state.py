@@ -128,6 +128,11 @@ class Symptom(Enum):
     LINE = "line disturbed"
 
     @property
+    def stuck(self) -> bool:
+        """Whether the joint cannot reach its goals."""
+        return self in (Symptom.TORQUE_LOST, Symptom.BLOCKED, Symptom.IDLE, Symptom.MODE)
+
+    @property
     def serious(self) -> bool:
         """Whether the servo does not follow its goals, or its measurements are wrong."""
         return self not in (Symptom.SUPPLY, Symptom.SAG, Symptom.WARM, Symptom.LINE)
@@ -140,6 +145,7 @@ class BusEvent:
     kind: EventKind
     joint_name: str  # the joint; empty for the port
     text: str  # one sentence for the log
+    stuck: bool = False  # whether the joint cannot reach its goals any more
     repeated: bool = False  # whether it has happened twice in a short time; the log leaves it out
 
 

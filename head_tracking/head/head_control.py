@@ -318,12 +318,13 @@ class HeadControl(Controller):
             self.disable(Blocked.FAULT, targets.fault)
 
     def _stuck(self, desired: tuple[JointPoint, JointPoint], joints: JointReading) -> str:
-        """Return why a joint does not move as commanded, by its position; empty: it does."""
+        """Return why a joint does not move as commanded, by the servo bus or by its position."""
         for watch, delay in zip(self._watches, self.law.delays, strict=True):
             watch.patience = _START_TIME + delay
         goals = [point.position for point in desired]
         speeds = [abs(point.velocity or 0.0) for point in desired]
-        return stalled(self._watches, goals, speeds, joints.positions, joints.stamp)
+        standing = stalled(self._watches, goals, speeds, joints.positions, joints.stamp)
+        return "; ".join(filter(None, map(self._loop.stuck.get, self.joints))) or standing
 
     # The measurement
 
@@ -463,7 +464,8 @@ class HeadControl(Controller):
             else:
                 self._end_motion(MotionEnd.PREEMPTED, f"preempted by a newer goal: {motion.title}")
                 self._log.info(motion.title)
-                for watch in self._watches:
+                for joint, watch in zip(self.joints, self._watches, strict=True):
+                    self._loop.stuck.pop(joint, None)  # problems of earlier motions
                     watch.restart()
                 self.motion = motion
                 self.targets.restart(motion.title, self.now)

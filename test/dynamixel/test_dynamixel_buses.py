@@ -14,10 +14,12 @@ from waiting import PATIENCE, eventually, join
 from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
+    BusEvent,
     BusReading,
     BusStoppedError,
     BusThread,
     ConfigurationError,
+    EventKind,
     Goal,
     GoalError,
     JointConfiguration,
@@ -133,6 +135,23 @@ def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reporte
     backend.write("somebody", {"elbow": Goal(0.1)}, loop.owners.epoch.value)
     assert reported[1:] == ["somebody", "somebody"]
     backend.close()
+
+
+def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_finds_out() -> None:
+    port, loop = FakePort(1), ControlLoop(None)
+    bus = ServoBus(port, [PAN], epoch=loop.owners.epoch)
+    backend = DynamixelBackend([bus], loop, 50.0)
+    backend.connect()
+    refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
+    bus.cycle.write = lambda reading: reading._replace(  # type: ignore[method-assign]
+        events=(refused,)
+    )
+    backend.start()
+    try:
+        assert eventually(lambda: loop.stuck)
+        assert loop.stuck == {"head_pan_joint": "it cannot hold"}
+    finally:
+        backend.close()
 
 
 @pytest.mark.parametrize("failing", [0, 1])

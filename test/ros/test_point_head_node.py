@@ -225,6 +225,17 @@ def test_a_blocked_joint_aborts_the_goal(pointed, kind):
     assert head.look_at((2.0, 0.5, 0.1)).status == "succeeded"
 
 
+def test_a_diagnosis_of_the_servo_bus_aborts_the_goal(pointed):
+    stuck = pointed.world.loop.stuck
+    stuck["head_pan_joint"] = "an old story"
+    goal = begun(pointed, "point")
+    stuck["head_pan_joint"] = "head_pan_joint (id 1): servo 1: torque lost"
+    pointed.world.run(0.05)
+    assert goal.status == "aborted"
+    assert pointed.said.startswith("aborted: ")
+    assert "servo 1: torque lost" in pointed.said
+
+
 def stop_and_resume(pointed):
     owners = pointed.world.loop.owners
     owners.stop(dict)
