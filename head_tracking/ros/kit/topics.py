@@ -83,8 +83,12 @@ class TopicListener:
             *self._arguments, 10, event_callbacks=events, qos_overriding_options=OVERRIDABLE
         )
 
-    def _subscribe_again(self) -> None:
+    def close(self) -> None:
+        """Unsubscribe."""
         self._node.destroy_subscription(self._subscription)
+
+    def _subscribe_again(self) -> None:
+        self.close()
         self._subscription = self._node.create_subscription(*self._arguments, MEASUREMENT)
 
 
