@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
 from head_tracking.exceptions import HeadTrackingError, UnreachableError
@@ -13,7 +14,6 @@ from head_tracking.page.head_modes import POINTER, Mode
 from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
 from head_tracking.ros.kit.images import picture_of
-from head_tracking.ros.kit.others import Outcome
 from head_tracking.share import state_folder
 from head_tracking.transforms import LATEST, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera
@@ -24,10 +24,6 @@ _POLL: Final = 0.02  # s
 _START: Final = 0.5  # s within which the head begins to turn
 _INFO: Final = 2.0  # s for a picture and its camera_info
 _PATIENCE: Final = 10.0  # s until the head rests, or until a picture
-
-
-class CalibrationEndedError(HeadTrackingError):
-    """The calibration was ended, for the reason in the message."""
 
 
 class Progress(NamedTuple):
@@ -60,8 +56,8 @@ class CameraCalibration:
         self._busy = threading.Lock()
         self.progress = Progress()
 
-    def begin(self, marker_size: float, topic: str) -> Outcome:
-        """Start a calibration.
+    def begin(self, marker_size: float, topic: str) -> str:
+        """Start a calibration; return what happens now.
 
         Args:
             marker_size: edge of the marker's black square [m].
@@ -69,22 +65,24 @@ class CameraCalibration:
 
         Raises:
             ValueError: the size is out of range.
+            HeadTrackingError: the head is stopped, or cannot be calibrated now.
         """
         if not 0.005 <= marker_size <= 2.0:
             raise ValueError(f"The marker's edge is {marker_size} m; allowed are 0.005 to 2 m.")
         if self._robot.stop.refusal:
-            return Outcome(False, self._robot.stop.refusal)
+            raise HeadTrackingError(self._robot.stop.refusal)
         if self._robot.head is None:
-            return Outcome(False, "The model has no head.")
+            raise HeadTrackingError("The model has no head.")
         if any(one.name.endswith(": calibration") for one in self._robot.topics.health()):
-            text = "This run uses a calibration: start it without --calibration to calibrate anew."
-            return Outcome(False, text)
+            raise HeadTrackingError(
+                "This run uses a calibration: start it without --calibration to calibrate anew."
+            )
         if not self._busy.acquire(blocking=False):
-            return Outcome(False, "A calibration is in progress already.")
+            raise HeadTrackingError("A calibration is in progress already.")
         self.progress = Progress(True, "The head begins to look around. STOP ends it.")
         marker = MarkerParameters("4X4_50", -1, marker_size)
         threading.Thread(target=self._run, args=(marker, topic), daemon=True).start()
-        return Outcome(True, self.progress.text)
+        return self.progress.text
 
     def _run(self, marker: MarkerParameters, topic: str) -> None:
         progress = Progress(text="The calibration has failed.")
@@ -160,7 +158,7 @@ class _PointedHead:
         self._robot.poll()
         found = {name: self.frames.latest_joint_position(name) for name in self._joint_names}
         if None in found.values():
-            raise CalibrationEndedError("no measurements of the joints are received")
+            raise HeadTrackingError("no measurements of the joints are received")
         return {name: each[1] for name, each in found.items() if each is not None}
 
     def look_at(self, point: Vector3, frame: str, *, max_velocity: float) -> None:
@@ -168,7 +166,7 @@ class _PointedHead:
 
         Raises:
             UnreachableError: the head cannot point there; nothing has moved.
-            CalibrationEndedError: as `check`, or because the head does not come to rest.
+            HeadTrackingError: as `check`, or because the head does not come to rest.
         """
         robot = self._robot
         self._limit_speed(max_velocity)
@@ -178,7 +176,7 @@ class _PointedHead:
         gaze = head.gaze(found @ point, *self.joints.values())
         if not gaze.reached:
             raise UnreachableError(point, frame, math.pi, gaze.reason)
-        _check(robot.modes.look_at(frame, point))
+        robot.modes.look_at(frame, point)
         begun = time.monotonic()
         while (
             time.monotonic() < begun + _START
@@ -190,7 +188,7 @@ class _PointedHead:
         """Return the frame of the camera, and its lens; None: it is not published.
 
         Raises:
-            CalibrationEndedError: no picture is received.
+            HeadTrackingError: no picture is received.
         """
         begun, picture, lens = time.monotonic(), None, None
         while lens is None and time.monotonic() < begun + _INFO:
@@ -199,12 +197,12 @@ class _PointedHead:
             picture = self._picture()
             lens = None if picture is None else self._robot.topics.camera(picture)
         if picture is None:
-            raise CalibrationEndedError("no picture is received: choose a camera or start one")
+            raise HeadTrackingError("no picture is received: choose a camera or start one")
         return picture.frame_id, lens
 
     def hold(self) -> None:
         """Let only the page point the head."""
-        _check(self._robot.modes.set_mode(Mode.POINT))
+        self._robot.modes.set_mode(Mode.POINT)
         self._is_pointed = True
 
     def _limit_speed(self, max_velocity: float) -> None:
@@ -216,12 +214,13 @@ class _PointedHead:
         while (speed := modes.value(POINTER, "max_velocity")) is None:  # it has just been started
             self._wait(begun + _PATIENCE, f"{POINTER} has no parameter max_velocity")
         self._normal_speed = speed
-        _check(modes.set_value(POINTER, "max_velocity", max_velocity))
+        modes.set_value(POINTER, "max_velocity", max_velocity)
 
     def end(self) -> None:
         """Restore the speed."""
         if self._normal_speed is not None:
-            self._robot.modes.set_value(POINTER, "max_velocity", self._normal_speed)
+            with suppress(HeadTrackingError):  # the node has ended
+                self._robot.modes.set_value(POINTER, "max_velocity", self._normal_speed)
 
     def pictures(self) -> Iterator[tuple[float, Pixels]]:
         """Yield the camera's pictures with their stamps [s], until no more are received."""
@@ -241,24 +240,19 @@ class _PointedHead:
             yield picture.stamp * 1e-9, pixels
 
     def _wait(self, deadline: float = math.inf, late: str = "") -> None:
-        """Wait a moment; raise CalibrationEndedError as `check`, or after the deadline."""
+        """Wait a moment; raise HeadTrackingError as `check`, or after the deadline."""
         if time.monotonic() > deadline:
-            raise CalibrationEndedError(late)
+            raise HeadTrackingError(late)
         time.sleep(_POLL)
         self.check()
 
     def check(self) -> None:
-        """Raise CalibrationEndedError after a STOP, in another mode, or with a relaxed servo."""
+        """Raise HeadTrackingError after a STOP, in another mode, or with a relaxed servo."""
         if self._robot.stop.count != self._stops:
-            raise CalibrationEndedError("the head was stopped")
+            raise HeadTrackingError("the head was stopped")
         mode = self._robot.modes.mode()
         if self._is_pointed and mode is not Mode.POINT:
-            raise CalibrationEndedError(f"the mode is {mode} now")
+            raise HeadTrackingError(f"the mode is {mode} now")
         for servo in self._robot.joints.servos():
             if servo.refuses and servo.joint in self._joint_names:
-                raise CalibrationEndedError(f"{servo.joint} is {servo.values['torque']}")
-
-
-def _check(outcome: Outcome) -> None:
-    if not outcome.done:
-        raise CalibrationEndedError(outcome.text)
+                raise HeadTrackingError(f"{servo.joint} is {servo.values['torque']}")

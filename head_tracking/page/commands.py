@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.live import Live
 from head_tracking.page.path import path_ahead
 from head_tracking.page.robot import Robot
 from head_tracking.page.tuning import Tuning, finite
-from head_tracking.ros.kit.others import Outcome
 from head_tracking.tracking import Target
 
 Fields = dict[str, Any]
@@ -18,10 +18,11 @@ Fields = dict[str, Any]
 _END = 2**31 * 10**9  # ns: later stamps fit in no message
 
 
-def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fields], Outcome]]:
-    """Return the commands by name; for any thread.
+def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fields], str | None]]:
+    """Return the commands by name; for any thread. They return a text for the user, or None.
 
-    A command raises ArithmeticError, LookupError, TypeError or ValueError if its fields are wrong.
+    A command raises ArithmeticError, LookupError, TypeError or ValueError if its fields are wrong,
+    and HeadTrackingError if it is not carried out.
 
     Args:
         robot: is steered.
@@ -70,11 +71,11 @@ def _on(of: Fields) -> bool:
     return of["on"]
 
 
-def _look(robot: Robot, live: Live, of: Fields) -> Outcome:
+def _look(robot: Robot, live: Live, of: Fields) -> None:
     """Look at a point of a frame, or at a place in the picture."""
     model = robot.model()
     if model is None:
-        return Outcome(False, "No robot description has been received.")
+        raise HeadTrackingError("No robot description has been received.")
     frame = model.root
     if "point" in of:
         x, y, z = map(float, of["point"])
@@ -83,17 +84,17 @@ def _look(robot: Robot, live: Live, of: Fields) -> Outcome:
         u, v = (_between(of, name, 0.0, 1.0) for name in ("u", "v"))
         stamp = None if of.get("stamp") is None else int(of["stamp"])
         x, y, z = live.point_at(u, v, stamp, str(of.get("topic", "")))
-    return robot.modes.look_at(frame, (x, y, z))
+    robot.modes.look_at(frame, (x, y, z))
 
 
-def _follow_path(robot: Robot, of: Fields) -> Outcome:
+def _follow_path(robot: Robot, of: Fields) -> None:
     """Look along a shape before the camera."""
     speed = _between(of, "speed", 0.001, 10.0)
     model, head = robot.model(), robot.head
     if model is None or head is None:
-        return Outcome(False, "The robot has no head for which to make a path.")
+        raise HeadTrackingError("The robot has no head for which to make a path.")
     path = path_ahead(model, head, str(of["shape"]), _between(of, "size", 0.001, 10.0))
-    return robot.modes.follow_path(path, speed)
+    robot.modes.follow_path(path, speed)
 
 
 def _between(of: Fields, name: str, low: float, high: float) -> float:

@@ -6,16 +6,15 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from functools import wraps
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.compatibility import StrEnum
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.path import ClosedPath
-from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import target_message
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
@@ -35,8 +34,6 @@ _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
 _BUSY = 1.0  # s that a target waits for a change of the mode
 _POLL = 0.02  # s
-
-P = ParamSpec("P")
 
 
 class Mode(StrEnum):
@@ -84,32 +81,9 @@ _SCENES: Mapping[Mode, tuple[str, ...]] = {
 """The scenes of a simulated camera that have such a target."""
 
 
-class _Refused(Exception):
-    """A request is refused, for the reason in the message."""
-
-
 def _refuse_if(reason: str) -> None:
     if reason:
-        raise _Refused(reason)
-
-
-def _check(outcome: Outcome) -> None:
-    """Raise _Refused if the request was not done."""
-    _refuse_if("" if outcome.done else outcome.text or "refused without a reason")
-
-
-def _answered(ask: Callable[P, None]) -> Callable[P, Outcome]:
-    """Let a method that may raise _Refused return an Outcome."""
-
-    @wraps(ask)
-    def answered(*arguments: P.args, **options: P.kwargs) -> Outcome:
-        try:
-            ask(*arguments, **options)
-            return Outcome(True, "")
-        except _Refused as refusal:
-            return Outcome(False, str(refusal))
-
-    return answered
+        raise HeadTrackingError(reason)
 
 
 class _Sending(NamedTuple):
@@ -129,7 +103,8 @@ class _Sending(NamedTuple):
 class HeadModes:
     """Enables and disables the nodes of a head, and sends targets; for any thread.
 
-    A node is enabled if its topic `~/enabled` says so; the page keeps no state but its targets.
+    A request that is not carried out raises HeadTrackingError. A node is enabled if its topic
+    `~/enabled` says so; the page keeps no state but its targets.
 
     Args:
         node: sends targets.
@@ -188,7 +163,6 @@ class HeadModes:
             return f"{' and '.join(senders)} all send targets"
         return ""
 
-    @_answered
     def look_at(self, frame: str, point: Vector3) -> None:
         """Send a target once to `point_head`, periodically to `head_tracker`.
 
@@ -197,28 +171,26 @@ class HeadModes:
             point: the target [m].
         """
         if not all(map(math.isfinite, point)):
-            raise _Refused("The target is refused: x, y and z must be numbers in metres.")
+            raise HeadTrackingError("The target is refused: x, y and z must be numbers in metres.")
         if frame not in self._buffer.frames():
-            raise _Refused(f"The target is refused: there is no frame {frame!r}.")
+            raise HeadTrackingError(f"The target is refused: there is no frame {frame!r}.")
         stops = self._stop.count
         _refuse_if(self._stop.refusal)
         if not self._changing.acquire(timeout=_BUSY):
-            raise _Refused("The mode is being changed: try again in a moment.")
+            raise HeadTrackingError("The mode is being changed: try again in a moment.")
         try:
             x, y, z = map(float, point)
             self._send(Target(0, frame, (x, y, z)), self._take_over(stops), stops)
         finally:
             self._changing.release()
 
-    @_answered
     def select(self, seen: Target) -> None:
         """Let `visual_target` follow what it has seen there."""
         _refuse_if(self._stop.refusal)
         if self.mode() not in FOUND_IN_PICTURES:
-            raise _Refused("Choose Face, Ball or Marker first.")
+            raise HeadTrackingError("Choose Face, Ball or Marker first.")
         self._selections.publish(target_message(seen))
 
-    @_answered
     def centre(self) -> None:
         """Recentre the head with its controller; what the camera finds there is followed."""
         stops = self._stop.count
@@ -228,7 +200,7 @@ class HeadModes:
             if mode not in FOUND_IN_PICTURES:
                 mode = self._take_over(stops)
                 self.stop_sending()
-        _check(self._services.trigger(f"{_NODES[mode][0]}/recenter"))
+        self._services.trigger(f"{_NODES[mode][0]}/recenter")
 
     def stop_sending(self) -> None:
         """Send no more targets."""
@@ -236,7 +208,6 @@ class HeadModes:
             self._sending = None
             self._timer.cancel()
 
-    @_answered
     def set_mode(self, mode: Mode, frame: str = "") -> None:
         """Enable one controller and at most one node that sends it targets; disable all others.
 
@@ -246,9 +217,9 @@ class HeadModes:
         """
         _refuse_if(self._stop.refusal if mode is not Mode.OFF else "")
         if mode is Mode.PATH:
-            raise _Refused("This mode needs a path: see follow_path.")
+            raise HeadTrackingError("This mode needs a path: see follow_path.")
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
-            raise _Refused(f"There is no frame {frame!r} to follow.")
+            raise HeadTrackingError(f"There is no frame {frame!r} to follow.")
         stops = self._stop.count
         self._wanted = mode, frame
         if mode is Mode.OFF:
@@ -258,7 +229,6 @@ class HeadModes:
             if mode is Mode.FOLLOW:
                 self._begin_sending(mode, self._frame_target(frame), stops)
 
-    @_answered
     def follow_path(self, path: ClosedPath, speed: float) -> None:
         """Let the tracker follow a path in the model's root at a speed [m/s]."""
         _refuse_if(self._stop.refusal)
@@ -299,10 +269,9 @@ class HeadModes:
             _refuse_if(ended())
             self._enable(name, True)
 
-    @_answered
     def release(self) -> None:
         """Disable the controllers of the head, and wait until they have released the joints."""
-        _check(self.set_mode(Mode.OFF))
+        self.set_mode(Mode.OFF)
         _wait(
             lambda: not set(self._topics.owners().values()) & set(CONTROLLERS),
             "The controller of the head has not released the joints.",
@@ -312,11 +281,11 @@ class HeadModes:
         """Return whether a node does not exist yet and the run can start it."""
         return self._services.offered(f"node_starter/{name}") and not self._exists(name)
 
-    def start(self, name: str) -> Outcome:
+    def start(self, name: str) -> None:
         """Start a node of the run, if the run can do that."""
         if not self._services.offered(f"node_starter/{name}"):
-            return Outcome(False, f"{name} is not running: start it for this mode.")
-        return self._services.trigger(f"node_starter/{name}")
+            raise HeadTrackingError(f"{name} is not running: start it for this mode.")
+        self._services.trigger(f"node_starter/{name}")
 
     def _send(self, target: Target, mode: Mode, stops: int) -> None:
         """Send a target: once to a controller that keeps it, else periodically."""
@@ -325,13 +294,13 @@ class HeadModes:
             try:
                 point = self._buffer.transform_point(target.point, model.root, target.frame_id)
             except TransformException as error:
-                raise _Refused(f"The target is refused: {error}") from error
+                raise HeadTrackingError(f"The target is refused: {error}") from error
             target = Target(0, model.root, point)
         self._begin_sending(mode, lambda: target, stops)
 
     def _start(self, name: str, ended: Callable[[], str]) -> None:
         """Start a node and wait until it can be disabled again."""
-        _check(self.start(name))
+        self.start(name)
         late = f"{name} was started and does not answer: try again."
         _wait(lambda: self._services.offered(f"{name}/enable"), late, ended)
 
@@ -353,11 +322,11 @@ class HeadModes:
         """Enable or disable a node that is not so yet, and wait until it has published that."""
         service = f"{name}/enable"
         if self._services.offered(service) and self._topics.enabled(name) is not on:
-            _check(self._services.switch(service, on))
+            self._services.switch(service, on)
             before, late = not on, f"{name} is still {'disabled' if on else 'enabled'}."
             _wait(lambda: self._topics.enabled(name) is not before, late)
         elif not on and self._is_enabled(name):
-            raise _Refused(f"{name} can't be disabled: end it first.")
+            raise HeadTrackingError(f"{name} can't be disabled: end it first.")
         elif not on and not self._exists(name):
             self._topics.forget(name)
 
@@ -369,7 +338,7 @@ class HeadModes:
         late = f"{VISUAL} does not tell what it follows: try again."  # it may just have started
         _wait(lambda: self.value(VISUAL, "follow") is not None, late, ended)
         if self.value(VISUAL, "follow") != _FOLLOWS[mode]:
-            _check(self.set_value(VISUAL, "follow", _FOLLOWS[mode]))
+            self.set_value(VISUAL, "follow", _FOLLOWS[mode])
 
     def value(self, node: str, name: str) -> Any:
         """Return a parameter of a node of this robot; None if it is not known."""
@@ -379,9 +348,9 @@ class HeadModes:
                 return one.value
         return None
 
-    def set_value(self, node: str, name: str, value: Any) -> Outcome:
+    def set_value(self, node: str, name: str, value: Any) -> None:
         """Set a parameter of a node of this robot."""
-        return self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
+        self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
 
     def _begin_sending(self, mode: Mode, target: Callable[[], Target | None], stops: int) -> None:
         """Send targets, the first one at once or when the next one is due: never more often."""
@@ -447,7 +416,7 @@ def _wait(done: Callable[[], bool], late: str, ended: Callable[[], str] = str) -
         ended: returns why not to wait any longer; empty: none.
 
     Raises:
-        _Refused: it is not done.
+        HeadTrackingError: it is not done.
     """
     deadline = time.monotonic() + _PATIENCE
     while not done():

@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState as JointStateMsg
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.dynamixel import Torque
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
-from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.transforms import JointState, JointStates
 
@@ -102,37 +102,37 @@ class JointPanel:
             found.append(JointServo(controller, joint, is_on, refuses, values))
         return tuple(found)
 
-    def move(self, positions: Mapping[str, float]) -> Outcome:
+    def move(self, positions: Mapping[str, float]) -> None:
         """Command joints of servos [rad or m]; without hardware, publish their positions.
 
         One message has all joints: a driver acts on the latest message only.
+
+        Raises:
+            HeadTrackingError: a joint is unknown, or is not the page's to move.
         """
         model = self._robot.buffer.model
         missing = [] if model is None else sorted(positions.keys() - model.joints.keys())
         if missing:
-            return Outcome(False, f"The robot has no joint {missing[0]!r}.")
+            raise HeadTrackingError(f"The robot has no joint {missing[0]!r}.")
         if self.free:
             self._positions.update(positions)
             if self._timer.is_canceled():  # another reset would delay the next message
                 self._timer.reset()
-            return Outcome(True, "")
+            return
         if self._robot.stop.refusal:
-            return Outcome(False, self._robot.stop.refusal)
+            raise HeadTrackingError(self._robot.stop.refusal)
         if self._robot.modes.mode() is not Mode.OFF:
-            outcome = self._robot.modes.release()
-            if not outcome.done:
-                return outcome
+            self._robot.modes.release()
         owners = self._robot.topics.owners()
         for joint in positions:
             if owners.get(joint, "") not in ("", self._node.get_name()):
-                return Outcome(False, f"{joint} is owned by {owners[joint]}, which keeps it.")
+                raise HeadTrackingError(f"{joint} is owned by {owners[joint]}, which keeps it.")
         message = self._message(positions)
         message.header.frame_id = self._node.get_fully_qualified_name()
         self._commands.publish(message)
-        return Outcome(True, "")
 
-    def set_torque(self, controller: str, on: bool) -> Outcome:
-        """Switch the torque of a servo; of all servos for an empty name."""
+    def set_torque(self, controller: str, on: bool) -> str:
+        """Switch the torque of a servo, of all servos for an empty name; return the answer."""
         name = f"{controller}{_TORQUE}" if controller else _TORQUE[1:]
         return self._robot.services.switch(name, on)
 

@@ -7,10 +7,12 @@ import math
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
 from head_tracking.page.other_topics import Snapshot
@@ -222,7 +224,11 @@ class Live:
             self._camera_requested = False
         elif not self._camera_requested and modes.can_start(CAMERA):
             self._camera_requested = True
-            threading.Thread(target=modes.start, args=[CAMERA], daemon=True).start()
+            threading.Thread(target=self._request_camera, daemon=True).start()
+
+    def _request_camera(self) -> None:
+        with suppress(HeadTrackingError):  # the page shows that there is no picture
+            self._robot.modes.start(CAMERA)
 
     def _encode_all(self, topics: Collection[str]) -> None:
         """Encode a picture of each topic; one that fails costs no other."""

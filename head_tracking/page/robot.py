@@ -9,6 +9,7 @@ from contextlib import suppress
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page.head_modes import FOUND_IN_PICTURES, POINTER, TRACKER, HeadModes, Mode
@@ -160,7 +161,7 @@ class Robot:
     def _disable_modes(self, attempt: Attempt) -> None:
         """Disable what turns the head, unless the bus ignores commands until `resume`."""
         if not (attempt.wait().done or self.stop.stopped):
-            with suppress(InvalidHandle):  # the page may have ended meanwhile
+            with suppress(InvalidHandle, HeadTrackingError):  # the page may have ended meanwhile
                 self.modes.set_mode(Mode.OFF)
 
     @property

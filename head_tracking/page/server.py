@@ -27,6 +27,7 @@ from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.access import Access, Message, Receive, Scope, Send
 from head_tracking.page.commands import commands
 from head_tracking.page.live import Live
@@ -36,7 +37,6 @@ from head_tracking.page.stop import ANSWER, Attempt
 from head_tracking.page.tuning import PRESETS, Tuning
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.recording.recording import RecordingError
-from head_tracking.ros.kit.others import Outcome
 
 _STATIC = Path(__file__).with_name("static")
 
@@ -57,12 +57,12 @@ _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of 
 
 _AT_ONCE = ("/head/stop", "/head/resume")
 
-_WRONG_FIELDS = (ArithmeticError, LookupError, OSError, TypeError, ValueError)
+_REFUSED = (HeadTrackingError, ArithmeticError, LookupError, OSError, TypeError, ValueError)
 
 Answer = Callable[[dict[str, Any]], Any]
-"""Returns the answer to a request by its fields: a Response, an Outcome, or what JSON can hold.
+"""Returns the answer to a request by its fields: a Response, or what JSON can hold.
 
-Raises one of `_WRONG_FIELDS` if the fields are wrong.
+A text or None tells that a command was carried out. Raises one of `_REFUSED` if it was not.
 """
 
 
@@ -135,7 +135,7 @@ class Page:
         app = Starlette(
             routes=self._routes(),
             lifespan=self._lifespan,
-            exception_handlers=dict.fromkeys(_WRONG_FIELDS, _refuse),
+            exception_handlers=dict.fromkeys(_REFUSED, _refuse),
         )
         self._access = Access(app, parameters.host, parameters.token)
         self._server = uvicorn.Server(
@@ -420,11 +420,12 @@ async def _respond(threads: ThreadPoolExecutor, answer: Callable[[Any], Any], of
     found = await asyncio.get_running_loop().run_in_executor(threads, answer, of)
     if isinstance(found, Response):
         return found
-    return JSONResponse(found._asdict() if isinstance(found, Outcome) else found)
+    is_done = found is None or isinstance(found, str)
+    return JSONResponse({"done": True, "text": found or ""} if is_done else found)
 
 
 async def _refuse(request: Request, error: Exception) -> Response:
-    """Return the answer to a request with wrong fields, or too many bytes."""
+    """Return the answer to a request with wrong fields or too many bytes, or to a refused one."""
     text = f"{error.args[0]!r} is missing." if isinstance(error, KeyError) else str(error)
     is_too_large = isinstance(error, _TooLargeError)
     status = 413 if is_too_large else 404 if request.method == "GET" else 400

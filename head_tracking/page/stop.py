@@ -5,15 +5,16 @@ from __future__ import annotations
 import threading
 from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.joint_owners import control_from_message
-from head_tracking.ros.kit.others import Outcome, wait_for_answer
+from head_tracking.ros.kit.others import message_of, wait_for_answer
 from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import EVERY_CHANGE, LATCHED
 
@@ -80,16 +81,17 @@ class Stop:
                 threading.Thread(target=self._try, args=[attempt], name="stop", daemon=True).start()
         return attempt
 
-    def resume(self) -> Outcome:
-        """Let the servos accept commands again."""
+    def resume(self) -> str:
+        """Let the servos accept commands again; return the answer of the bus.
+
+        Raises:
+            HeadTrackingError: there is no bus, or it refuses or does not answer.
+        """
         self.cancel()
         client = self._ready("resume")
         if client is None:
-            return Outcome(False, f"There is no service resume {self._where}.")
-        answer = wait_for_answer(client, Trigger.Request(), 2.0)
-        if answer is None:
-            return Outcome(False, "The service resume did not answer within 2 s.")
-        return Outcome(bool(answer.success), str(answer.message))
+            raise HeadTrackingError(f"There is no service resume {self._where}.")
+        return message_of(wait_for_answer(client, Trigger.Request(), 2.0))
 
     def cancel(self) -> None:
         """End the attempts of a STOP."""
@@ -136,6 +138,13 @@ class Stop:
             attempt.wait(_RETRY)
         for client, future in pending:
             client.remove_pending_request(future)
+
+
+class Outcome(NamedTuple):
+    """The result of a STOP: whether every servo is relaxed, and a sentence for the user."""
+
+    done: bool
+    text: str
 
 
 class Attempt:

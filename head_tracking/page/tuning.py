@@ -8,8 +8,9 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import CONTROLLERS, TRACKER
-from head_tracking.ros.kit.others import OtherParameters, Outcome, Setting
+from head_tracking.ros.kit.others import OtherParameters, Setting
 from head_tracking.tracking import LAWS, LearningParameters
 
 _DECADES = 99.0
@@ -52,6 +53,8 @@ PRESETS: Mapping[str, Mapping[str, float]] = {
 class Tuning:
     """Lists and sets the parameters of other nodes; for any thread.
 
+    A value that a node refuses raises HeadTrackingError.
+
     Args:
         parameters: of the other nodes.
     """
@@ -67,7 +70,7 @@ class Tuning:
         laws = {one.node: one.value for one in everything if one.name == "law"}
         return [described(one) for one in everything if not _of_another_law(one, laws)]
 
-    def set(self, node: str, name: str, shown: Any) -> Outcome:
+    def set(self, node: str, name: str, shown: Any) -> str:
         """Set a parameter to a value in the page's unit; return the answer of its node.
 
         Raises:
@@ -78,7 +81,7 @@ class Tuning:
                 return self._parameters.set(node, name, sent_value(one, shown))
         raise ValueError(f"{node} has no parameter {name!r} that can be changed.")
 
-    def reset(self, names: Sequence[str] = ()) -> Outcome:
+    def reset(self, names: Sequence[str] = ()) -> str:
         """Restore the values that the page found first: of these names, or of all."""
         with self._lock:
             found = dict(self._found)
@@ -89,7 +92,7 @@ class Tuning:
         ]
         return self._set_all([(one, value) for one, value in wanted if one.value != value])
 
-    def choose(self, preset: str) -> Outcome:
+    def choose(self, preset: str) -> str:
         """Set the parameters of a preset.
 
         Raises:
@@ -114,10 +117,16 @@ class Tuning:
                 self._found.setdefault((one.node, one.name), one.value)
         return settings
 
-    def _set_all(self, wanted: Sequence[tuple[Setting, Any]]) -> Outcome:
-        outcomes = [self._parameters.set(one.node, one.name, value) for one, value in wanted]
-        refused = [one.text for one in outcomes if not one.done]
-        return Outcome(not refused, "; ".join(refused) or f"{len(wanted)} parameters set.")
+    def _set_all(self, wanted: Sequence[tuple[Setting, Any]]) -> str:
+        refused = []
+        for one, value in wanted:
+            try:
+                self._parameters.set(one.node, one.name, value)
+            except HeadTrackingError as refusal:
+                refused.append(str(refusal))
+        if refused:
+            raise HeadTrackingError("; ".join(refused))
+        return f"{len(wanted)} parameters set."
 
 
 def described(setting: Setting) -> dict[str, Any]:

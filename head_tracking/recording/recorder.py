@@ -25,10 +25,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import compressed_message
 from head_tracking.ros.kit.message_types import message_class, message_definition
-from head_tracking.ros.kit.others import Outcome
 from head_tracking.ros.kit.threads import take_message
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError
@@ -98,27 +98,31 @@ class Recorder:
             return tuple(sorted(self._directory.glob("*.mcap"), reverse=True))
         return ()
 
-    def start(self) -> Outcome:
-        """Begin a new file."""
+    def start(self) -> str:
+        """Begin a new file; return which.
+
+        Raises:
+            HeadTrackingError: a file is being written, or none can be.
+        """
         with self._lock:
             if self.file is not None:
-                return Outcome(False, f"{self.file} is being recorded already.")
+                raise HeadTrackingError(f"{self.file} is being recorded already.")
             try:
                 self._directory.mkdir(parents=True, exist_ok=True)
                 file = _new_file(self._directory)
                 self._session = _Session(self._beside, file, self._limit)
             except OSError as error:
-                return Outcome(False, f"Can't record: {error}. See the parameter record_directory.")
-            return Outcome(True, f"Recording into {file}.")
+                raise HeadTrackingError(
+                    f"Can't record: {error}. See the parameter record_directory."
+                ) from error
+            return f"Recording into {file}."
 
-    def stop(self) -> Outcome:
-        """End the file."""
+    def stop(self) -> str:
+        """End the file, if one is being written; return its status."""
         with self._lock:
-            session = self._session
-            if session is None or not session.runs:
-                return Outcome(False, "Nothing is being recorded.")
-            session.close()
-            return Outcome(True, session.status())
+            if self._session is not None:
+                self._session.close()
+            return self.status
 
 
 def _new_file(directory: Path) -> Path:

@@ -22,9 +22,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from head_tracking.page import server
 from head_tracking.page.server import Page, PageParameters
-from head_tracking.page.stop import Attempt
+from head_tracking.page.stop import Attempt, Outcome
 from head_tracking.parameters import ParameterError
-from head_tracking.ros.kit.others import Outcome
 
 _MARK = {"X-Head-Tracking": "page"}
 _COMMANDS = 8  # that are carried out at a time
@@ -39,7 +38,7 @@ class _Robot:
         self.joints = SimpleNamespace(move=None)
         self.recorder = SimpleNamespace(files=tuple)
         self.parameters = SimpleNamespace(settings=tuple)
-        self.stop = SimpleNamespace(resume=lambda: Outcome(True, ""))
+        self.stop = SimpleNamespace(resume=lambda: "")
 
     def poll(self) -> None:
         raise RuntimeError("the robot fails")
@@ -53,10 +52,9 @@ class _Robot:
         attempt.end()
         return attempt
 
-    def _set_mode(self, mode: Any, frame: str) -> Outcome:
+    def _set_mode(self, mode: Any, frame: str) -> None:
         self.asked.release()
         self.go_on.wait(60.0)
-        return Outcome(True, str(mode))
 
 
 @pytest.fixture(scope="module")

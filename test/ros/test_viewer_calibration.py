@@ -8,6 +8,7 @@ from viewing import view
 from waiting import wait_for
 
 from head_tracking.calibration import Calibration, gathering
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.ros.kit.diagnostics import Level, Part
 
@@ -25,9 +26,9 @@ def seen(robot) -> Any:
     """The robot as the page sees it, with a camera in front of a marker."""
     seen = view(robot.threads, robot.composition.buffer).robot
     wait_for(lambda: seen.modes.can_start("simulated_camera"))
-    assert seen.modes.start("simulated_camera").done
+    seen.modes.start("simulated_camera")
     wait_for(lambda: seen.modes.value("simulated_camera", "scene") is not None)
-    assert seen.modes.set_value("simulated_camera", "scene", "still marker").done
+    seen.modes.set_value("simulated_camera", "scene", "still marker")
     wait_for(lambda: seen.topics.picture("/image") is not None)
     return seen
 
@@ -55,14 +56,16 @@ def test_a_marker_without_a_size_is_refused(calibration):
 def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, monkeypatch):
     used = Part("robot_state_publisher: calibration", Level.OK, "3 days old", ())
     monkeypatch.setattr(seen.topics, "health", lambda: (used,))
-    assert not calibration.begin(0.16, "").done
+    with pytest.raises(HeadTrackingError):
+        calibration.begin(0.16, "")
     assert ended(calibration)
 
 
 def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, calibration, tmp_path):
     usual = seen.modes.value("point_head", "max_velocity")
-    assert calibration.begin(0.16, "").done
-    assert not calibration.begin(0.16, "").done, "once at a time"
+    calibration.begin(0.16, "")
+    with pytest.raises(HeadTrackingError):
+        calibration.begin(0.16, "")
     wait_for(lambda: ended(calibration), PATIENCE)
     (file,) = tmp_path.rglob("*.yaml")
     assert str(file) in calibration.progress.text
@@ -76,19 +79,20 @@ def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, cali
 
 @pytest.mark.parametrize("what", ["stop", "torque"])
 def test_stop_and_a_relaxed_joint_end_it(robot, seen, calibration, what, tmp_path):
-    assert calibration.begin(0.16, "").done
+    calibration.begin(0.16, "")
     wait_for(lambda: "direction 2" in calibration.progress.text, PATIENCE)
     if what == "stop":
         robot.call("stop")  # on a busy computer it may not be confirmed in time, but it counts
     else:
-        assert seen.joints.set_torque("head_tilt_controller", False).done
+        seen.joints.set_torque("head_tilt_controller", False)
     wait_for(lambda: ended(calibration), PATIENCE)
     assert not list(tmp_path.rglob("*.yaml"))
     if what == "torque":
         assert "head_tilt_joint" in calibration.progress.text
-        assert seen.joints.set_torque("head_tilt_controller", True).done
+        seen.joints.set_torque("head_tilt_controller", True)
         wait_for(lambda: not any(servo.refuses for servo in seen.joints.servos()))
     else:
-        assert not calibration.begin(0.16, "").done, "the head is stopped"
+        with pytest.raises(HeadTrackingError):
+            calibration.begin(0.16, "")
         assert robot.call("resume").success
         wait_for(lambda: not seen.stop.stopped)

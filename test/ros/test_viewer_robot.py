@@ -44,10 +44,10 @@ def page(robot) -> Any:
 def seen(robot, page) -> Any:
     """The same, tracking nothing with the head in the middle, whatever the test before has left."""
     if page.stop.refusal:
-        assert page.stop.resume().done
+        page.stop.resume()
         wait_for(lambda: not page.stop.refusal)
-    assert page.modes.set_mode(Mode.TRACK).done
-    assert page.modes.centre().done
+    page.modes.set_mode(Mode.TRACK)
+    page.modes.centre()
     wait_for(lambda: page.modes.mode() is Mode.TRACK and head_is_at(robot, 0.0))
     return page
 
@@ -62,19 +62,19 @@ def bearing(x: float, y: float) -> float:
 
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):
     assert "point_head" not in robot.composition.nodes
-    assert seen.modes.set_mode(Mode.POINT, "").done
+    seen.modes.set_mode(Mode.POINT, "")
     assert "point_head" in robot.composition.nodes
     wait_for(lambda: robot.node.count_subscribers("target_point") >= 3)
-    assert seen.modes.look_at("base_link", (1.0, -0.6, 0.4)).done
+    seen.modes.look_at("base_link", (1.0, -0.6, 0.4))
     wait_for(lambda: head_is_at(robot, bearing(1.0, -0.6)))
-    assert seen.modes.set_mode(Mode.FICTITIOUS, "").done
+    seen.modes.set_mode(Mode.FICTITIOUS, "")
     # at once: a node that was only just started must be switched off too
-    assert seen.modes.look_at("base_link", (1.0, 0.6, 0.4)).done
+    seen.modes.look_at("base_link", (1.0, 0.6, 0.4))
     assert seen.modes.mode() is Mode.TRACK
     wait_for(lambda: head_is_at(robot, bearing(1.0, 0.6)))
     robot.at_rest(1.0)
     assert head_is_at(robot, bearing(1.0, 0.6))
-    assert seen.modes.set_mode(Mode.FICTITIOUS, "").done
+    seen.modes.set_mode(Mode.FICTITIOUS, "")
     assert seen.modes.mode() is Mode.FICTITIOUS
     wait_for(lambda: robot.true("head_pan_joint") < 0.0)
 
@@ -89,7 +89,7 @@ def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
         return seen.status(seen.observe()).word
 
     word_while_seen()
-    assert seen.modes.set_mode(Mode.FOLLOW, "person_1").done
+    seen.modes.set_mode(Mode.FOLLOW, "person_1")
     for y in (0.5, -0.5):
         wait_for(
             lambda y=y: word_while_seen(y) is Word.ON_TARGET and head_is_at(robot, bearing(1.0, y))
@@ -99,11 +99,12 @@ def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
 
 
 def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
-    assert not seen.modes.set_mode(Mode.PATH).done, "it needs a path"
+    with pytest.raises(HeadTrackingError):
+        seen.modes.set_mode(Mode.PATH)
     ends = (1.0, 0.4, 0.5), (1.0, -0.4, 0.5)
     root = seen.model().root
     to_base = robot.composition.buffer.core.lookup_transform("base_link", root).transform
-    assert seen.modes.follow_path(ClosedPath(ends), 0.8).done
+    seen.modes.follow_path(ClosedPath(ends), 0.8)
     assert seen.modes.mode() is Mode.PATH
     pans: list[float] = []
 
@@ -115,7 +116,7 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     x, y, z = to_base @ seen.observe().target
     assert (x, z) == pytest.approx(((to_base @ ends[0])[0], (to_base @ ends[0])[2]), abs=1e-6)
     assert abs(y) <= 0.4 + 1e-6
-    assert seen.modes.set_mode(Mode.OFF).done
+    seen.modes.set_mode(Mode.OFF)
     assert seen.modes.mode() is Mode.OFF
 
 
@@ -123,8 +124,10 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     ("frame", "point"), [("nowhere", (1.0, 0.0, 0.0)), ("base_link", (math.nan, 0.0, 0.0))]
 )
 def test_an_unknown_frame_and_invalid_coordinates_are_refused(seen, frame, point):
-    assert not seen.modes.look_at(frame, point).done
-    assert frame == "base_link" or not seen.modes.set_mode(Mode.FOLLOW, frame).done
+    with pytest.raises(HeadTrackingError):
+        seen.modes.look_at(frame, point)
+    with pytest.raises(HeadTrackingError):
+        seen.modes.set_mode(Mode.FOLLOW, "nowhere")
 
 
 def word(seen: Any) -> str:
@@ -132,10 +135,10 @@ def word(seen: Any) -> str:
 
 
 def test_a_refused_point_is_not_shown_as_the_target_of_the_head(robot, seen):
-    assert seen.modes.set_mode(Mode.POINT).done
+    seen.modes.set_mode(Mode.POINT)
     wait_for(lambda: seen.modes.mode() is Mode.POINT)
     for y in (0.3, -0.3):
-        assert seen.modes.look_at("base_link", (1.0, y, 0.5)).done
+        seen.modes.look_at("base_link", (1.0, y, 0.5))
         wait_for(lambda y=y: (seen.observe().target or (0.0, 0.0))[1] == pytest.approx(y))
         for refused in ((-1.0, 0.0, 0.5), (-1.0, 0.1, 0.5)):
             seen.modes.look_at("base_link", refused)
@@ -151,7 +154,7 @@ def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen)
     assert (found.node, found.value) == ("/head_tracker", 1.5)
     assert (found.minimum, found.maximum) == (0.1, 20.0)
     assert "Pan speed per error" in found.description
-    assert seen.parameters.set("/head_tracker", "k_pan", 4.0).done
+    seen.parameters.set("/head_tracker", "k_pan", 4.0)
     wait_for(lambda: setting("k_pan").value == 4.0)
     names = {one.name for one in seen.parameters.settings()}
     assert "rate" not in names, "it can't be changed"
@@ -167,10 +170,10 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     assert NAME not in robot.composition.nodes
     wait_for(lambda: seen.modes.can_start(NAME), PATIENCE)
-    assert seen.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
-    assert seen.modes.start(NAME).done
+    seen.modes.look_at("base_link", (1.0, 0.0, 0.5))
+    seen.modes.start(NAME)
     wait_for(lambda: "/image" in seen.topics.images() and not seen.modes.can_start(NAME), PATIENCE)
-    assert seen.modes.start(NAME).done, "it runs already"
+    seen.modes.start(NAME)
     renderer = robot.composition.nodes[NAME].renderer
     drawn = []
     render = renderer.render
@@ -198,22 +201,23 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
 def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     assert Mode.FACE in seen.modes.possible()
-    assert seen.modes.start(NAME).done
+    seen.modes.start(NAME)
     selected, place = robot.hear("visual_target/select_point", PointStamped), (0.3, 0.1, 2.0)
-    assert not seen.modes.select(Target(1, "camera_optical_frame", place)).done
+    with pytest.raises(HeadTrackingError):
+        seen.modes.select(Target(1, "camera_optical_frame", place))
     for mode, follows in ((Mode.BALL, "colour"), (Mode.MARKER, "marker")):
-        assert seen.modes.set_mode(mode).done
+        seen.modes.set_mode(mode)
         wait_for(lambda mode=mode: seen.modes.mode() is mode)
         follow = robot.composition.nodes["visual_target"].get_parameter("follow")
         assert follow.value == follows
     wait_for(lambda: seen.observe().target is not None)
     assert not seen.modes.conflict()
-    assert seen.modes.select(Target(1, "camera_optical_frame", place)).done
+    seen.modes.select(Target(1, "camera_optical_frame", place))
     wait_for(lambda: selected)
     assert target_from_message(selected[-1]).point == place
-    assert seen.modes.centre().done
+    seen.modes.centre()
     assert seen.modes.mode() is Mode.MARKER
-    assert seen.modes.look_at("base_link", (1.0, 0.4, 0.4)).done
+    seen.modes.look_at("base_link", (1.0, 0.4, 0.4))
     wait_for(lambda: seen.modes.mode() is Mode.TRACK)
 
 

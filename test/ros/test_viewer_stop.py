@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool
 from viewing import PATIENCE, view
 from waiting import wait_for
 
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import ClosedPath
 from head_tracking.ros.kit.spinning import NodeThreads
@@ -59,7 +60,7 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, pa
     wait_for(lambda: robot.stop.outcome.done)
     assert robot.stop.outcome.text == "head_pan_joint relaxed, head_tilt_joint relaxed"
     wait_for(lambda: robot.stop.stopped and robot.stop.can_resume)
-    assert robot.stop.resume().done
+    robot.stop.resume()
     wait_for(lambda: not robot.stop.stopped)
     assert robot.stop.outcome is None
 
@@ -70,7 +71,7 @@ def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
     wait_for(lambda: robot.stop._ready("stop"))
     assert robot.stop.begin().wait().done
     wait_for(lambda: robot.stop.can_resume)
-    assert robot.stop.resume().done
+    robot.stop.resume()
     assert bus.calls == ["~/stop", "~/resume"]
 
 
@@ -100,7 +101,7 @@ def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
 @pytest.mark.parametrize("by_page", [True, False])
 def test_a_stop_ends_what_the_page_sends_for_good(tracked, by_page):
     bus, tracker, robot = tracked
-    assert robot.modes.follow_path(ClosedPath([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1).done
+    robot.modes.follow_path(ClosedPath([(1.0, 0.0, 1.0), (1.0, 1.0, 1.0)]), 0.1)
     assert robot.modes.mode() is Mode.PATH
     assert robot.stop.begin().wait().done if by_page else bus.say_stopped(True) is None
     wait_for(lambda: robot.stop.stopped)
@@ -144,16 +145,18 @@ def test_a_mode_is_chosen_after_resume_only(start, tracked):
     bus.confirms = set()
     assert not robot.stop.begin().wait().done  # it is tried on; a choice does not end that
     for mode in (Mode.POINT, Mode.TRACK):
-        assert robot.modes.set_mode(mode) == (False, robot.stop.refusal)
+        with pytest.raises(HeadTrackingError, match=robot.stop.refusal):
+            robot.modes.set_mode(mode)
     assert (tracker.asked, pointer.asked) == ([], [])
-    assert not robot.joints.move({"head_pan_joint": 0.2}).done
+    with pytest.raises(HeadTrackingError):
+        robot.joints.move({"head_pan_joint": 0.2})
     assert not bus.commands
     count = len(bus.calls)
     wait_for(lambda: len(bus.calls) > count)
     assert robot.stop.can_resume
-    assert robot.stop.resume().done
+    robot.stop.resume()
     wait_for(lambda: not robot.stop.refusal)
-    assert robot.modes.set_mode(Mode.POINT).done
+    robot.modes.set_mode(Mode.POINT)
     assert pointer.asked == [True]
 
 
@@ -169,9 +172,8 @@ def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
         switch(on)
 
     tracker.switch = stopped_meanwhile
-    outcome = robot.modes.set_mode(Mode.POINT)
-    assert not outcome.done
-    assert "stopped" in outcome.text
+    with pytest.raises(HeadTrackingError, match="stopped"):
+        robot.modes.set_mode(Mode.POINT)
     assert pointer.asked == []
 
 
@@ -188,7 +190,7 @@ def test_two_choices_of_a_mode_leave_one_controller_enabled(start, tracked):
         second = browsers.submit(robot.modes.set_mode, Mode.TRACK)
         time.sleep(0.3)  # in which it may overtake the first one
         go_on.set()
-        assert second.result(PATIENCE).done
+        second.result(PATIENCE)
     wait_for(lambda: (tracker.on, pointer.on) == (True, False), PATIENCE)
 
 
@@ -245,17 +247,17 @@ def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_
     bus, tracker, robot = tracked
     wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
     wait_for(robot.model)
-    assert not robot.joints.move({"head_pan_joint": 0.2, "nose": 0.1}).done
+    with pytest.raises(HeadTrackingError):
+        robot.joints.move({"head_pan_joint": 0.2, "nose": 0.1})
     assert tracker.on is True
-    assert robot.joints.move({"head_pan_joint": 0.2}).done
+    robot.joints.move({"head_pan_joint": 0.2})
     assert tracker.on is False
     wait_for(lambda: bus.commands)
     assert bus.commands[-1].header.frame_id == "/viewer"
     bus.own("/somebody")
     wait_for(lambda: "somebody" in robot.topics.owners().values())
-    outcome = robot.joints.move({"head_pan_joint": 0.3})
-    assert not outcome.done
-    assert "somebody" in outcome.text
+    with pytest.raises(HeadTrackingError, match="somebody"):
+        robot.joints.move({"head_pan_joint": 0.3})
 
 
 def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
@@ -269,7 +271,7 @@ def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
     seen = PointStamped(header=Header(frame_id="base_link"))
     targets = camera.create_publisher(PointStamped, "target_point", 10)
     wait_for(lambda: targets.publish(seen) or robot.observe().target is not None)
-    assert robot.modes.look_at("base_link", (1.0, 0.0, 0.5)).done
+    robot.modes.look_at("base_link", (1.0, 0.0, 0.5))
     assert camera.on is False, "one sender only"
     assert robot.observe()
     assert robot.notices() == ()
@@ -279,7 +281,7 @@ def test_of_two_pages_without_hardware_one_publishes_the_joints(page):
     pages = [page(), page()]
     for robot in pages:
         wait_for(lambda robot=robot: robot.joints.free, PATIENCE)
-    assert pages[0].joints.move({"head_pan_joint": 0.25}).done
+    pages[0].joints.move({"head_pan_joint": 0.25})
     wait_for(lambda: not pages[1].joints.free, PATIENCE)
     wait_for(lambda: pages[1].observe().joints.get("head_pan_joint") == 0.25, PATIENCE)
     assert pages[0].joints.free
@@ -339,14 +341,18 @@ def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(seen):
 def test_without_hardware_the_page_says_where_the_joints_are(seen):
     wait_for(lambda: seen.model() is not None and seen.joints.free)
     assert "head_pan_joint" not in seen.observe().joints
-    assert seen.joints.move({"head_pan_joint": 0.4}).done
+    seen.joints.move({"head_pan_joint": 0.4})
     wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
     assert seen.observe().joints["head_tilt_joint"] == 0.0
     assert not seen.stop_everything().wait().done
-    assert seen.modes.set_mode(Mode.TRACK, "") == (False, seen.stop.refusal)
-    assert not seen.stop.resume().done
-    assert not seen.modes.centre().done
-    assert "not running" in seen.modes.set_mode(Mode.TRACK, "").text
+    with pytest.raises(HeadTrackingError, match=seen.stop.refusal):
+        seen.modes.set_mode(Mode.TRACK)
+    with pytest.raises(HeadTrackingError):
+        seen.stop.resume()
+    with pytest.raises(HeadTrackingError):
+        seen.modes.centre()
+    with pytest.raises(HeadTrackingError, match="not running"):
+        seen.modes.set_mode(Mode.TRACK)
 
 
 def test_the_log_has_the_token_of_a_page_for_the_network(threads, capfd):

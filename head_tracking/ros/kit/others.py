@@ -8,7 +8,7 @@ import threading
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
@@ -16,6 +16,8 @@ from rclpy.node import Node
 from rclpy.node import NodeNameNonExistentError as NodeHasGone
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
+
+from head_tracking.exceptions import HeadTrackingError
 
 
 class Graph:
@@ -64,15 +66,8 @@ class Graph:
 _PATIENCE = 15.0  # s: a slow machine may need so long to start a node
 
 
-class Outcome(NamedTuple):
-    """The result of a request: whether it succeeded, and a sentence for the user."""
-
-    done: bool
-    text: str
-
-
 class OtherServices:
-    """Calls services of other nodes.
+    """Calls services of other nodes. A call that does not succeed raises HeadTrackingError.
 
     Args:
         node: has the clients; another thread must spin it.
@@ -95,34 +90,39 @@ class OtherServices:
         client = self._clients.get(name)
         return client is not None and bool(client.service_is_ready())
 
-    def trigger(self, name: str) -> Outcome:
-        """Call a Trigger service."""
+    def trigger(self, name: str) -> str:
+        """Call a Trigger service; return the message of its answer."""
         return self._call(name, Trigger.Request())
 
-    def switch(self, name: str, on: bool) -> Outcome:
-        """Call a SetBool service."""
+    def switch(self, name: str, on: bool) -> str:
+        """Call a SetBool service; return the message of its answer."""
         return self._call(name, SetBool.Request(data=on))
 
-    def _call(self, name: str, request: Any) -> Outcome:
+    def _call(self, name: str, request: Any) -> str:
         if not self.offered(name):
-            return Outcome(False, f"no node offers {name}; is its node running?")
-        answer = wait_for_answer(self._clients[name], request)
-        if answer is None:
-            return Outcome(False, f"{name} did not answer within {_PATIENCE:.0f} s")
-        return Outcome(bool(answer.success), str(answer.message))
+            raise HeadTrackingError(f"no node offers {name}; is its node running?")
+        return message_of(wait_for_answer(self._clients[name], request))
+
+
+def message_of(answer: SetBool.Response | Trigger.Response) -> str:
+    """Return the message of an answer; raise HeadTrackingError with it if that is a refusal."""
+    if not answer.success:
+        raise HeadTrackingError(answer.message or "refused without a reason")
+    return str(answer.message)
 
 
 def wait_for_answer(client: Any, request: Any, patience: float = _PATIENCE) -> Any:
-    """Call a service and return its response; None after `patience` [s].
+    """Call a service and return its response; another thread must spin the client's node.
 
-    Another thread must spin the client's node.
+    Raises:
+        HeadTrackingError: there is none after `patience` [s].
     """
     answered = threading.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: answered.set())
     if not answered.wait(patience):
         client.remove_pending_request(future)
-        return None
+        raise HeadTrackingError(f"{client.service_name} did not answer within {patience:g} s")
     return future.result()
 
 
@@ -232,21 +232,22 @@ class OtherParameters:
             if name.endswith(ending)
         }
 
-    def set(self, owner: str, name: str, value: Any) -> Outcome:
-        """Set a parameter."""
+    def set(self, owner: str, name: str, value: Any) -> str:
+        """Set a parameter; return its name and value.
+
+        Raises:
+            HeadTrackingError: the node has ended, does not answer, or refuses the value.
+        """
         clients = self._clients.get(owner)
         if clients is None:
-            return Outcome(False, f"the node {owner} has ended")
+            raise HeadTrackingError(f"the node {owner} has ended")
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
-        answer = wait_for_answer(clients["set_parameters"], request)
-        if answer is None:
-            return Outcome(False, f"{owner} did not answer")
-        result = answer.results[0]
+        result = wait_for_answer(clients["set_parameters"], request).results[0]
         if not result.successful:
-            return Outcome(False, result.reason or f"{owner} refuses {name} = {value}")
-        return Outcome(True, f"{name} = {value}")
+            raise HeadTrackingError(result.reason or f"{owner} refuses {name} = {value}")
+        return f"{name} = {value}"
 
     def _answers(self, owner: str) -> bool:
         """Return whether a node runs. Its services stay listed as long as they have clients."""

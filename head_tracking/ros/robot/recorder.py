@@ -34,10 +34,7 @@ class RecorderNode(ClosingNode):
         parameters = NodeParameters(self, RecorderParameters).value
         self.recorder = Recorder(self, parameters)
         self._watch = steady_timer(self, _PERIOD, self._check)
-        outcome = self.recorder.start()
-        if not outcome.done:
-            raise HeadTrackingError(outcome.text)
-        self.get_logger().info(outcome.text)
+        self.get_logger().info(self.recorder.start())
         self.closing.callback(self._end)
 
     def _end(self) -> None:
