@@ -28,7 +28,7 @@ TRACKER, POINTER = "head_tracker", "point_head"
 FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
 CAMERA = "simulated_camera"
 CONTROLLERS = (TRACKER, POINTER)
-SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target")
+SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target", "detection_target")
 
 _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s

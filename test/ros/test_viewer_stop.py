@@ -262,10 +262,13 @@ def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_
 
 def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
     start(ControllerStandIn("head_tracker"))
-    camera, frame = (start(ControllerStandIn(f"{name}_target")) for name in ("visual", "frame"))
+    names = ("visual", "frame", "detection")
+    camera, *others = (start(ControllerStandIn(f"{name}_target")) for name in names)
     robot = page()
     wait_for(lambda: "all send targets" in "".join(robot.notices()), PATIENCE)
-    frame.switch(False)
+    assert "detection_target" in "".join(robot.notices())
+    for other in others:
+        other.switch(False)
     wait_for(lambda: robot.modes.mode() is Mode.VISUAL and not robot.notices(), PATIENCE)
     wait_for(lambda: "base_link" in robot.buffer.frames())
     seen = PointStamped(header=Header(frame_id="base_link"))
