@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -37,6 +38,19 @@ def pattern(rng: np.random.Generator, size: int = 256) -> Texture:
     coarse = rng.integers(30, 226, (12, 12, 3), np.uint8)
     texture = np.full((size, size, 4), 255, np.uint8)
     texture[..., :3] = cv2.resize(coarse, (size, size), interpolation=cv2.INTER_NEAREST)
+    return texture
+
+
+@lru_cache(maxsize=64)
+def ball(colour: Colour, size: int = 128) -> Texture:
+    """Return a matt ball, lit from above; it fills the texture."""
+    radii = (np.arange(size) + 0.5) * 2.0 / size - 1.0
+    x, y = np.meshgrid(radii, radii)
+    z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
+    shade = 0.65 + 0.35 * np.clip(-0.35 * x - 0.8 * y + 0.5 * z, 0.0, 1.0)
+    texture = np.full((size, size, 4), 255, np.uint8)
+    texture[..., :3] = np.clip(shade[..., None] * np.array(colour), 0, 255)
+    texture[..., 3] = np.clip((1.0 - np.hypot(x, y)) * size / 2.0 * 255 + 127, 0, 255)
     return texture
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from head_tracking.scene.drawings import Colour, Texture
-from head_tracking.transforms import Transform, Vector3
+from head_tracking.scene.drawings import Colour, Texture, ball
+from head_tracking.transforms import Vector3
 
 Path: TypeAlias = Callable[[float], Vector3]
 """Returns a position [m] at a time [s]."""
@@ -60,6 +60,10 @@ class Ball:
     radius: float
     colour: Colour
     path: Path
+
+    def image(self, time: float) -> Texture:
+        """Return how it looks from everywhere, at any time."""
+        return ball(self.colour)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,19 +125,3 @@ class Scene:
     """
 
     things: dict[str, Thing]
-
-    def position(self, name: str, time: float) -> Vector3:
-        """Return the position of a ball, or of the anchor of a board [m]."""
-        thing = self.things[name]
-        assert isinstance(thing, Ball | Board), f"{name} is at rest"
-        return thing.path(time)
-
-    def seen_surface(self, name: str, time: float, T_scene_optical: Transform) -> Vector3:
-        """Return the point that a depth camera measures [m]; of a ball, on its visible side."""
-        thing, position = self.things[name], self.position(name, time)
-        if not isinstance(thing, Ball):
-            return position
-        camera = T_scene_optical.translation
-        away = math.dist(camera, position)
-        x, y, z = (p + (c - p) * thing.radius / away for p, c in zip(position, camera, strict=True))
-        return x, y, z

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from head_tracking.scene.drawings import Texture
-from head_tracking.scene.objects import Ball, Board, Panel, Scene, Wall
+from head_tracking.scene.objects import Ball, Panel, Scene, Thing, Wall
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.opencv import cv2
@@ -21,7 +21,6 @@ _NEAR = 0.05  # m: minimum depth
 _FARTHEST = np.float32(1e-6)  # 1/m: least inverse depth
 _EDGE_ON = 1e-3  # cubic metres times square pixels: least volume of a plane and its distance
 _EDGE = 1  # pixels around a texture, for the interpolation at its edge
-_LIGHT = np.array([-0.5, 0.35, 0.8]) / np.linalg.norm([-0.5, 0.35, 0.8])
 
 
 class Rendering(NamedTuple):
@@ -49,24 +48,22 @@ class Canvas(NamedTuple):
 
 
 class _Plane(NamedTuple):
-    """A flat image in the optical frame: upper left corner and edges, shape (3,) [m]."""
+    """A flat image in the optical frame.
 
-    thing: Board | Panel
+    Attributes:
+        thing: what it shows.
+        texture: the image.
+        corners: clockwise from the upper left one, shape (4, 3) [m].
+    """
+
+    thing: Thing
     texture: Texture
-    corner: Array
-    right: Array
-    down: Array
+    corners: Array
 
     @property
     def is_wall(self) -> bool:
         """Whether it is a side of the room."""
         return isinstance(self.thing, Wall)
-
-    @property
-    def corners(self) -> Array:
-        """The corners around the plane, shape (4, 3) [m]."""
-        corner, right, down = self.corner, self.right, self.down
-        return np.array((corner, corner + right, corner + right + down, corner + down))
 
 
 class Renderer:
@@ -88,48 +85,27 @@ class Renderer:
             depth: whether to compute depths; otherwise their array is empty.
         """
         shape = (self.camera.height, self.camera.width)
-        T_optical_scene = T_scene_optical.inverse()
-        things = self.scene.things.values()
-        planes = self._planes(T_optical_scene, time)
-        walls = [plane for plane in planes if plane.is_wall]
-        # by the farthest corner: objects on a plane are drawn after it
-        drawn: list[tuple[float, Ball | _Plane]] = [
-            (float(np.square(plane.corners).sum(axis=1).max()), plane)
-            for plane in planes
-            if not plane.is_wall
-        ]
-        for thing in things:
-            if isinstance(thing, Ball):
-                x, y, z = T_optical_scene @ thing.path(time)
-                drawn.append((x * x + y * y + z * z, thing))
         nearness = np.zeros(shape, np.float32) if depth else None
         canvas = Canvas(np.full((*shape, 4), 120, np.uint8), nearness)
-        for wall in walls:
-            self._draw_plane(canvas, wall)
-        for _, item in sorted(drawn, key=lambda one: -one[0]):
-            if isinstance(item, Ball):
-                self._draw_ball(canvas, item, T_scene_optical, time)
-            else:
-                self._draw_plane(canvas, item)
+        for plane in sorted(self._planes(T_scene_optical, time), key=_order):
+            self._draw_plane(canvas, plane)
         picture = np.asarray(cv2.cvtColor(canvas.picture, cv2.COLOR_BGRA2BGR))
         if nearness is None:
             return Rendering(picture, np.empty((0, 0), np.float32))
         with np.errstate(divide="ignore"):
             return Rendering(picture, np.reciprocal(nearness))
 
-    def _planes(self, T_optical_scene: Transform, time: float) -> list[_Plane]:
-        """Return boards and panels at a time [s]."""
-        things = [each for each in self.scene.things.values() if not isinstance(each, Ball)]
+    def _planes(self, T_scene_optical: Transform, time: float) -> list[_Plane]:
+        """Return all things as flat images at a time [s]."""
+        things = list(self.scene.things.values())
         textures = [thing.image(time) for thing in things]
         corners = [
-            _corners(thing, texture, time) for thing, texture in zip(things, textures, strict=True)
+            _corners(thing, texture, time, T_scene_optical.translation)
+            for thing, texture in zip(things, textures, strict=True)
         ]
-        seen = T_optical_scene.apply_many(np.reshape(corners, (-1, 3))).reshape(-1, 3, 3)
-        seen[:, 1:] -= seen[:, :1]
-        return [
-            _Plane(thing, texture, corner, right, down)
-            for thing, texture, (corner, right, down) in zip(things, textures, seen, strict=True)
-        ]
+        points = np.reshape(corners, (-1, 3))
+        seen = T_scene_optical.inverse().apply_many(points).reshape(-1, 4, 3)
+        return list(map(_Plane, things, textures, seen))
 
     def _inverse(self, plane: _Plane) -> Array | None:
         """Return the matrix from image pixels to a plane; None: it is seen edge on.
@@ -137,7 +113,8 @@ class Renderer:
         The matrix times (u, v, 1) is (i, j, 1) / z: the point corner + i right + j down, and its
         inverse depth [1/m].
         """
-        to_image = self.camera.matrix @ np.column_stack((plane.right, plane.down, plane.corner))
+        corner, end, _, below = plane.corners
+        to_image = self.camera.matrix @ np.column_stack((end - corner, below - corner, corner))
         if abs(np.linalg.det(to_image)) < _EDGE_ON:
             return None
         return np.asarray(np.linalg.inv(to_image))
@@ -191,7 +168,7 @@ class Renderer:
             sizes = _sizes(plane.texture, edge)
             self._sizes[id(plane.texture)] = plane.texture, sizes
         nearest = max(_NEAR, float(plane.corners[:, 2].min()))
-        pixels = math.hypot(*plane.right.tolist()) * self.camera.fx / nearest
+        pixels = math.dist(*plane.corners[:2].tolist()) * self.camera.fx / nearest
         return next((t for t in reversed(sizes) if t.shape[1] >= 0.8 * pixels), sizes[0])
 
     def _outline(self, plane: _Plane) -> list[tuple[float, float]] | None:
@@ -207,63 +184,35 @@ class Renderer:
         c = self.camera
         return [(c.fx * x / z + c.cx, c.fy * y / z + c.cy) for x, y, z in kept] or None
 
-    def _draw_ball(
-        self, canvas: Canvas, ball: Ball, T_scene_optical: Transform, time: float
-    ) -> None:
-        middle = np.array(T_scene_optical.inverse() @ ball.path(time))
-        away = float(np.linalg.norm(middle))
-        if middle[2] - ball.radius < _NEAR:
-            return
-        c = self.camera
-        # a box around the ball at its nearest depth contains its image
-        radius = ball.radius * away / np.sqrt(away**2 - ball.radius**2) * 1.3
-        low, high = middle - radius, middle + radius
-        z = middle[2] - ball.radius
-        edges = np.array([[low[0], low[1]], [high[0], high[1]]]) / min(z, middle[2])
-        outline = np.vstack((edges, (middle[:2] - radius) / (middle[2] + ball.radius)))
-        outline = np.vstack((outline, (middle[:2] + radius) / (middle[2] + ball.radius)))
-        rows, columns = _bounds(
-            (outline * [c.fx, c.fy] + [c.cx, c.cy]).tolist(), canvas.picture.shape
-        )
-        if rows.stop <= rows.start or columns.stop <= columns.start:
-            return
-        x = (np.arange(columns.start, columns.stop) - c.cx) / c.fx
-        y = (np.arange(rows.start, rows.stop) - c.cy) / c.fy
-        rays = np.dstack((*np.meshgrid(x, y), np.ones((len(y), len(x)))))
-        squared = (rays**2).sum(axis=2)
-        along = rays @ middle
-        root = along**2 - squared * (away**2 - ball.radius**2)
-        depth = (along - np.sqrt(np.maximum(root, 0.0))) / squared
-        normals = (rays * depth[..., None] - middle) / ball.radius
-        light = T_scene_optical.rotation.inverse().apply(_LIGHT.tolist())
-        shade = 0.65 + 0.35 * np.clip(normals @ np.array(light), 0.0, 1.0)
-        seen = np.full((*depth.shape, 4), 255, np.uint8)
-        seen[..., :3] = np.clip(shade[..., None] * np.array(ball.colour), 0, 255)
-        # coverage of the pixels at the edge
-        width = np.sqrt(np.maximum(away**2 * squared - along**2, 0.0) / squared)
-        pixel = middle[2] / c.focal_length()
-        seen[..., 3] = np.clip((ball.radius - width) / pixel * 255 + 127, 0, 255)
-        _blend(canvas.picture[rows, columns], _premultiplied(seen))
-        if canvas.nearness is not None:
-            near = canvas.nearness[rows, columns]
-            np.copyto(near, 1.0 / depth, where=root > 0, casting="same_kind")
+
+def _order(plane: _Plane) -> tuple[bool, float]:
+    """Order walls first, then by the farthest corner: objects on a plane are drawn after it."""
+    return not plane.is_wall, -float(np.square(plane.corners).sum(axis=1).max())
 
 
-def _corners(thing: Board | Panel, texture: Texture, time: float) -> list[Vector3]:
-    """Return upper left, upper right and lower left corner [m]."""
+def _corners(thing: Thing, texture: Texture, time: float, camera: Vector3) -> Array:
+    """Return the corners of a thing's image, clockwise from the upper left one, shape (4, 3) [m].
+
+    A ball looks like a disc at its nearest point, with the same outline.
+    """
     if isinstance(thing, Panel):
-        return [thing.corner, _sum(thing.corner, thing.right), _sum(thing.corner, thing.down)]
-    x, y, z = thing.path(time)
-    away = max(math.hypot(x, y), 1e-9)
-    across, along = thing.width * y / away, -thing.width * x / away
-    height = thing.width * texture.shape[0] / texture.shape[1]
-    aside, above = thing.anchor
-    corner = x - aside * across, y - aside * along, z + above * height
-    return [corner, _sum(corner, (across, along, 0.0)), _sum(corner, (0.0, 0.0, -height))]
-
-
-def _sum(a: Vector3, b: Vector3) -> Vector3:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+        corner, right, down = map(np.array, (thing.corner, thing.right, thing.down))
+    elif isinstance(thing, Ball):
+        sight = np.subtract(thing.path(time), camera)
+        away = max(float(np.linalg.norm(sight)), thing.radius + _NEAR / 2)
+        ahead = sight / away
+        half = (away - thing.radius) * thing.radius / math.sqrt(away**2 - thing.radius**2)
+        right = np.array((ahead[1], -ahead[0], 0.0)) / max(math.hypot(*ahead[:2]), 1e-9)
+        right, down = 2.0 * half * right, 2.0 * half * np.cross(ahead, right)
+        corner = camera + (away - thing.radius) * ahead - (right + down) / 2.0
+    else:
+        x, y, z = thing.path(time)
+        away = max(math.hypot(x, y), 1e-9)
+        right = np.array((thing.width * y / away, -thing.width * x / away, 0.0))
+        down = np.array((0.0, 0.0, -thing.width * texture.shape[0] / texture.shape[1]))
+        aside, above = thing.anchor
+        corner = np.array((x, y, z)) - aside * right - above * down
+    return np.array((corner, corner + right, corner + right + down, corner + down))
 
 
 def _bounds(outline: Sequence[tuple[float, float]], shape: tuple[int, ...]) -> tuple[slice, slice]:

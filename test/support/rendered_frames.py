@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from head_tracking.scene import Renderer, Scene, SensorNoise
-from head_tracking.transforms import RobotModel, Transform
+from head_tracking.scene import Ball, Board, Renderer, Scene, SensorNoise
+from head_tracking.transforms import RobotModel, Transform, Vector3
 from head_tracking.vision import (
     Box,
     Camera,
@@ -23,6 +23,24 @@ from head_tracking.vision import (
 )
 
 PERIOD = 1 / 30  # s
+
+
+def position(scene: Scene, name: str, time: float) -> Vector3:
+    """The middle of a ball, or the anchor of a board [m]."""
+    thing = scene.things[name]
+    assert isinstance(thing, Ball | Board), f"{name} is at rest"
+    return thing.path(time)
+
+
+def seen_surface(scene: Scene, name: str, time: float, camera: Transform) -> Vector3:
+    """The point that a depth camera measures [m]; of a ball, on its visible side."""
+    thing, middle = scene.things[name], position(scene, name, time)
+    if not isinstance(thing, Ball):
+        return middle
+    eye = camera.translation
+    share = thing.radius / math.dist(eye, middle)
+    x, y, z = (m + (c - m) * share for m, c in zip(middle, eye, strict=True))
+    return x, y, z
 
 
 @dataclass
@@ -74,7 +92,7 @@ class View:
 
     def box(self, name: str, time: float, width: float) -> Box:
         """A square around a thing, in pixels."""
-        pixel = self.camera.pixel(self.pose(time).inverse() @ self.scene.position(name, time))
+        pixel = self.camera.pixel(self.pose(time).inverse() @ position(self.scene, name, time))
         assert pixel is not None
         return Box(pixel[0] - width / 2, pixel[1] - width / 2, width, width)
 
@@ -129,9 +147,9 @@ def watch(
         result.sightings.append(sighting)
         if sighting is not None:
             truth = (
-                view.scene.position(name, time)
+                position(view.scene, name, time)
                 if centre
-                else view.scene.seen_surface(name, time, pose)
+                else seen_surface(view.scene, name, time, pose)
             )
             result.misses.append(math.dist(pose @ sighting.point, truth))
     return result

@@ -8,6 +8,7 @@ from typing import Any
 
 import rclpy
 from lockstep import PAN, TILT, World
+from rendered_frames import position, seen_surface
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
@@ -96,7 +97,7 @@ def pursue(
     def on_target(message: Any) -> None:
         stamp = stamp_to_ns(message.header.stamp)
         found = poses[stamp] @ vector(message.point)
-        truth = seen.seen_surface(followed, stamp * 1e-9, poses[stamp])
+        truth = seen_surface(seen, followed, stamp * 1e-9, poses[stamp])
         result.misses.append(math.dist(found, truth))
 
     def on_picture(message: Any) -> None:
@@ -104,7 +105,7 @@ def pursue(
 
     def judge() -> None:
         if world.seconds >= SETTLING:
-            point = T_head_scene @ seen.position(followed, world.now * 1e-9)
+            point = T_head_scene @ position(seen, followed, world.now * 1e-9)
             result.errors.add(head.miss(point, *joints()))
 
     world.every(round(1e9 * world.period), exposed)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from rendered_frames import KINECT, SMALL, View, watch
+from rendered_frames import KINECT, SMALL, View, seen_surface, watch
 
 from head_tracking.run.node_sets import TARGETS
 from head_tracking.scene import SCENES, Ball, Board, Scene, Swing, make_scene
@@ -194,7 +194,7 @@ def test_features_are_found_again_after_they_were_out_of_sight(kinectbot):
         sighting = eye.step(frame, pose)
         shown.append(sighting is not None)
         if sighting is not None:
-            truth = here.seen_surface("picture", time, pose)
+            truth = seen_surface(here, "picture", time, pose)
             assert math.dist(pose @ sighting.point, truth) < 40 * MM
         if i == 19:
             del here.things["picture"]

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from rendered_frames import SMALL
+from rendered_frames import SMALL, position, seen_surface
 
 from head_tracking.scene import SCENES, Ball, Board, Renderer, Scene, SensorNoise, Swing, make_scene
 from head_tracking.scene.render import Rendering
@@ -50,13 +50,13 @@ def test_colours_and_depths_are_where_geometry_says(thing, pan):
     scene = Scene({thing: things[thing]})
     pose = turned(pan, 0.0)
     seen = Renderer(scene, SMALL).render(pose, 0.0)
-    u, v = SMALL.pixel(pose.inverse() @ scene.position(thing, 0.0))
+    u, v = SMALL.pixel(pose.inverse() @ position(scene, thing, 0.0))
     covered = np.isfinite(seen.depth)
     rows, columns = np.nonzero(covered)
     assert (columns.mean(), rows.mean()) == pytest.approx((u, v), abs=1.0)
-    surface = pose.inverse() @ scene.seen_surface(thing, 0.0, pose)
+    surface = pose.inverse() @ seen_surface(scene, thing, 0.0, pose)
     assert seen.depth[round(v), round(u)] == pytest.approx(surface[2], abs=2e-3)
-    width = SMALL.fx * 0.2 / (pose.inverse() @ scene.position(thing, 0.0))[2]
+    width = SMALL.fx * 0.2 / (pose.inverse() @ position(scene, thing, 0.0))[2]
     area = width**2 * (math.pi / 4 if thing == "ball" else 1.0)
     assert covered.sum() == pytest.approx(area, rel=0.12)
     assert (seen.picture[covered][:, 1] > 100).mean() > 0.95
