@@ -73,13 +73,6 @@ _FOLLOWS: Mapping[Mode, str] = {Mode.FACE: "face", Mode.BALL: "colour", Mode.MAR
 FOUND_IN_PICTURES = (*_FOLLOWS, Mode.VISUAL)
 """Modes in which `visual_target` sends the targets."""
 
-_SCENES: Mapping[Mode, tuple[str, ...]] = {
-    Mode.FACE: ("face", "faces", "everything"),
-    Mode.BALL: ("ball", "everything"),
-    Mode.MARKER: ("marker", "everything"),
-}
-"""The scenes of a simulated camera that have such a target."""
-
 
 def _refuse_if(reason: str) -> None:
     if reason:
@@ -333,7 +326,7 @@ class HeadModes:
     def _choose_target(self, mode: Mode, ended: Callable[[], str]) -> None:
         """Let `visual_target` follow something; a simulated camera is given a scene with it."""
         scene = self.value(CAMERA, "scene")
-        if scene is not None and scene not in _SCENES[mode]:
+        if scene not in (None, "everything") and mode not in scene:  # by its name
             self.set_value(CAMERA, "scene", "everything")
         late = f"{VISUAL} does not tell what it follows: try again."  # it may just have started
         _wait(lambda: self.value(VISUAL, "follow") is not None, late, ended)

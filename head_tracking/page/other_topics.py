@@ -48,7 +48,6 @@ _MOST_VALUES = 200  # of a status
 _MOST_TEXT = 1000  # characters
 _LOG = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _WARN = 30  # rcl_interfaces/Log.WARN, which some builds give as bytes
-_CALIBRATION_PERIOD = 1.0  # s
 _LATEST = QoSProfile(depth=1)
 _REGION, _OTHERS = "visual_target/roi", "visual_target/others"
 _FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")  # others, such as EPS, would start programs
@@ -131,10 +130,8 @@ class OtherTopics:
         self._requesting = threading.Lock()
         self._diagnostics: dict[str, dict[str, Received]] = {}
         self.warnings: tuple[str, ...] = ()
-        self._cameras: dict[str, tuple[float, Camera | None]] = {}
         self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
         self._images: tuple[str, ...] = ()
-        self._pictures: dict[str, tuple[int, Snapshot | ImageError]] = {}
         self._discovery_due = 0.0
         for name in (*CONTROLLERS, *SENDERS):
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
@@ -271,37 +268,18 @@ class OtherTopics:
         received = self._request(kind, name, MEASUREMENT)
         if received is None:
             return None
-        number, known = round(received.at * 1e9), self._pictures.get(name)
-        if known is None or known[0] != number:
-            try:
-                known = (
-                    number,
-                    Snapshot(topic, number, received.message, *size_of(received.message)),
-                )
-            except ImageError as error:
-                known = number, error
-            self._pictures[name] = known
-        if isinstance(known[1], ImageError):
-            raise known[1].with_traceback(None)
-        return known[1]
+        at, message = received
+        return Snapshot(topic, round(at * 1e9), message, *size_of(message))
 
     def camera(self, picture: Snapshot) -> Camera | None:
         """Return the calibration of an image; None: no usable one has been received."""
         folder, infos = picture.topic.rpartition("/")[0], self._topics[_CAMERA_INFO]
         for name in (f"{folder}/camera_info", f"{folder.rpartition('/')[0]}/camera_info"):
             received = self._request(CameraInfo, name, MEASUREMENT) if name in infos else None
-            if received is None:
-                continue
-            due, camera = self._cameras.get(name, (0.0, None))
-            if received.at >= due:  # every message has the calibration, which seldom changes
-                with contextlib.suppress(CameraError):
-                    camera = camera_of(received.message)
-                self._cameras[name] = received.at + _CALIBRATION_PERIOD, camera
-            if camera is not None and (camera.width, camera.height) == (
-                picture.width,
-                picture.height,
-            ):
-                return camera
+            with contextlib.suppress(CameraError):
+                camera = None if received is None else camera_of(received.message)
+                if camera is not None and (camera.width, camera.height) == picture[-2:]:
+                    return camera
         return None
 
     def _on_control(self, message: DiagnosticStatus) -> None:

@@ -18,30 +18,17 @@ class ClosedPath:
     """A closed polygon.
 
     Args:
-        points: two or more, in one frame [m].
-
-    Raises:
-        ValueError: there are fewer, or all are the same.
+        points: two different ones or more, in one frame [m].
     """
 
     def __init__(self, points: Sequence[Vector3]) -> None:
-        if len(points) < 2:
-            raise ValueError("A path needs two points or more.")
-        self.points = tuple(points)
         self._closed = np.array([*points, points[0]], float)
         steps = np.linalg.norm(np.diff(self._closed, axis=0), axis=1)
         self._lengths = np.concatenate([[0.0], steps.cumsum()])
-        if self.length <= 0.0:
-            raise ValueError("All points of the path are the same: add another one.")
-
-    @property
-    def length(self) -> float:
-        """Length of one round [m]."""
-        return float(self._lengths[-1])
 
     def at(self, distance: float) -> Vector3:
         """Return the point at a distance from the first one along the path [m]."""
-        along = distance % self.length
+        along = distance % self._lengths[-1]
         x, y, z = (float(np.interp(along, self._lengths, column)) for column in self._closed.T)
         return x, y, z
 
