@@ -237,6 +237,7 @@ class ServoBus:
             retries=counters.retries,
             timeouts=counters.timeouts,
             corrupt=counters.corrupt,
+            controller=joint.configuration.controller,
             model=servo.model.name,
             firmware_version=None if identity is None else identity.firmware_version,
             health=health,

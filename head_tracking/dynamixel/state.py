@@ -167,6 +167,7 @@ class ServoStatistics:
     retries: int  # repeated transactions
     timeouts: int  # attempts without a reply
     corrupt: int  # attempts with a damaged reply
+    controller: str = ""  # prefix of its joint's services
     model: str = ""  # name of the configured model
     firmware_version: int | None = None  # None before the servo was found
     health: Health = Health.PRESENT

@@ -30,8 +30,8 @@ class JointServo:
     """The servo of a joint.
 
     Attributes:
-        controller: its name on the bus.
-        joint: the joint; empty while it is not known.
+        controller: prefix of its services.
+        joint: the joint.
         torque: whether torque is on; None: not known.
         refuses: whether it refuses commands until torque is enabled.
         values: of its diagnostics, by name.
@@ -56,7 +56,6 @@ class JointPanel:
         self._node, self._robot = node, robot
         robot.services.know(SetBool, "torque_enable")
         robot.services.know(Trigger, "recover")
-        self._controllers: tuple[str, ...] = ()
         self._positions: dict[str, float] = {}
         self._is_published_by_others = True
         self._had_servos = False
@@ -71,36 +70,26 @@ class JointPanel:
         return not self._is_published_by_others and not self._had_servos
 
     def discover(self) -> None:
-        """Find the servos, and whether others publish joint states."""
-        base = self._robot.graph.namespace.rstrip("/")
-        self._controllers = tuple(
-            sorted(
-                name.removeprefix(f"{base}/").removesuffix(_TORQUE)
-                for name, kind in self._robot.graph.services.items()
-                if kind == "std_srvs/srv/SetBool" and name.endswith(f"_controller{_TORQUE}")
-            )
-        )
-        self._robot.services.know(SetBool, *(f"{one}{_TORQUE}" for one in self._controllers))
-        self._had_servos |= bool(self._controllers)
+        """Prepare to switch the servos, and find whether others publish joint states."""
+        servos = self.servos()
+        self._robot.services.know(SetBool, *(f"{one.controller}{_TORQUE}" for one in servos))
+        self._had_servos |= bool(servos)
         publishers = self._node.count_publishers(self._node.resolve_topic_name("joint_states"))
         self._is_published_by_others = publishers > (self._states is not None)
 
     def servos(self) -> tuple[JointServo, ...]:
-        """Return the servos whose torque can be switched."""
-        joints = {
-            name.removesuffix(".joint_name"): str(joint)
-            for name, joint in self._robot.parameters.fixed("_controller.joint_name").items()
-        }
-        health = {one.values.get("joint"): dict(one.values) for one in self._robot.topics.health()}
-        found = []
-        for controller in self._controllers:
-            joint = joints.get(controller, "")
-            values = health.get(joint, {})
+        """Return the servos whose torque can be switched, by their diagnostics."""
+        base, services = self._robot.graph.namespace.rstrip("/"), self._robot.graph.services
+        found = {}
+        for values in (one.values for one in self._robot.topics.health()):
+            controller, joint = values.get("controller"), values.get("joint", "")
+            if f"{base}/{controller}{_TORQUE}" not in services or controller is None:
+                continue
             torque = Torque(values["torque"]) if values.get("torque") in _TORQUES else None
             is_on = None if torque is None else torque is Torque.ON
             refuses = torque is not None and torque.refuses
-            found.append(JointServo(controller, joint, is_on, refuses, values))
-        return tuple(found)
+            found[controller] = JointServo(controller, joint, is_on, refuses, dict(values))
+        return tuple(found.values())
 
     def move(self, positions: Mapping[str, float]) -> None:
         """Command joints of servos [rad or m]; without hardware, publish their positions.

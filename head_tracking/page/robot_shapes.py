@@ -50,6 +50,9 @@ class RobotForBrowser:
         meshes_at: str,
     ) -> None:
         self._names, self._head = model.independent_joints, head
+        limits = {name: joint.limits for name, joint in model.joints.items()}
+        if head is not None:
+            limits |= {head.pan_joint: head.pan_limits, head.tilt_joint: head.tilt_limits}
         joints = []
         for joint in model.joints.values():
             leader = model.leader(joint.name)
@@ -64,7 +67,7 @@ class RobotForBrowser:
                     "leader": self._names.index(leader.joint) if joint.moves else -1,
                     "ratio": leader.multiplier,
                     "offset": leader.offset,
-                    "limits": _finite(joint.limits),
+                    "limits": _finite(limits[joint.name]),
                 }
             )
         shapes = _Shapes(model.urdf, meshes_at)
@@ -85,8 +88,6 @@ class RobotForBrowser:
                 "tilt": head.tilt_joint,
                 "camera": head.pointing_frame,
                 "axis": list(head.pointing_axis),
-                "pan_limits": _finite(head.pan_limits),
-                "tilt_limits": _finite(head.tilt_limits),
             }
 
     def state(self, live: Observation) -> dict[str, Any]:

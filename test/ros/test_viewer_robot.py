@@ -35,7 +35,6 @@ def page(robot) -> Any:
     """The robot as the page sees it, once it has found out what is there."""
     seen = view(robot.threads, robot.composition.buffer).robot
     wait_for(lambda: seen.modes.mode() is Mode.TRACK and len(seen.joints.servos()) == 2)
-    wait_for(lambda: all(servo.joint for servo in seen.joints.servos()))
     wait_for(lambda: any(setting.name == "k_pan" for setting in seen.parameters.settings()))
     return seen
 

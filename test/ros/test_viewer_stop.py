@@ -13,7 +13,6 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
-from std_srvs.srv import SetBool
 from viewing import PATIENCE, view
 from waiting import wait_for
 
@@ -208,6 +207,7 @@ def test_two_robots_in_one_graph_have_a_page_each(start, page):
     buses, pages = {}, {}
     for side in ("left", "right"):
         buses[side] = start(BusStandIn(side))
+        buses[side].message = f"it is the {side} one"
         start(ControllerStandIn("head_tracker", namespace=side))
         pages[side] = page(namespace=side)
     for side, robot in pages.items():
@@ -217,11 +217,9 @@ def test_two_robots_in_one_graph_have_a_page_each(start, page):
         assert all(node.startswith(f"/{side}/") for node in nodes)
 
     def told() -> bool:
-        for side, bus in buses.items():
-            bus.diagnose(f"it is the {side} one")
         return all(
-            [one.message for one in robot.topics.health()] == [f"it is the {side} one"]
-            and [one.name for one in robot.topics.health()] == ["servo_bus: head_pan_joint"]
+            [(one.name, one.message) for one in robot.topics.health()]
+            == [(f"servo_bus: {joint}", f"it is the {side} one") for joint in JOINTS]
             for side, robot in pages.items()
         )
 
@@ -320,9 +318,8 @@ def test_joint_states_that_end_are_missed_until_they_come_again(seen):
 
 def test_with_servos_the_page_never_publishes_the_joints_itself(seen):
     wait_for(lambda: seen.joints.free, PATIENCE)
-    bus = Node("servo_bus")
-    bus.create_service(SetBool, "head_pan_controller/torque_enable", lambda _, answer: answer)
-    wait_for(lambda: not seen.joints.free, PATIENCE)
+    bus = BusStandIn()
+    wait_for(lambda: bus.diagnose() or not seen.joints.free, PATIENCE)
     bus.destroy_node()
     wait_for(lambda: not seen.joints.servos(), PATIENCE)
     wait_for(lambda: seen.silent_joints() == JOINTS, PATIENCE)

@@ -186,7 +186,6 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
 
     def health() -> dict[str, Any]:
         publisher.publish(DiagnosticArray(status=[first, *parts, *nodes]))
-        bus.diagnose("it is there")
         return {one.name: one for one in viewer.robot.topics.health()}
 
     wait_for(lambda: {"servo_bus: head_pan_joint", "stranger: 0"} <= health().keys(), PATIENCE)

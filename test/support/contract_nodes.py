@@ -26,6 +26,7 @@ class BusStandIn(Node):
         calls: the services that were called, oldest first.
         confirms: joints that confirm that they are relaxed.
         commands: messages on joint_commands.
+        message: of the servos' diagnostics.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class BusStandIn(Node):
         self.calls: list[str] = []
         self.confirms = set(JOINTS)
         self.commands: list[JointState] = []
+        self.message = "torque on"
         self._stopped = self.create_publisher(Bool, "stopped", LATCHED)
         self._control = self.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -44,6 +46,7 @@ class BusStandIn(Node):
         for joint in JOINTS:
             controller = joint.replace("joint", "controller")
             self.create_service(SetBool, f"{controller}/torque_enable", self._on_torque)
+        self.create_timer(0.3, self.diagnose)
         self.say_stopped(False)
         self.own("")
 
@@ -57,20 +60,23 @@ class BusStandIn(Node):
     def say_stopped(self, stopped: bool) -> None:
         self._stopped.publish(Bool(data=stopped))
 
-    def diagnose(self, message: str, name: str = "") -> None:
-        """Says something of the pan servo, under a name with or without a namespace."""
-        namespace = self.get_namespace().strip("/")
-        own = f"{namespace}/servo_bus" if namespace else "servo_bus"
-        status = DiagnosticStatus(
-            name=name or f"{own}: head_pan_joint",
-            level=DiagnosticStatus.OK,
-            message=message,
-            values=[
-                KeyValue(key="joint", value="head_pan_joint"),
-                KeyValue(key="torque", value="torque on"),
-            ],
-        )
-        self._diagnostics.publish(DiagnosticArray(status=[status]))
+    def diagnose(self) -> None:
+        """Says that the servos are there, with the present message."""
+        name = self.get_fully_qualified_name().removeprefix("/")
+        status = [
+            DiagnosticStatus(
+                name=f"{name}: {joint}",
+                level=DiagnosticStatus.OK,
+                message=self.message,
+                values=[
+                    KeyValue(key="joint", value=joint),
+                    KeyValue(key="controller", value=joint.replace("joint", "controller")),
+                    KeyValue(key="torque", value="torque on"),
+                ],
+            )
+            for joint in JOINTS
+        ]
+        self._diagnostics.publish(DiagnosticArray(status=status))
 
     def _on_torque(self, _: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         response.success = True

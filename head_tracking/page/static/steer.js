@@ -31,7 +31,15 @@ export class Steering {
     by("centre").onclick = () => command("centre");
   }
 
-  setRobot(robot) { this.robot = robot; }
+  /** The edge of the pad is the joint limit that is farthest from 0. A positive pan looks left, a positive tilt down, unless its axis is reversed. */
+  setRobot(robot) {
+    const joint = (name, axis, sign) => {
+      const found = robot.joints.find((one) => one.name === name);
+      return found && { ...found, scale: (found.axis[axis] < 0 ? -sign : sign) * reach(found.limits) };
+    };
+    this.pan = joint(robot.pan, 2, -1);
+    this.tilt = joint(robot.tilt, 1, 1);
+  }
 
   makeOptions() {
     const form = by("options");
@@ -115,11 +123,10 @@ export class Steering {
     };
   }
 
-  /** Move the joints to a place of the pad. Its edge is the joint limit that is farthest from 0. */
+  /** Move the joints to a place of the pad. */
   aimAt(x, y) {
-    const { robot } = this;
-    if (!robot?.pan) return;
-    this.aim({ [robot.pan]: within(this.left() * -x * reach(robot.pan_limits), robot.pan_limits), [robot.tilt]: within(y * reach(robot.tilt_limits) * this.down(), robot.tilt_limits) });
+    const { pan, tilt } = this;
+    if (pan) this.aim({ [pan.name]: within(x * pan.scale, pan.limits), [tilt.name]: within(y * tilt.scale, tilt.limits) });
   }
 
   /** Move joints [rad or m]; joints that wait to be sent go into the same command. */
@@ -128,23 +135,14 @@ export class Steering {
     return this.send("aim", { joints: this.joints });
   }
 
-  /** Return 1 where a positive pan looks left, -1 where it looks right. */
-  left() { return this.sign("pan", 2); }
-
-  /** Return 1 where a positive tilt looks down, -1 where it looks up. */
-  down() { return this.sign("tilt", 1); }
-
-  sign(which, axis) { return (this.robot.joints.find((joint) => joint.name === this.robot[which])?.axis[axis] ?? 1) < 0 ? -1 : 1; }
-
   showPad(pan, tilt, wanted) {
-    const { robot } = this;
-    if (!robot?.pan) return;
+    if (!this.pan) return;
     const place = (node, x, y) => {
       const known = Number.isFinite(x) && Number.isFinite(y);
       node.style.display = known ? "" : "none";
       if (!known) return;
-      node.setAttribute("cx", Math.min(Math.max((-this.left() * x) / reach(robot.pan_limits), -1), 1));
-      node.setAttribute("cy", Math.min(Math.max((this.down() * y) / reach(robot.tilt_limits), -1), 1));
+      node.setAttribute("cx", within(x / this.pan.scale, [-1, 1]));
+      node.setAttribute("cy", within(y / this.tilt.scale, [-1, 1]));
     };
     place(this.padHead, pan, tilt);
     place(this.padTarget, wanted?.[0] ?? NaN, wanted?.[1] ?? NaN);

@@ -26,8 +26,6 @@ export class Joints {
     by("sliders").replaceChildren();
     this.sliders = robot.independent.map((name, number) => {
       const joint = robot.joints.find((one) => one.name === name);
-      if (name === robot.pan) joint.limits = robot.pan_limits;
-      if (name === robot.tilt) joint.limits = robot.tilt_limits;
       const [low, high] = joint.limits.map((limit) => shown(joint, limit).toFixed(1));
       const row = element(by("sliders"), "div", { class: "slider" });
       element(row, "span", { id: `joint-${number}` }, name);

@@ -118,6 +118,7 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
     level, message, fault = _verdict(servo, age, status)
     values = {
         "joint": servo.joint_name,
+        "controller": servo.controller,
         "id": str(servo.id),
         "model": servo.model,
         "firmware": "unknown" if servo.firmware_version is None else str(servo.firmware_version),

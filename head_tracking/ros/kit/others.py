@@ -187,7 +187,6 @@ class OtherParameters:
         self._graph = graph
         self._clients: dict[str, dict[str, Any]] = {}
         self._settings: dict[str, dict[str, Setting]] = {}
-        self._fixed: dict[str, dict[str, Any]] = {}
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
 
     def look(self) -> None:
@@ -203,7 +202,6 @@ class OtherParameters:
             for client in self._clients.pop(owner).values():
                 self._node.destroy_client(client)
             self._settings.pop(owner, None)
-            self._fixed.pop(owner, None)
         for owner in found - self._clients.keys() - silent:
             self._clients[owner] = {
                 name: self._node.create_client(kind, f"{owner}/{name}")
@@ -222,15 +220,6 @@ class OtherParameters:
         return tuple(
             setting for owner in sorted(owners) for setting in list(owners[owner].values())
         )
-
-    def fixed(self, ending: str) -> dict[str, Any]:
-        """Return the read-only parameters of all nodes whose names have this ending."""
-        return {
-            name: value
-            for values in list(self._fixed.values())
-            for name, value in list(values.items())
-            if name.endswith(ending)
-        }
 
     def set(self, owner: str, name: str, value: Any) -> str:
         """Set a parameter; return its name and value.
@@ -296,12 +285,9 @@ class OtherParameters:
                 self._ask_for(owner, names[half:])
             return
         for name, descriptor, value in zip(names, descriptors, values, strict=True):
-            plain = _plain(value)
-            if descriptor.read_only:
-                self._fixed.setdefault(owner, {})[name] = plain
-            elif value.type in _TYPES:
-                setting = _setting(owner, name, plain, descriptor)
-                if not isinstance(plain, str) or setting.choices:
+            if value.type in _TYPES and not descriptor.read_only:
+                setting = _setting(owner, name, _plain(value), descriptor)
+                if not isinstance(setting.value, str) or setting.choices:
                     self._settings.setdefault(owner, {})[name] = setting
 
     def _on_event(self, event: ParameterEvent) -> None:
