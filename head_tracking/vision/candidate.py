@@ -60,6 +60,12 @@ class Candidate:
         default_factory=lambda: np.zeros((0, 2), np.float32), compare=False
     )
 
+    def pixels(self, shape: tuple[int, ...], fill: float) -> Mask:
+        """Return the mask, or an ellipse if that has not this shape; see `ellipse_mask`."""
+        if self.mask is not None and self.mask.shape == shape:
+            return self.mask
+        return ellipse_mask(shape[0], shape[1], fill)
+
 
 class Detector(ABC):
     """Detects objects of one kind; may keep a state between images.
@@ -108,7 +114,7 @@ class GivenDetector(Detector):
         return self.candidates
 
 
-def ellipse_mask(height: int, width: int, fill: float = 0.7) -> Mask:
+def ellipse_mask(height: int, width: int, fill: float) -> Mask:
     """Return the pixels of an ellipse in the middle of a box, shape (height, width).
 
     Args:

@@ -118,10 +118,6 @@ class Track:
         self.confidence *= 0.8
         self._remember(False)
 
-    def confirmed(self, images: int) -> bool:
-        """Return whether it was detected in so many of the last five images."""
-        return sum(self.recent) >= images
-
     def _remember(self, found: bool) -> None:
         self.recent = [*self.recent[-_CONFIRMED_OF + 1 :], found]
 
@@ -139,9 +135,7 @@ class Identity:
     def sighted(self) -> Track | None:
         """The followed track if it is confirmed, certain, and detected in the latest image."""
         track = self.followed
-        if track is None or track.located is None or not track.believed:
-            return None
-        return track if track.confidence >= self.parameters.min_confidence else None
+        return track if track is not None and self._is_certain(track) else None
 
     def reset(self) -> None:
         """Delete all tracks."""
@@ -224,7 +218,7 @@ class Identity:
         return angle / reach + 2.0 * ratio + 3.0 * difference
 
     def _is_kept(self, track: Track, now: float) -> bool:
-        track.believed = track.believed or track.confirmed(self.parameters.confirm_images)
+        track.believed |= sum(track.recent) >= self.parameters.confirm_images
         if track.believed:
             return now - track.seen <= self.parameters.memory
         return any(track.recent[-3:])
@@ -232,18 +226,15 @@ class Identity:
     def _choose(self) -> None:
         if self.followed is not None and self.followed in self.tracks:
             return
-        certain = [
-            track
-            for track in self.tracks
-            if track.located is not None
-            and track.confirmed(self.parameters.confirm_images)
-            and track.confidence >= self.parameters.min_confidence
-        ]
         self.followed = max(
-            certain,
+            filter(self._is_certain, self.tracks),
             key=lambda track: track.latest.candidate.box.width,
             default=None,
         )
+
+    def _is_certain(self, track: Track) -> bool:
+        is_visible = track.located is not None and track.believed
+        return is_visible and track.confidence >= self.parameters.min_confidence
 
 
 def _cheapest_pairs(costs: Vector) -> dict[int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from head_tracking.vision.camera import Box
-from head_tracking.vision.candidate import Candidate, Frame, Mask, ellipse_mask
+from head_tracking.vision.candidate import Candidate, Frame
 from head_tracking.vision.opencv import cv2
 
 Appearance: TypeAlias = npt.NDArray[np.float32]
@@ -33,7 +33,7 @@ def colours_of(frame: Frame, candidate: Candidate, depth: float | None = None) -
     box = candidate.box
     below = Box(box.x, box.y + box.height, box.width, 0.35 * box.height)
     rows = [
-        _histogram(frame, box, depth, _mask(frame, candidate)),
+        _histogram(frame, box, depth, candidate),
         # a mask covers the whole object
         _histogram(frame, below, depth) if candidate.mask is None else _NOTHING,
     ]
@@ -56,28 +56,22 @@ def appearance_distance(a: Appearance, b: Appearance) -> float:
     return math.sqrt(max(0.0, 1.0 - float(common)))
 
 
-def _mask(frame: Frame, candidate: Candidate) -> Mask:
-    """Return the pixels of the object in the visible part of its box."""
-    assert frame.picture is not None
-    rows, columns = candidate.box.clipped(*frame.picture.size).slices()
-    shape = (rows.stop - rows.start, columns.stop - columns.start)
-    if candidate.mask is not None and candidate.mask.shape == shape:
-        return candidate.mask
-    return ellipse_mask(*shape, 1.0) if min(shape) > 0 else np.zeros(shape, np.bool_)
-
-
 _NOTHING = np.zeros(math.prod(_BINS), np.float32)
 
 
-def _histogram(frame: Frame, box: Box, depth: float | None, mask: Mask | None = None) -> Appearance:
-    """Return the colour histogram of a box, shape (192,); zeros if it is not visible."""
+def _histogram(
+    frame: Frame, box: Box, depth: float | None, candidate: Candidate | None = None
+) -> Appearance:
+    """Return the colour histogram of a box, or of the candidate in it, shape (192,).
+
+    It is 0 if the box is not visible.
+    """
     assert frame.picture is not None
     part = frame.picture.hsv[box.clipped(*frame.picture.size).slices()]
-    height, width = part.shape[:2]
+    shape = part.shape[:2]
     if not part.size:
         return _NOTHING
-    if mask is None or mask.shape != (height, width):
-        mask = np.ones((height, width), np.bool_)
+    mask = np.ones(shape, np.bool_) if candidate is None else candidate.pixels(shape, 1.0)
     if depth is not None and frame.depth is not None:
         depths = frame.depth.part(box)
         if depths.shape == mask.shape:

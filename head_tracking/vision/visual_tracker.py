@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from head_tracking.parameters import parameter
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Box
-from head_tracking.vision.candidate import Candidate, Detector, Frame, ellipse_mask
+from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.depth import surface_depth
 from head_tracking.vision.identity import Identity, IdentityParameters, Located, Track
 from head_tracking.vision.images import ImageError
@@ -234,13 +234,9 @@ class VisualTracker:
     def _depth(self, frame: Frame, candidate: Candidate) -> float | None:
         if frame.depth is None:
             return None
-        box = candidate.box
-        depths = frame.depth.part(box)
-        mask = candidate.mask
-        if mask is None or mask.shape != depths.shape:
-            mask = ellipse_mask(*depths.shape)
-        d = self.distances
-        return surface_depth(depths[mask], d.min_distance, d.max_distance)
+        depths, d = frame.depth.part(candidate.box), self.distances
+        inside = depths[candidate.pixels(depths.shape, 0.7)]
+        return surface_depth(inside, d.min_distance, d.max_distance)
 
     def _assumed_distance(self, frame: Frame, candidate: Candidate) -> float:
         """Return the distance from the camera without depths [m]; 0: unknown."""
