@@ -36,6 +36,7 @@ from head_tracking.vision.opencv import cv2
 FEWEST_VIEWS: Final = 8
 
 _PRIORS: Final = np.array([parameter.prior for parameter in PARAMETERS])
+_READING: Final = 0.0015  # rad: standard deviation of a reading of a joint
 _KNOWN: Final = 0.5  # of the prior deviation: a parameter with more is not observable
 _ROBUST: Final = 3.0  # deviations: larger residuals have less weight
 _FAR: Final = 3.5  # deviations: larger errors, or negative play, contradict the model
@@ -103,7 +104,6 @@ def solve(
     views: Sequence[View],
     marker_size: float | None,
     *,
-    reading_deviation: float = 0.0015,
     focal_length: bool = False,
 ) -> Calibration:
     """Estimate the errors of a head.
@@ -113,7 +113,6 @@ def solve(
         camera: the camera.
         views: views in the order of recording, all of markers or all of points.
         marker_size: edge of the black square of the markers [m]; None: the views show points.
-        reading_deviation: standard deviation of the joint readings [rad].
         focal_length: whether to estimate the focal length.
 
     Raises:
@@ -136,7 +135,7 @@ def solve(
         guesses = _first_poses(geometry, observations, shape)
     focal = camera.focal_length()
     fits = [
-        _Fit(geometry, focal, observations, shape, reading_deviation, poses, spread).run(free, 1.0)
+        _Fit(geometry, focal, observations, shape, poses, spread).run(free, 1.0)
         for poses in guesses
     ]
     fit = min(fits, key=lambda each: each.cost)
@@ -168,7 +167,7 @@ def solve(
     if unsteady > _UNSTEADY:
         raise CalibrationError(
             Reason.INCONSISTENT,
-            f"camera and joints differ by {math.degrees(unsteady * reading_deviation):.2f} "
+            f"camera and joints differ by {math.degrees(unsteady * _READING):.2f} "
             "degrees: the camera is loose, or the joints have play",
         )
     if marker_size is not None and (factor := fit.better_size(free, noise)) is not None:
@@ -270,7 +269,6 @@ class _Fit:
         focal: focal length of the camera [px].
         seen: observations of N views.
         shape: corners of a marker in its frame, shape (K, 3) [m].
-        reading: standard deviation of a reading [rad].
         poses: `T_base_marker` of the markers: rotation vectors and positions, shape (M, 6).
         spread: standard deviation of `poses` [m]; infinite: only the views determine them.
 
@@ -285,11 +283,10 @@ class _Fit:
         focal: float,
         seen: _Observations,
         shape: Array,
-        reading: float,
         poses: Array,
         spread: float,
     ) -> None:
-        self._geometry, self._focal, self._shape, self._reading = geometry, focal, shape, reading
+        self._geometry, self._focal, self._shape, self._reading = geometry, focal, shape, _READING
         self.cost = math.inf
         self.changes = np.zeros(len(PARAMETERS))
         self._noise = 1.0
