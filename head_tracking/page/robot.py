@@ -23,7 +23,7 @@ from head_tracking.ros.kit.others import Graph, OtherParameters, OtherServices
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.threads import NodeThread, PolledNode
 from head_tracking.ros.targets.latest_target import LatestTarget
-from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tf import listening_buffer
 from head_tracking.transforms import RobotModel, RobotModelError, TransformException
 
 _DISCOVERY_PERIOD = 1.0  # s
@@ -37,7 +37,6 @@ class Robot:
 
     Args:
         node: publishes, and subscribes to what comes seldom. Another thread must spin it.
-        buffer: the robot's frames; None: fed by topics.
         head_parameters: which joints make up the head.
         recorder_parameters: where recordings are kept.
 
@@ -58,7 +57,6 @@ class Robot:
     def __init__(
         self,
         node: Node,
-        buffer: Buffer | None,
         head_parameters: HeadParameters,
         recorder_parameters: RecorderParameters,
     ) -> None:
@@ -71,9 +69,7 @@ class Robot:
         self.stop = Stop(node)
         self._attempt: Attempt | None = None
         self._polled = PolledNode(node, f"{node.get_name()}_polled")
-        if buffer is None:
-            buffer = listening_buffer(node, self._polled)
-        self.buffer = buffer.core
+        self.buffer = listening_buffer(node, self._polled).core
         # its many clients would slow down every wake-up of the other node
         self._requests = NodeThread.beside(node, f"{node.get_name()}_requests")
         requests = self._requests.node

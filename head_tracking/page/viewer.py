@@ -11,14 +11,10 @@ from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode
-from head_tracking.tf import Buffer
 
 
 class ViewerNode(ClosingNode):
     """Serves the page, and `joint_states` where nobody else does; no node depends on it.
-
-    Args:
-        buffer: fed by another node of this process; None: by this node.
 
     Attributes:
         settled: parameters with which another one takes its place: browsers find it, and are known.
@@ -27,7 +23,7 @@ class ViewerNode(ClosingNode):
         HeadTrackingError: NiceGUI is missing, or the address can't be listened on.
     """
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    def __init__(self, **options: Any) -> None:
         if not installed():
             raise HeadTrackingError(MISSING)
         from head_tracking.page.access import is_loopback
@@ -39,7 +35,7 @@ class ViewerNode(ClosingNode):
         head = NodeParameters(self, HeadParameters).value
         page = NodeParameters(self, PageParameters).value
         recorder = NodeParameters(self, RecorderParameters).value
-        self.robot = Robot(self, buffer, head, recorder)
+        self.robot = Robot(self, head, recorder)
         self.closing.callback(self.robot.close)
         try:
             self.page = Page(self.robot, page, self._report)

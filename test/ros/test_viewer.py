@@ -115,7 +115,7 @@ def viewer(robot, tmp_path_factory) -> Any:
         Parameter("record_directory", value=str(tmp_path_factory.mktemp("recordings"))),
         Parameter("port", value=0),
     ]
-    node = ViewerNode(robot.composition.buffer, parameter_overrides=given)
+    node = ViewerNode(parameter_overrides=given)
     robot.threads.start(node)
     return node
 
@@ -283,9 +283,10 @@ def drag(page, start, end):
     page.mouse.up()
 
 
-def test_the_head_turns_to_a_frame_and_back_to_the_middle(robot, page):
+def test_the_head_turns_to_a_frame_and_back_to_the_middle(robot, viewer, page):
     place = Transform((0.4, 0.2, 0.6), Rotation.identity())
-    robot.composition.buffer.core.set_transform(0, "base_link", "hand", place, static=True)
+    for frames in (robot.composition.buffer.core, viewer.robot.buffer):
+        frames.set_transform(0, "base_link", "hand", place, static=True)
     choose_mode(page, "point")
     point_head(page, "hand", 0.0, 0.0, 0.0)
     turned(robot, bearing(0.2, 0.4))

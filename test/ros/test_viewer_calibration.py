@@ -24,7 +24,7 @@ def robot(make_module_robot) -> Robot:
 @pytest.fixture(scope="module")
 def seen(robot) -> Any:
     """The robot as the page sees it, with a camera in front of a marker."""
-    seen = view(robot.threads, robot.composition.buffer).robot
+    seen = view(robot.threads, alone=False).robot
     wait_for(lambda: seen.modes.can_start("simulated_camera"))
     seen.modes.start("simulated_camera")
     wait_for(lambda: seen.modes.value("simulated_camera", "scene") is not None)

@@ -33,7 +33,7 @@ def robot(make_module_robot) -> Robot:
 @pytest.fixture(scope="module")
 def page(robot) -> Any:
     """The robot as the page sees it, once it has found out what is there."""
-    seen = view(robot.threads, robot.composition.buffer).robot
+    seen = view(robot.threads, alone=False).robot
     wait_for(lambda: seen.modes.mode() is Mode.TRACK and len(seen.joints.servos()) == 2)
     wait_for(lambda: any(setting.name == "k_pan" for setting in seen.parameters.settings()))
     return seen
@@ -79,7 +79,7 @@ def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen
 
 
 def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
-    core = robot.composition.buffer.core
+    core = seen.buffer
 
     def word_while_seen(y: float = -0.5) -> Word:
         now = robot.node.get_clock().now().nanoseconds

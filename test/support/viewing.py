@@ -17,19 +17,21 @@ from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNod
 PATIENCE = 30.0
 
 
-def view(threads: NodeThreads, buffer: Any = None, namespace: str = "", **given: Any) -> ViewerNode:
+def view(
+    threads: NodeThreads, namespace: str = "", *, alone: bool = True, **given: Any
+) -> ViewerNode:
     """Start a page on any free port; return it when it knows the robot's model.
 
     Args:
         threads: spin the node.
-        buffer: of the robot; None: a robot_state_publisher is started as well.
         namespace: of the robot.
+        alone: a robot_state_publisher is started as well.
         given: parameters of the page.
     """
-    if buffer is None:
+    if alone:
         threads.start(RobotStatePublisherNode(namespace=namespace))
     parameters = [Parameter(name, value=value) for name, value in ({"port": 0} | given).items()]
-    node = ViewerNode(buffer, namespace=namespace, parameter_overrides=parameters)
+    node = ViewerNode(namespace=namespace, parameter_overrides=parameters)
     threads.start(node)
     wait_for(node.robot.model, PATIENCE)
     return node
