@@ -15,7 +15,6 @@ from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.calibration.targets import TARGETS, Observe, observer
-from head_tracking.dynamixel import BusStoppedError
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import LATEST, JointLimits, TransformBuffer, Vector3
@@ -259,23 +258,22 @@ def _gather(
         if time.monotonic() > end:
             break
         report(f"direction {number} of {len(points)}; views: {len(views)}")
-        if _turn(head, point, geometry.base):
+        if _turn(head, point, geometry.base, end):
             views += observer.views()
     return views
 
 
-def _turn(head: TurningHead, point: Vector3, frame: str) -> bool:
+def _turn(head: TurningHead, point: Vector3, frame: str, end: float) -> bool:
     """Turn to a point [m]; return whether it is reachable.
 
-    While the joints are not measured or a servo is lost, the turn is repeated, for 10 s at most.
+    While the joints are not measured, the turn is repeated until `end` [s, as time.monotonic()].
     """
-    end = time.monotonic() + _LONGEST_STOP
     while True:
         try:
             head.look_at(point, frame, max_velocity=_SPEED)
         except UnreachableError:
             return False
-        except (FrameError, BusStoppedError):
+        except FrameError:
             if time.monotonic() > end:
                 raise
             time.sleep(_RETRY)
