@@ -675,7 +675,7 @@ class Head:
         """
         head, frame = self._head, target.frame_id
         stamp = target.stamp * 1e-9 if target.stamp else None
-        pose = self._lookup(head.base_frame, frame, stamp, self._control.frames.patience, frame)
+        pose = self._lookup(head.base_frame, frame, stamp, self._control.frames.timeout, frame)
         point = pose @ target.point
         joints = self._positions()
         gaze = head.gaze(point, *joints)

@@ -38,7 +38,7 @@ from head_tracking.tracking import (
     TrajectoryCode,
     stalled,
 )
-from head_tracking.transforms import RobotModel, RobotModelError, Vector3
+from head_tracking.transforms import RobotModel, RobotModelError
 
 _LOG_PERIOD = 1.0  # s
 _CAUTIOUS_TIME = 2.0  # s with a target after a STOP, until the speed limit rises
@@ -76,7 +76,6 @@ class HeadControl(Controller):
         trouble: why the head cannot be controlled now; None: it can.
         result: of the latest motion, which may have been rejected; None: there was none yet.
         refusal: why the latest target is not used; empty: it is used, or there is none.
-        refusals: number of targets that were refused.
         law: the control law for the joints of all motions but tracking, which shares its servo
             models; set with a model.
         memory: the servo values that earlier runs have learned.
@@ -113,7 +112,7 @@ class HeadControl(Controller):
         self.readings = JointReadings()
         self.trouble: Obstacle | None = Obstacle(Blocked.NO_MODEL)
         self.result: MotionResult | None = None
-        self.refusal, self.refusals = "", 0
+        self.refusal = ""
         self.law: PredictiveLaw
         self.memory = ServoMemory({})
         self.error: float | None = None
@@ -202,6 +201,8 @@ class HeadControl(Controller):
         """Stop the head and release the joints, also after a STOP has ended."""
         with self.lock:
             self.disabled = Obstacle(reason, detail)
+            if reason is Blocked.FAULT:
+                self._log.error(f"the head is stopped: {detail}")
             self._stop()
             self._owners.release(self.name)
         self.watch()
@@ -313,9 +314,6 @@ class HeadControl(Controller):
         if motion.result is not None:
             self._close(motion)
         self.send(command)
-        if targets.fault and self.off is None:
-            self._log.error(f"the head is stopped: {targets.fault}")
-            self.disable(Blocked.FAULT, targets.fault)
 
     def _stuck(self, desired: tuple[JointPoint, JointPoint], joints: JointReading) -> str:
         """Return why a joint does not move as commanded, by the servo bus or by its position."""
@@ -354,23 +352,19 @@ class HeadControl(Controller):
             self.warn("model", str(self.trouble))
             return self.trouble
         clock, positions, oldest = self._clock, [], 0
+        if clock.standing:
+            return Obstacle(Blocked.CLOCK, clock.standing)
         for joint in self.joints:
             stamp, position = self._buffer.latest_joint_position(joint) or (0, None)
             age = clock.checked - (stamp if position is not None else self._listening_since) * 1e-9
             if position is None or abs(age) > self._timeout:
-                reason = Blocked.FUTURE if age < -self._timeout else Blocked.NOT_MEASURED
-                trouble = (
-                    Obstacle(Blocked.CLOCK, clock.standing)
-                    if clock.standing
-                    else Obstacle(reason, joint)
-                )
+                is_early = age < -self._timeout
+                trouble = Obstacle(Blocked.FUTURE if is_early else Blocked.NOT_MEASURED, joint)
                 if abs(age) > self._timeout:
                     self.warn(joint, f"{trouble}; the difference is {abs(age):.1f} s")
                 return trouble
             positions.append(position)
             oldest = stamp if not oldest else min(stamp, oldest)
-        if clock.standing:
-            return Obstacle(Blocked.CLOCK, clock.standing)
         self.readings.append(oldest * 1e-9, (positions[0], positions[1]))
         return None
 
@@ -443,9 +437,8 @@ class HeadControl(Controller):
 
     def refuse(self, refusal: Refusal) -> None:
         """Record and log why a target is not used."""
-        target, reason = refusal
-        self.refusal, self.refusals = reason, self.refusals + 1
-        self.warn(f"target in {target.frame_id}", f"target {target} refused: {reason}")
+        target, self.refusal = refusal
+        self.warn(f"target in {target.frame_id}", f"target {target} refused: {self.refusal}")
 
     def _restart_targets(self) -> None:
         self.error, self.refusal = None, ""
@@ -482,31 +475,13 @@ class HeadControl(Controller):
         *,
         at_stamp: bool = False,
     ) -> PointMotion:
-        """Begin to turn the head to a point; a frame that moves is followed until it arrives.
-
-        The point stays where it was if the head carries its frame: it would move with the head.
-
-        Args:
-            target: the point.
-            p: how to turn.
-            notify: see `Motion`.
-            head: the head, pointing another frame; None: the usual one.
-            min_duration: minimum duration [s].
-            at_stamp: the point stays where it was at its stamp.
-        """
+        """Begin to turn the head to a point; see `PointMotion`."""
         with self.lock:
-            joints, frames, fixed = self._measure(), self.frames, list[Vector3]()
+            joints = self._measure()
             measured = joints or JointReading(0.0, (0.0, 0.0))
-            positions = self.held_positions(measured)
-
-            def locate(now: float) -> tuple[Vector3, float | None]:
-                if not (at_stamp or frames.moves_with_head(target.frame_id)):
-                    return frames.latest_in_base(target)
-                if not fixed:
-                    fixed.append(frames.in_fixed_frame(target, positions))
-                return frames.in_base(fixed[0], now), None
-
-            motion = PointMotion(self, target, locate, p, measured, notify, head, min_duration)
+            motion = PointMotion(
+                self, target, p, measured, notify, head, min_duration, at_stamp=at_stamp
+            )
             if joints is None:
                 motion.end(MotionEnd.ABORTED, str(self.trouble))
             else:

@@ -34,7 +34,6 @@ class HeadFrames(TargetPlacer):
         head: the head of the model; None: no model is known.
         base: where the head's base is in `fixed_frame`; None: they are the same frame.
         target: the latest target that was transformed.
-        patience: how long a target waits for its transforms [s].
     """
 
     def __init__(self, buffer: TransformBuffer, parameters: HeadParameters) -> None:
@@ -42,7 +41,6 @@ class HeadFrames(TargetPlacer):
         self.head: PanTiltHead | None = None
         self.base: HeadBase | None = None
         self.target: Target | None = None
-        self.patience = parameters.transform_timeout
         self._parameters = parameters
         self._model: RobotModel | None = None
         self._latency = round(parameters.target_latency * 1e9)
@@ -94,25 +92,20 @@ class HeadFrames(TargetPlacer):
         """Accept a target, which waits for its transforms."""
         super().offer(self._corrected(target) if self._latency else target, now)
 
-    def take(self, now: float, positions: tuple[float, float]) -> list[tuple[Target, Vector3]]:
+    def take(
+        self, now: float, positions: tuple[float, float], *, latest_only: bool = False
+    ) -> list[tuple[Target, Vector3]]:
         """Return the targets that can be transformed now, and their points in `fixed_frame` [m].
 
         Args:
             now: the time [s].
             positions: pan and tilt [rad] for a target without a stamp that the head carries.
+            latest_only: see `TargetPlacer.place`.
         """
-        placed = self.place(now, self._named(positions))
+        placed = self.place(now, self._named(positions), latest_only=latest_only)
         for target, point in placed:
-            self._record(target, point, now)
-        return placed
-
-    def take_latest(
-        self, now: float, positions: tuple[float, float]
-    ) -> tuple[Target, Vector3] | None:
-        """Return the latest of these targets only, and drop the targets before it; see `take`."""
-        placed = self.place_newest(now, self._named(positions))
-        if placed is not None:
-            self._record(*placed, now)
+            self.target = target
+            self._recent.append((target.stamp * 1e-9 if target.stamp else now, point))
         return placed
 
     def take_recent(self) -> list[tuple[float, Vector3]]:
@@ -123,10 +116,6 @@ class HeadFrames(TargetPlacer):
             base = self.base
             recent.append((stamp, point if base is None else base.at(stamp).inverse() @ point))
         return recent
-
-    def _record(self, target: Target, point: Vector3, now: float) -> None:
-        self.target = target
-        self._recent.append((target.stamp * 1e-9 if target.stamp else now, point))
 
     # One target
 

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from head_tracking.compatibility import StrEnum
 from head_tracking.gaze import (
@@ -23,6 +23,7 @@ from head_tracking.gaze import (
     PointingResult,
     together,
 )
+from head_tracking.head.obstacle import Blocked
 from head_tracking.tracking import (
     LAWS,
     EstimatorParameters,
@@ -55,10 +56,6 @@ _SMALL_MISS = 0.3  # of the threshold
 _WINDOW = 0.15  # s over which the target's velocity is measured
 _LEAD_TIME = 0.3  # s for which that velocity is extrapolated at most
 _SAME_GOAL = 0.006  # rad; a little over one tick of an AX-12
-
-Locate: TypeAlias = "Callable[[float], tuple[Vector3, float | None]]"
-"""Where a point is at a time [s]: in the head's base frame [m], and its stamp [s]; None: it stands
-still. Raises TransformException."""
 
 
 class MotionEnd(StrEnum):
@@ -143,14 +140,15 @@ class Motion(ABC):
 class PointMotion(Motion):
     """A turn to a point, which may move, until the measured joints have arrived.
 
+    The point moves with its frame, unless the head carries the frame: it would move with the head.
+
     Both joints start and arrive together; the one with the longer way moves as fast as `p` and the
     head allow, or slower if `min_duration` requires it. A joint that moves at the beginning brakes
     within 0.2 s, while the motion to the point begins.
 
     Args:
         control: of the head.
-        target: the point, as it was sent.
-        locate: where it is.
+        target: the point.
         p: how to turn. With `clamp_to_limits` the head turns as far as the joints go to a point
             out of reach; else that ends the motion. The motion has arrived or missed when the
             joints have stood still for `settle_time`, or have missed a moving point by less than
@@ -159,27 +157,33 @@ class PointMotion(Motion):
         notify: see `Motion`.
         head: the head, pointing another frame; None: the usual one.
         min_duration: minimum duration [s].
+        at_stamp: the point stays where it was at its stamp.
+        fixed: where the point stays in `fixed_frame`, shape (3,) [m]; None: see `target`.
     """
 
     def __init__(
         self,
         control: HeadControl,
         target: Target,
-        locate: Locate,
         p: PointingParameters,
         joints: JointReading,
         notify: Callable[[PointMotion], object] | None = None,
         head: PanTiltHead | None = None,
         min_duration: float = 0.0,
+        *,
+        at_stamp: bool = False,
+        fixed: Vector3 | None = None,
     ) -> None:
         super().__init__(notify)
-        head = head or control.frames.head
+        self._frames, self._at_stamp = control.frames, at_stamp
+        head = head or self._frames.head
         assert head is not None
         self.title = f"turning {head.pointing_frame} to {target}"
-        self.target, self.locate = target, locate
+        self.retarget(target, fixed)
+        self._held = control.held_positions(joints)
         self._head, self._p, self._min_duration = head, p, min_duration
         self._speed = min(p.max_velocity, control.fastest)
-        self._law, self._patience = control.law, control.frames.patience
+        self._law = control.law
         pan, tilt = control.present(joints)
         self._velocity = pan.velocity or 0.0, tilt.velocity or 0.0
         # where the joints would stand if they only braked
@@ -198,14 +202,18 @@ class PointMotion(Motion):
         self._rest = (0.0, 0.0)
         self._still_since = 0.0
 
+    def retarget(self, target: Target, fixed: Vector3 | None) -> None:
+        """Turn to another point; see `PointMotion`."""
+        self.target, self._fixed = target, fixed
+
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`. After its result a motion computes its miss only."""
         moves = self.miss is not None
         located = self._located = now if self._located is None else self._located
         try:
-            point, stamp = self.locate(now)
+            point, stamp = self._locate(now)
         except TransformException as error:
-            if self.result is not None or now - located < self._patience:
+            if self.result is not None or now - located < self._frames.timeout:
                 return None
             self.end(MotionEnd.NO_TRANSFORM, f"the target {self.target} has no transform: {error}")
             return self._law.stop(joints) if moves else None
@@ -236,6 +244,19 @@ class PointMotion(Motion):
         here, soon = self._positions(time), self._positions(time + _PERIOD)
         pan, tilt = (JointPoint(a, (b - a) / _PERIOD, 0.0) for a, b in zip(here, soon, strict=True))
         return pan, tilt
+
+    def _locate(self, now: float) -> tuple[Vector3, float | None]:
+        """Return the point in the head's base frame [m], and its stamp [s]; None: it stands still.
+
+        Raises:
+            TransformException: it is not known where the point is.
+        """
+        frames, target = self._frames, self.target
+        if self._fixed is None:
+            if not (self._at_stamp or frames.moves_with_head(target.frame_id)):
+                return frames.latest_in_base(target)
+            self._fixed = frames.in_fixed_frame(target, self._held)
+        return frames.in_base(self._fixed, now), None
 
     def _aim(
         self, point: Vector3, stamp: float | None, present: tuple[float, float], now: float
@@ -364,11 +385,6 @@ class TargetMotion(Motion):
 
     control: HeadControl
 
-    @property
-    def fault(self) -> str:
-        """What is wrong with the head; empty: nothing is known to be."""
-        return ""
-
     def use(self, control: HeadControl) -> None:
         """Use the head of `control`, whose model is known now or has changed."""
         self.control = control
@@ -382,9 +398,9 @@ class TargetMotion(Motion):
             now: the time [s].
         """
 
-    @abstractmethod
     def reset(self, reason: str, now: float) -> HeadCommand | None:
         """Forget everything measured, because the clock has jumped; return a command to stop."""
+        return self.restart("", now)
 
     @abstractmethod
     def recenter(self, joints: JointReading) -> HeadCommand | None:
@@ -433,11 +449,6 @@ class Tracking(TargetMotion):
         self.tracker: Tracker | None = None
         self._settings = settings
         self._law = ""
-
-    @property
-    def fault(self) -> str:
-        """See `TargetMotion`."""
-        return "" if self.tracker is None else self.tracker.fault
 
     def use(self, control: HeadControl) -> None:
         """See `TargetMotion`."""
@@ -489,6 +500,10 @@ class Tracking(TargetMotion):
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
         self.miss, control.held = step.error, None
+        if tracker.fault and control.off is None:
+            control.send(step.command)
+            control.disable(Blocked.FAULT, tracker.fault)
+            return None
         return step.command
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
@@ -567,11 +582,11 @@ class Pointing(TargetMotion):
     def _accept(self, joints: JointReading, now: float) -> bool:
         """Use the latest target; return whether there is a new one."""
         control, frames, p = self.control, self.control.frames, self._parameters()
-        placed, refusal = frames.take_latest(now, control.held_positions(joints)), None
-        if placed is None or frames.head is None:
+        placed, refusal = frames.take(now, control.held_positions(joints), latest_only=True), None
+        if not placed or frames.head is None:
             refusal = frames.take_refusal()
         else:
-            target, point = placed
+            ((target, point),) = placed
             try:
                 gaze = frames.head.gaze(frames.in_base(point, now), *joints.positions)
             except TransformException as error:
@@ -582,22 +597,19 @@ class Pointing(TargetMotion):
                     refusal = Refusal(target, f"nothing moves: {gaze.reason}")
         if refusal is not None:
             control.refuse(refusal)
-        if placed is None or refusal is not None:
+        if not placed or refusal is not None:
             return False
         control.refusal = ""
         if not gaze.reached:
             control.warn("limit", f"target {target}: {gaze.reason}")
 
-        def locate(now: float) -> tuple[Vector3, float | None]:
-            return frames.in_base(point, now), None
-
         before, goal = self._goal, (gaze.pan, gaze.tilt)
         self._goal, motion = goal, self._motion
         is_same = before is not None and math.dist(before, goal) < _SAME_GOAL
         if motion is not None and (motion.result is None or is_same):
-            motion.target, motion.locate = target, locate
+            motion.retarget(target, point)
         else:
-            motion = self._motion = PointMotion(control, target, locate, p, joints)
+            self._motion = PointMotion(control, target, p, joints, fixed=point)
         return True
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
@@ -605,22 +617,12 @@ class Pointing(TargetMotion):
         motion = self._motion
         return None if motion is None or motion.result is not None else motion.desired(time)
 
-    def use(self, control: HeadControl) -> None:
-        """See `TargetMotion`."""
-        super().use(control)
-        self._forget()
-
     def restart(self, disabled: str, now: float) -> HeadCommand | None:
         """See `TargetMotion`."""
         was_turning = self._motion is not None and self._motion.result is None
         self._forget()
         joints = self.control.readings.latest if was_turning else None
         return None if joints is None else self.control.law.stop(joints)
-
-    def reset(self, reason: str, now: float) -> HeadCommand | None:
-        """See `TargetMotion`; the servos complete a turn that is in progress."""
-        self._forget()
-        return None
 
     def recenter(self, joints: JointReading) -> HeadCommand | None:
         """See `TargetMotion`."""

@@ -323,9 +323,7 @@ class _Reading:
 
     def _transformed_target(self) -> TransformedTarget | None:
         """Return the latest target that could be transformed, with the joints at its stamp."""
-        placed = self._placer.place_newest(self._now * 1e-9, {})
-        if placed is not None:
-            target, point = placed
+        for target, point in self._placer.place(self._now * 1e-9, {}, latest_only=True):
             self._target = TransformedTarget(target, point, target.stamp or self._now)
         return self._target
 

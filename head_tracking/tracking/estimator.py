@@ -30,6 +30,7 @@ _OVERDUE = 0.45  # s; prediction beyond the lead time while points are overdue
 _CAUTION = 0.5  # of the mean squared error of far predictions, which shortens them
 _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
+_SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
 
 _RANGE_MEMORY = 0.5  # s
 _RANGE_OUTLIER = 0.3  # of the logarithm; larger differences are limited to this
@@ -134,16 +135,6 @@ class TargetEstimate:
     leads: tuple[float, float]
     reach: float
 
-    @property
-    def velocities(self) -> tuple[float, float]:
-        """The velocities of pan and tilt that look at the target, at `stamp` [rad/s]."""
-        pan, tilt = self.bearings
-        return pan.near.motion.speed, tilt.near.motion.speed
-
-    def age(self, now: float) -> float:
-        """Return how long ago the latest point was measured [s]."""
-        return now - self.stamp
-
     def bearing(self, time: float) -> tuple[float, float]:
         """Return pan and tilt that look at the target [rad] at a time [s], as predicted."""
         return self._position(0, time), self._position(1, time)
@@ -185,13 +176,16 @@ class TargetEstimate:
         is_same = pan is self.bearings[0] and tilt is self.bearings[1]
         return self if is_same else replace(self, bearings=(pan, tilt))
 
-    def speed_deviation(self, joint: int) -> float:
-        """Return the standard deviation of one of the `velocities` [rad/s]."""
-        return math.sqrt(self.bearings[joint].certainty[1])
+    def spread(self, joint: int, time: float) -> tuple[float, float, float]:
+        """Return how uncertain pan (0) or tilt (1) is at a time [s].
 
-    def point_deviation(self, joint: int) -> float:
-        """Return the standard deviation of pan (0) or tilt (1) of a point [rad]."""
-        return math.sqrt(self.bearings[joint].variance)
+        Returns:
+            Its standard deviation [rad], that of its velocity [rad/s], and the unrest; see
+            `Reference`.
+        """
+        bearing, noise = self.bearings[joint], self.deviation(joint, time)
+        speed_noise = math.sqrt(bearing.certainty[1])
+        return noise, speed_noise, min(noise, _SOON * speed_noise) / math.sqrt(bearing.variance)
 
     def _position(self, joint: int, time: float) -> float:
         """Return pan (0) or tilt (1) [rad] at a time [s].
@@ -245,6 +239,7 @@ class TargetEstimator:
     Attributes:
         parameters: may change at any time.
         lead_time: usual time from a point to the time for which it is predicted [s].
+        estimate: the estimated target; None before its first point.
     """
 
     def __init__(self, parameters: EstimatorParameters, level: float = 0.0) -> None:
@@ -259,24 +254,19 @@ class TargetEstimator:
         self._suspects: list[tuple[float, Ray]] = []
         self._left: tuple[float, Ray] | None = None
         self._began = self._off = self._suspected = 0.0
-        self._estimate: TargetEstimate | None = None
+        self.estimate: TargetEstimate | None = None
 
     @property
     def rate(self) -> float:
         """The rate of the target's oscillation [rad/s]; 0: it does not oscillate."""
         return self._snapshots[-1].bearings.oscillation.rate if self._snapshots else 0.0
 
-    @property
-    def estimate(self) -> TargetEstimate | None:
-        """The estimated target; None before its first point."""
-        return self._estimate
-
     def reset(self) -> None:
         """Forget the target."""
         self._suspects.clear()
         self._left = None
         self._cut(0)
-        self._estimate = None
+        self.estimate = None
 
     def add(self, stamp: float, ray: Ray, now: float, *, is_unsure: bool = False) -> Verdict:
         """Add a point and return the result.
@@ -307,7 +297,7 @@ class TargetEstimator:
                 return Verdict.DOUBLED
             verdict = self._judge(index, stamp, ray)
         if verdict.used:
-            self._estimate = self._described(-1)
+            self.estimate = self._described(-1)
         elif verdict is Verdict.JUMP:
             self._suspected = now
         return verdict
@@ -324,7 +314,7 @@ class TargetEstimator:
         if not self._is_gap(latest[0]):
             return False
         self._begin([latest], self._snapshots[-1])
-        self._estimate = self._described(-1)
+        self.estimate = self._described(-1)
         return True
 
     def _is_gap(self, stamp: float) -> bool:
@@ -333,7 +323,7 @@ class TargetEstimator:
 
     def _judge(self, index: int, stamp: float, ray: Ray) -> Verdict:
         """Use or suspect a point whose place among the others is `index`."""
-        estimate = self._estimate
+        estimate = self.estimate
         if estimate is None or estimate.stamp != self._stamps[index - 1]:
             estimate = self._described(index - 1)
         away = self._angle(ray, Ray(*estimate.bearing(stamp), ray.distance))
@@ -436,7 +426,7 @@ class TargetEstimator:
             if before is None
             else before.bearings.restarted(bearing, self._leads)
         )
-        self._began, self._off, self._estimate = stamp, 0.0, None
+        self._began, self._off, self.estimate = stamp, 0.0, None
         self._append(stamp, ray, bearings)
         for each in others:
             self._append(*each)

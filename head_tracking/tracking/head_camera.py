@@ -141,10 +141,6 @@ class HeadCamera:
         )
 
     @property
-    def _confirmed(self) -> bool:
-        return self._deviation < _EXACT
-
-    @property
     def _timing(self) -> Array:
         """Scores of the stamp errors with the right mounting."""
         return self._bank.scores[: len(_ERRORS)]
@@ -257,7 +253,8 @@ class HeadCamera:
             while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
                 waiting.popleft()
             return False
-        every = _OFTEN if not self._confirmed or self._tells_mountings(turned) else _SELDOM
+        is_confirmed = self._deviation < _EXACT
+        every = _OFTEN if not is_confirmed or self._tells_mountings(turned) else _SELDOM
         while waiting and waiting[0][0] <= latest:
             stamp, ray = waiting.popleft()
             away = math.hypot(*ray)

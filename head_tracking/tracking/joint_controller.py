@@ -54,10 +54,6 @@ class JointMotion:
         self._wanted_velocity = velocity
         self._need = 0.0
 
-    def advance(self, dt: float) -> None:
-        """Move on for a time [s] at the planned velocity."""
-        self.position += self.velocity * dt
-
     def rest_at(self, position: float) -> None:
         """Plan no motion; the joint is at this position [rad]."""
         self.position = position
@@ -333,7 +329,7 @@ class JointController:
     def measured(self, stamp: float, position: float, elapsed: float) -> None:
         """Receive a reading [s], [rad], a time `elapsed` [s] after the last command."""
         motion = self.motion
-        motion.advance(elapsed)
+        motion.position += motion.velocity * elapsed
         if math.isfinite(self._goal):
             is_late = elapsed > _LATE
             if is_late and (motion.position - self._goal) * motion.velocity > 0.0:
@@ -361,19 +357,6 @@ class JointController:
             limits: limits of the motion.
             dead_band: at rest, smaller errors are not corrected [rad].
         """
-        self._goal, speed = self._command(reference, now, period, elapsed, limits, dead_band)
-        self._speed = max(abs(speed), _SLOWEST)
-        return self._goal, self._speed
-
-    def _command(
-        self,
-        reference: Reference,
-        now: float,
-        period: float,
-        elapsed: float,
-        limits: MotionLimits,
-        dead_band: float,
-    ) -> tuple[float, float]:
         motion, servo, rest = self.motion, self.servo, self._rest
         known = servo.parameters.servo_delay > 0.0 or servo.deviation < _UNSURE
         hardest = min(self._usable, math.inf if known else _CAUTIOUS)
@@ -390,7 +373,7 @@ class JointController:
             motion.rest_at(reference.position)
             servo.hold(now, goal)
             self._last = 0.0
-            return goal, min(_REST_SPEED, limits.speed)
+            return self._commanded(goal, min(_REST_SPEED, limits.speed))
         if self._stands and abs(reference.position - servo.reading[1]) > _AWAY:
             return self._push(reference, now, limits)
         astray = servo.astray(now)
@@ -413,7 +396,12 @@ class JointController:
             goal = self._goal_ahead(reference, setpoint, speed, period, limits.lead)
         servo.command(now, speed, goal)
         self._last = speed if astray is None else astray[1]
-        return goal, speed
+        return self._commanded(goal, speed)
+
+    def _commanded(self, goal: float, speed: float) -> tuple[float, float]:
+        """Record and return the goal, and the speed without its sign."""
+        self._goal, self._speed = goal, max(abs(speed), _SLOWEST)
+        return self._goal, self._speed
 
     def _arrival(
         self,
@@ -466,7 +454,7 @@ class JointController:
         self.servo.restart(stamp, position)
         self.servo.command(now, speed, position + way)
         self._last = speed
-        return position + way, abs(speed)
+        return self._commanded(position + way, speed)
 
     def _limited(self, speed: float, elapsed: float, limits: MotionLimits) -> float:
         """Return the nearest speed that the limits allow after the last one."""

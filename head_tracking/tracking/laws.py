@@ -137,7 +137,6 @@ _LONGEST_PAUSE = 0.2  # s; after a longer pause the law starts anew
 _SHORTEST = 1e-4  # s between two commands; simulated clocks may stop
 _BUILD_UP = 0.02  # s; an acceleration that takes longer to build up is not planned
 _MOVING = 0.15  # rad/s
-_SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
 _EDGE = 0.05  # rad; a target at the other end of the pan range is followed if this far inside
 
 Path: TypeAlias = Callable[[float], tuple[float, float]]
@@ -184,18 +183,11 @@ class PredictiveLaw(TrackingLaw):
         limits = [(fastest, joint.steady_acceleration(hardest)) for joint in self._joints]
         target = target.within(limits)
         gazes = [self._gaze(target, times, near) for times in self._times(now)]
-        spreads = [self._spread(target, joint, now) for joint in (0, 1)]
+        spreads = [target.spread(joint, now + lead) for joint, lead in enumerate(self.lead_times)]
         places = [(gaze.pan, gaze.tilt) for gaze in gazes]
         command = self._along(places, self.fastest, elapsed, now, spreads)
         self._aimed = places[1]
         return command, gazes[1]
-
-    def _spread(self, target: TargetEstimate, joint: int, now: float) -> tuple[float, float, float]:
-        """Return noise [rad], speed noise [rad/s] and unrest of a reference; see `Reference`."""
-        noise = target.deviation(joint, now + self.lead_times[joint])
-        speed_noise = target.speed_deviation(joint)
-        uncertain = min(noise, _SOON * speed_noise)
-        return noise, speed_noise, uncertain / target.point_deviation(joint)
 
     def go_to(
         self, goal: tuple[float, float], speed: float, joints: JointReading, now: float

@@ -73,13 +73,14 @@ class Refusal(NamedTuple):
 class TargetPlacer:
     """Transform targets into `fixed_frame` at their stamps.
 
-    A target whose transform is not known yet waits up to `timeout` [s].
+    Attributes:
+        timeout: how long a target waits for its transform [s].
     """
 
     def __init__(self, buffer: TransformBuffer, fixed_frame: str, timeout: float) -> None:
         self._buffer = buffer
         self._fixed_frame = fixed_frame
-        self._timeout = timeout
+        self.timeout = timeout
         self._waiting: deque[tuple[Target, float]] = deque()
         self._refusals: list[Refusal] = []
 
@@ -96,7 +97,7 @@ class TargetPlacer:
         self._waiting.append((target, now))
 
     def place(
-        self, now: float, moving_with_head: Mapping[str, float]
+        self, now: float, moving_with_head: Mapping[str, float], *, latest_only: bool = False
     ) -> list[tuple[Target, Vector3]]:
         """Return the targets that can be transformed now, in order of arrival.
 
@@ -104,22 +105,35 @@ class TargetPlacer:
             now: the time [s].
             moving_with_head: positions of the head's joints [rad] for targets with stamp 0 in a
                 frame that moves with the head.
+            latest_only: return the latest of them only, and discard all that arrived before it.
 
         Returns:
             Each target and its point in `fixed_frame` [m].
         """
-        return [(target, point) for target, point, _ in self._take(now, moving_with_head)]
-
-    def place_newest(
-        self, now: float, moving_with_head: Mapping[str, float]
-    ) -> tuple[Target, Vector3] | None:
-        """Return the latest of them, and discard earlier ones; None: wait. See `place`."""
-        placed = self._take(now, moving_with_head)
-        if not placed:
-            return None
-        target, point, came = placed[-1]
-        self._waiting = deque(waiting for waiting in self._waiting if waiting[1] > came)
-        return target, point
+        placed: list[tuple[Target, Vector3]] = []
+        hopeless: dict[str, tuple[int, str]] = {}
+        arrival = 0.0  # of the last one in `placed`
+        for _ in range(len(self._waiting)):
+            target, came = self._waiting.popleft()
+            since, reason = hopeless.get(target.frame_id, (0, ""))
+            if not reason or target.stamp < since:
+                try:
+                    placed.append((target, self.place_one(target, moving_with_head)))
+                    arrival = came
+                    continue
+                except TransformException as error:
+                    reason = str(error)
+                    if target.stamp > self._known_until(target.frame_id):
+                        hopeless[target.frame_id] = target.stamp, reason
+            waited = now - came
+            if 0.0 <= waited < self.timeout:  # below 0: the clock has jumped back
+                self._waiting.append((target, came))
+            if not 0.0 <= waited < min(self.timeout, _REPORTED_AFTER):
+                self._refusals = [Refusal(target, reason)]
+        if latest_only and placed:
+            self._waiting = deque(each for each in self._waiting if each[1] > arrival)
+            del placed[:-1]
+        return placed
 
     def place_one(self, target: Target, moving_with_head: Mapping[str, float]) -> Vector3:
         """Return a target in `fixed_frame` [m]; see `place`.
@@ -144,30 +158,6 @@ class TargetPlacer:
         """Discard the targets that wait."""
         self._waiting.clear()
         self._refusals.clear()
-
-    def _take(
-        self, now: float, moving_with_head: Mapping[str, float]
-    ) -> list[tuple[Target, Vector3, float]]:
-        """Return each target that can be transformed, its point, and its time of arrival."""
-        placed: list[tuple[Target, Vector3, float]] = []
-        hopeless: dict[str, tuple[int, str]] = {}
-        for _ in range(len(self._waiting)):
-            target, came = self._waiting.popleft()
-            since, reason = hopeless.get(target.frame_id, (0, ""))
-            if not reason or target.stamp < since:
-                try:
-                    placed.append((target, self.place_one(target, moving_with_head), came))
-                    continue
-                except TransformException as error:
-                    reason = str(error)
-                    if target.stamp > self._known_until(target.frame_id):
-                        hopeless[target.frame_id] = target.stamp, reason
-            waited = now - came
-            if 0.0 <= waited < self._timeout:  # below 0: the clock has jumped back
-                self._waiting.append((target, came))
-            if not 0.0 <= waited < min(self._timeout, _REPORTED_AFTER):
-                self._refusals = [Refusal(target, reason)]
-        return placed
 
     def _known_until(self, frame_id: str) -> int:
         """Return the latest time [ns] at which a target in this frame can be transformed."""

@@ -49,23 +49,6 @@ class TrackingStep:
     error: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Delays:
-    """Mean delays.
-
-    Attributes:
-        message: age of a point at arrival [s].
-        interval: time between points [s].
-        reading: age of a joint reading when it is used [s].
-        servos: from a command to the motion it causes, of pan and tilt [s].
-    """
-
-    message: float
-    interval: float
-    reading: float
-    servos: tuple[float, float]
-
-
 class Tracker:
     """Follow targets given in a fixed frame.
 
@@ -84,6 +67,9 @@ class Tracker:
         law: may be replaced at any time.
         machine: the state machine.
         camera: the estimates of a camera on the head.
+        message_age: mean age of a point at arrival [s].
+        interval: mean time between points [s].
+        reading_age: mean age of a joint reading when it is used [s].
     """
 
     def __init__(
@@ -106,9 +92,8 @@ class Tracker:
         self._learning = LearningParameters()
         self.camera = self._new_camera()
         self._upright = Rotation.identity()
-        self._message_age = self._reading_age = 0.0
+        self.message_age = self.interval = self.reading_age = 0.0
         self._jumps = 0
-        self._interval = 0.0
         self._came: float | None = None
 
     @property
@@ -120,12 +105,6 @@ class Tracker:
     def state(self) -> TargetState:
         """The present state."""
         return self.machine.state
-
-    @property
-    def delays(self) -> Delays:
-        """The measured delays."""
-        ages = self._message_age, self._interval, self._reading_age
-        return Delays(*ages, self.law.delays)
 
     @property
     def learned(self) -> Mapping[str, LearnedValue]:
@@ -170,9 +149,9 @@ class Tracker:
         if verdict.used:
             new = verdict is Verdict.NEW_TARGET
             self.machine.seen(now, new=new)
-            self._message_age += (1.0 if new else _SMOOTHING) * (now - stamp - self._message_age)
+            self.message_age += (1.0 if new else _SMOOTHING) * (now - stamp - self.message_age)
             if self._came is not None and not new:
-                self._interval += _SMOOTHING * (now - self._came - self._interval)
+                self.interval += _SMOOTHING * (now - self._came - self.interval)
             self._came, self._jumps = now, 0
         elif verdict in _REPORTED or not self._follows(now):
             self._jumps += verdict is Verdict.JUMP
@@ -215,7 +194,7 @@ class Tracker:
         if self.estimator.settle(now):
             self.machine.seen(now, new=True)
             self._came, self._jumps = now, 0
-        self._reading_age += _SMOOTHING * (now - joints.stamp - self._reading_age)
+        self.reading_age += _SMOOTHING * (now - joints.stamp - self.reading_age)
         estimate = self.estimator.estimate
         if estimate is not None and self._follows(now):
             target = self._from_base(estimate, now)
@@ -225,7 +204,7 @@ class Tracker:
             there = self.head.point(target.ray_at(joints.stamp))
             error = self.head.miss(there, *joints.positions)
             self.machine.followed(gaze, error, now)
-            ahead = self._message_age + 0.5 * self._interval + 0.5 * sum(self.law.lead_times)
+            ahead = self.message_age + 0.5 * self.interval + 0.5 * sum(self.law.lead_times)
             self.estimator.lead_time += _SMOOTHING * (ahead - self.estimator.lead_time)
             self._watch_servos(command, joints)
             return TrackingStep(command, gaze, error)
@@ -265,7 +244,7 @@ class Tracker:
         moving = self.machine.state not in (TargetState.IDLE, TargetState.DISABLED)
         command = self._stop()
         self._readings.clear()
-        self._message_age = self._reading_age = self._interval = 0.0
+        self.message_age = self.interval = self.reading_age = 0.0
         self._came = None
         before, self.camera = self.camera, self._new_camera()
         if self._learning.camera_learning == Learning.FREEZE:

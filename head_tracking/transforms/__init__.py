@@ -12,7 +12,6 @@ from head_tracking.transforms.exceptions import (
 )
 from head_tracking.transforms.history import LATEST
 from head_tracking.transforms.joint_states import JointSample, JointState, JointStates
-from head_tracking.transforms.rate_limiter import RateLimiter
 from head_tracking.transforms.robot_model import (
     Joint,
     JointChain,
@@ -44,7 +43,6 @@ __all__ = [
     "JointType",
     "LookupException",
     "Mimic",
-    "RateLimiter",
     "RobotModel",
     "RobotModelError",
     "Rotation",

@@ -66,7 +66,7 @@ def test_a_stated_delay_is_used(head):
     controller = tracker(head)
     controller.learn(LearningParameters(servo_delay=0.04))
     outcome = run(head, sine(0.5), Conditions(duration=4.0), controller)
-    assert controller.delays.servos == (0.04, 0.04)
+    assert controller.law.delays == (0.04, 0.04)
     assert outcome.recording.between(2.0).rms < 0.02
 
 

@@ -11,7 +11,7 @@ from std_msgs.msg import Float64
 
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.topics import Output, TopicListener
+from head_tracking.ros.kit.topics import OVERRIDABLE, TopicListener
 from head_tracking.ros.targets.target_mux import TargetMuxNode
 
 
@@ -93,7 +93,7 @@ def test_parameters_change_the_delivery_of_topics(make):
     publisher = {f"qos_overrides./angle.publisher.{k}": v for k, v in ONCE.items()}
     subscription = {f"qos_overrides./angle.subscription.{k}": v for k, v in ONCE.items()}
     node = make(**publisher, **subscription)
-    Output(node, Float64, "angle")
+    node.create_publisher(Float64, "angle", 10, qos_overriding_options=OVERRIDABLE)
     TopicListener(node, Float64, "angle", lambda _: None)
     (offered,) = node.get_publishers_info_by_topic("/angle")
     (wanted,) = node.get_subscriptions_info_by_topic("/angle")

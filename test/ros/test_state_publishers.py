@@ -1,6 +1,7 @@
 """robot_state_publisher and joint_state_publisher, in simulated time."""
 
 import math
+import random
 
 import pytest
 from lockstep import World
@@ -24,6 +25,10 @@ ARM = """
     <axis xyz="0 0 1"/><limit lower="0.5" upper="1.5" effort="1" velocity="1"/></joint>
   <joint name="flange" type="fixed"><parent link="lower"/><child link="tip"/></joint>
 </robot>"""
+FOLLOWING = ARM.replace(
+    '<child link="lower"/>',
+    '<child link="lower"/><mimic joint="shoulder" multiplier="2.0" offset="0.2"/>',
+)
 
 
 @pytest.fixture
@@ -111,16 +116,25 @@ def test_a_joint_that_nobody_measured_is_not_sent(world, publish_robot, tf):
     assert [t.child_frame_id for t in tf("tf")[0]] == ["lower"]
 
 
-@pytest.mark.parametrize(
-    ("ignore_timestamp", "stamps"),
-    [(False, [5, 6]), (True, [5, 5, 6])],  # the newest that is known
-)
-def test_stamps_that_go_back(world, publish_robot, tf, ignore_timestamp, stamps):
-    publish_robot(ignore_timestamp=ignore_timestamp)
-    for second in (5, 4.5, 6):
+def test_stamps_that_go_back_are_not_sent(world, publish_robot, tf):
+    publish_robot()
+    for second in (5, 4.5, 5, 6):
         world.publish("/joint_states", joints(second, shoulder=0.5, elbow=1.0))
         world.run(0.01)
-    assert [moving[0].header.stamp.sec for moving in tf("tf")] == stamps
+    assert [moving[0].header.stamp.sec for moving in tf("tf")] == [5, 6]
+
+
+@pytest.mark.parametrize(("rate", "share"), [(20, 1.0), (21, 20 / 21), (100, 0.2)])
+def test_a_stream_that_is_too_fast_is_thinned_and_another_passes_whole(
+    world, publish_robot, tf, rate, share
+):
+    publish_robot(publish_frequency=20.0)
+    rnd, count = random.Random(1), 200
+    for index in range(count):
+        stamp = 100.0 + index / rate + (rnd.uniform(-0.02, 0.02) if rate == 20 else 0.0)
+        world.publish("/joint_states", joints(stamp, shoulder=0.5, elbow=1.0))
+        world.run(0.002)
+    assert len(tf("tf")) == pytest.approx(share * count, abs=0 if rate == 20 else 2)
 
 
 def test_after_a_clock_that_jumped_back_tf_goes_on(world, publish_robot, tf):
@@ -178,40 +192,18 @@ def test_defaults_are_sent_on_request(complete, values, expected):
     assert found[0].header.stamp.sec > 0
 
 
-def test_a_joint_that_depends_on_another_follows_it(complete):
-    rule = {
-        "dependent_joints.elbow.parent": "shoulder",
-        "dependent_joints.elbow.factor": 0.5,
-        "dependent_joints.elbow.offset": 1.0,
-    }
-    message = joints(3.0, shoulder=0.4)
-    message.velocity = [0.2]
-    (found,) = complete(message, **rule)
-    assert positions(found) == {"shoulder": 0.4, "elbow": pytest.approx(1.2)}
-    assert list(found.velocity) == [0.2, pytest.approx(0.1)]
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"zeros.nose": 1.0},
-        {"zeros.elbow": 1.0, "dependent_joints.elbow.parent": "shoulder"},
-        {"dependent_joints.elbow.parent": "nose"},
-    ],
-)
-def test_a_rule_for_a_joint_that_is_not_there_is_told(complete, bad, capfd):
-    complete(joints(3.0, shoulder=0.4), **bad)
+def test_a_default_of_a_joint_that_is_not_there_is_reported(complete, capfd):
+    complete(joints(3.0, shoulder=0.4), **{"zeros.nose": 1.0})
     assert "robot_description" in capfd.readouterr().err
 
 
 def test_in_the_loop_the_model_is_that_of_the_buffer(world):
     buffer = TransformBuffer()
-    buffer.set_model(parse_robot_model(ARM))
+    buffer.set_model(parse_robot_model(FOLLOWING))
     loop = ControlLoop(buffer)
-    rule = {"dependent_joints.elbow.parent": "shoulder", "dependent_joints.elbow.factor": 2.0}
-    world.nodes.append(world.make(JointStatePublisherNode, rule, loop=loop))
+    world.nodes.append(world.make(JointStatePublisherNode, {}, loop=loop))
     read = loop.joints_read(1, {"shoulder": Sample(0.5)})
-    assert {name: joint.position for name, joint in read.items()} == {"shoulder": 0.5, "elbow": 1.0}
-    buffer.set_model(parse_robot_model(ARM.replace('"upper"', '"arm"')))
-    assert loop.joints_read(2, {"shoulder": Sample(0.6)})["elbow"].position == 1.2
+    assert {name: joint.position for name, joint in read.items()} == {"shoulder": 0.5, "elbow": 1.2}
+    buffer.set_model(parse_robot_model(FOLLOWING.replace('"upper"', '"arm"')))
+    assert loop.joints_read(2, {"shoulder": Sample(0.6)})["elbow"].position == 1.4
     assert buffer.lookup_transform("base", "arm").stamp == 2

@@ -56,7 +56,7 @@ def test_one_point_is_a_target_that_stands_still():
     estimator = TargetEstimator(EstimatorParameters())
     assert estimator.add(1.0, seen((1.0, 2.0, 3.0)), 1.0) is Verdict.NEW_TARGET
     assert place(estimator.estimate.ray_at(1.2)) == pytest.approx((1.0, 2.0, 3.0))
-    assert estimator.estimate.velocities == (0.0, 0.0)
+    assert [each.near.motion.speed for each in estimator.estimate.bearings] == [0.0, 0.0]
 
 
 def test_a_swing_is_predicted_where_a_straight_line_is_far_off():
@@ -65,7 +65,7 @@ def test_a_swing_is_predicted_where_a_straight_line_is_far_off():
     assert miss(estimator, path, 0.17) < 0.01
     estimate = estimator.estimate
     pan, tilt = estimate.bearing(estimate.stamp)
-    speed, _ = estimate.velocities
+    speed = estimate.bearings[0].near.motion.speed
     straight = place(Ray(pan + 0.17 * speed, tilt, 2.0))
     assert math.dist(straight, path(estimate.stamp + 0.17)) > 0.03
 

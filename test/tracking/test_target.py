@@ -61,13 +61,13 @@ def test_one_that_can_be_placed_hides_one_that_is_too_late(placer):
 def test_the_newest_that_can_be_placed_wins_and_newer_ones_wait(placer, buffer):
     for index, stamp in enumerate((2 * SECOND + 1, SECOND, 2 * SECOND, 3 * SECOND)):
         placer.offer(ahead(stamp), 0.1 * index)
-    target, _ = placer.place_newest(0.4, {})
+    ((target, _),) = placer.place(0.4, {}, latest_only=True)
     assert target.stamp == 2 * SECOND
-    assert placer.place_newest(0.5, {}) is None
+    assert not placer.place(0.5, {}, latest_only=True)
     buffer.set_joint_positions(3 * SECOND, {"head_pan_joint": 0.0, "head_tilt_joint": 0.0})
-    target, _ = placer.place_newest(0.6, {})
+    ((target, _),) = placer.place(0.6, {}, latest_only=True)
     assert target.stamp == 3 * SECOND
-    assert placer.place_newest(0.7, {}) is None  # the one that came before is forgotten
+    assert not placer.place(0.7, {}, latest_only=True)  # the one that came before is forgotten
 
 
 def test_a_target_that_cannot_be_placed_in_time_is_refused_once(placer):

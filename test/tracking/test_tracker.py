@@ -103,11 +103,10 @@ def test_delays_are_measured(make):
         if k % 2 == 0:
             tracker.target_seen(now - 0.08, TARGET, now)
         tracker.step(now)
-    delays = tracker.delays
-    assert delays.message == pytest.approx(0.08, abs=1e-6)
-    assert delays.reading == pytest.approx(0.005, abs=1e-3)
-    assert delays.interval == pytest.approx(0.04, rel=0.1)
-    assert all(0.0 < delay < 0.15 for delay in delays.servos)
+    assert tracker.message_age == pytest.approx(0.08, abs=1e-6)
+    assert tracker.reading_age == pytest.approx(0.005, abs=1e-3)
+    assert tracker.interval == pytest.approx(0.04, rel=0.1)
+    assert all(0.0 < delay < 0.15 for delay in tracker.law.delays)
 
 
 BAD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e12, 1e-300, 0.0)

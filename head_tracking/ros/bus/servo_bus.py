@@ -50,7 +50,7 @@ from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
-from head_tracking.ros.kit.topics import OVERRIDABLE, Output
+from head_tracking.ros.kit.topics import OVERRIDABLE
 
 _ERRORS = (
     EventKind.LOST,
@@ -96,8 +96,10 @@ class ServoBusNode(ClosingNode):
         self._settings = BusSettings(p.command_timeout, p.bus_watchdog, temperature)
         self._loop = loop = loop or ControlLoop(None)
         self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
-        self._states_output = Output(self, JointState, "servo_states")
-        self._goals_output = Output(self, JointState, "joint_goals")
+        self._states_topic, self._goals_topic = (
+            self.create_publisher(JointState, name, 10, qos_overriding_options=OVERRIDABLE)
+            for name in ("servo_states", "joint_goals")
+        )
         self._messages: dict[ServoBus, StatesMessage] = {}
         self._throttle = Throttle(_LOG_PERIOD)
         self._safe: list[str] | None = None
@@ -249,19 +251,19 @@ class ServoBusNode(ClosingNode):
             self._log_event(event)
         self._states[bus] = states = reading.states
         if states:
-            if self._states_output.wanted:
+            if self._states_topic.get_subscription_count():
                 message = self._messages.get(bus)
                 if message is None or message.joints != states.keys():
                     message = self._messages[bus] = StatesMessage(states)
-                self._states_output.publish(message.filled(states))
-            if self._goals_output.wanted:
+                self._states_topic.publish(message.filled(states))
+            if self._goals_topic.get_subscription_count():
                 self._publish_goals(states)
 
     def _publish_goals(self, states: Mapping[str, ServoState]) -> None:
         goals = {name: state.goal for name, state in states.items() if state.goal is not None}
         message = JointState(name=list(goals), position=list(goals.values()))
         message.header.stamp = self.get_clock().now().to_msg()
-        self._goals_output.publish(message)
+        self._goals_topic.publish(message)
 
     def _log_event(self, event: BusEvent) -> None:
         log = self.get_logger()

@@ -15,8 +15,9 @@ class ActionGoal:
     """One goal; for any thread.
 
     Args:
+        node: offers the action.
         handle: rclpy's goal handle.
-        on_end: called once, when the result is known.
+        goals: the goals that have not ended; it adds and removes itself.
 
     Attributes:
         request: the goal message.
@@ -24,11 +25,12 @@ class ActionGoal:
         on_cancel: called when the client cancels; it must end the goal.
     """
 
-    def __init__(self, handle: Any, on_end: Callable[[Callable[[Any], Any]], object]) -> None:
+    def __init__(self, node: Node, handle: Any, goals: dict[bytes, ActionGoal]) -> None:
         self.request = handle.request
         self.feedback: Callable[[Any], object] = handle.publish_feedback
         self.on_cancel: Callable[[], object] = lambda: None
-        self._on_end, self._has_ended = on_end, False
+        self._node, self._handle, self._goals = node, handle, goals
+        goals[bytes(handle.goal_id.uuid)] = self
 
     def end(self, end: MotionEnd, result: Any) -> None:
         """End the goal, unless it has ended."""
@@ -42,9 +44,9 @@ class ActionGoal:
                 handle.abort()
             return result
 
-        if not self._has_ended:
-            self._has_ended = True
-            self._on_end(conclude)
+        goal, executor = bytes(self._handle.goal_id.uuid), self._node.executor
+        if self._goals.pop(goal, None) is not None and executor is not None:
+            executor.create_task(self._handle.execute, conclude)
 
 
 def serve_goals(
@@ -68,17 +70,6 @@ def serve_goals(
     """
     goals: dict[bytes, ActionGoal] = {}
 
-    def accept(handle: Any) -> None:
-        key = bytes(handle.goal_id.uuid)
-
-        def on_end(conclude: Callable[[Any], Any]) -> None:
-            del goals[key]
-            if node.executor is not None:  # else the program ends
-                node.executor.create_task(handle.execute, conclude)
-
-        goal = goals[key] = ActionGoal(handle, on_end)
-        begin(goal)
-
     def cancel(handle: Any) -> CancelResponse:
         goal = goals.get(bytes(handle.goal_id.uuid))
         if goal is None:
@@ -94,6 +85,6 @@ def serve_goals(
         goal_callback=lambda request: (
             GoalResponse.REJECT if refusal(request) else GoalResponse.ACCEPT
         ),
-        handle_accepted_callback=accept,
+        handle_accepted_callback=lambda handle: begin(ActionGoal(node, handle, goals)),
         cancel_callback=cancel,
     )

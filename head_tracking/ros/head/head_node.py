@@ -23,7 +23,12 @@ from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.target_point import target_from_message
-from head_tracking.ros.kit.topics import LATCHED, Output, TopicListener, unheard
+from head_tracking.ros.kit.topics import (
+    LATCHED,
+    OVERRIDABLE,
+    TopicListener,
+    publishers_of_another_type,
+)
 from head_tracking.tf import listening_buffer
 from head_tracking.tracking import ClockWatch
 
@@ -67,8 +72,6 @@ class HeadNode(ClosingNode):
 
     Attributes:
         control: controls the head.
-        unheard: publishers of targets that cannot be received, and why; empty: none.
-        text: the latest text of `~/state`.
     """
 
     control: HeadControl
@@ -100,8 +103,10 @@ class HeadNode(ClosingNode):
             ValueError: a parameter is not allowed.
             HeadTrackingError: what is to drive the joints is missing.
         """
-        self.unheard = self.text = ""
-        self._errors = Output(self, Float64, error_topic)
+        self._unheard = self._text = ""  # publishers of targets of another type
+        self._errors = self.create_publisher(
+            Float64, error_topic, 10, qos_overriding_options=OVERRIDABLE
+        )
         self._enabled_topic = self.create_publisher(Bool, "~/enabled", LATCHED)
         self._state_topic = self.create_publisher(String, "~/state", LATCHED)
         self._status_topic = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
@@ -171,9 +176,9 @@ class HeadNode(ClosingNode):
         self._publish(None)
 
     def _check_publishers(self) -> None:
-        self.unheard = unheard(self, PointStamped, "target_point")
-        if self.unheard:
-            self.control.warn("unheard", self.unheard)
+        self._unheard = publishers_of_another_type(self, PointStamped, "target_point")
+        if self._unheard:
+            self.control.warn("unheard", self._unheard)
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         title = self.control.targets.title
@@ -197,13 +202,13 @@ class HeadNode(ClosingNode):
 
     def _publish(self, error: float | None) -> None:
         """Publish the error, and the state if it has changed."""
-        if error is not None and self._errors.wanted:
+        if error is not None and self._errors.get_subscription_count():
             self._errors.publish(Float64(data=error))
         control = self.control
         with control.lock:
             off, trouble, (state, text) = control.off, control.trouble, control.state()
             obstacle, detail = off or trouble, text.removeprefix(f"{state}: ")
-            text = f"{text}; {self.unheard}" if self.unheard else text
+            text = f"{text}; {self._unheard}" if self._unheard else text
             fields = {
                 "state": state,
                 "enabled": "true" if off is None else "false",
@@ -211,20 +216,17 @@ class HeadNode(ClosingNode):
                 "slow": "true" if control.is_cautious else "false",
                 "target": "false" if control.targets.miss is None else "true",
                 "reason": "" if obstacle is None else obstacle.reason.value,
-                "disabled because": "" if off is None else str(off),
                 "trouble": "" if trouble is None else str(trouble),
                 "detail": detail,
                 "refusal": control.refusal,
-                "refusals": str(control.refusals),
-                "not heard": self.unheard,
             }
             before, self._fields = self._fields, fields
-            is_new, self.text = text != self.text, text
+            is_new, self._text = text != self._text, text
             if fields == before and not is_new:
                 return
             if fields["enabled"] != before.get("enabled"):
                 self._enabled_topic.publish(Bool(data=off is None))
-            level = Level.WARN if obstacle is not None or self.unheard else Level.OK
+            level = Level.OK if obstacle is None and not self._unheard else Level.WARN
             self._status_topic.publish(status_message(control.name, level, text, fields))
             if is_new:
                 self._state_topic.publish(String(data=text))

@@ -91,23 +91,21 @@ class HeadTrackerNode(HeadNode):
         tracker = self._tracking.tracker
         if tracker is None:
             return {}
-        delays, now = tracker.delays, self.control.now
+        interval, now = tracker.interval, self.control.now
         return {
-            "targets per second": f"{1.0 / delays.interval:.1f}" if delays.interval else "-",
-            "age of a target (ms)": f"{1e3 * delays.message:.1f}",
-            "age of the joint states (ms)": f"{1e3 * delays.reading:.1f}",
+            "targets per second": f"{1.0 / interval:.1f}" if interval else "-",
+            "age of a target (ms)": f"{1e3 * tracker.message_age:.1f}",
+            "age of the joint states (ms)": f"{1e3 * tracker.reading_age:.1f}",
             **{name: value.described(now) for name, value in tracker.learned.items()},
         }
 
     def _publish_diagnostics(self) -> None:
         """Publish the state, the law, and the measured delays."""
-        control, tracker, unheard = self.control, self._tracking.tracker, self.unheard
+        control, tracker = self.control, self._tracking.tracker
         with control.lock:
             values = {"law": self._own.value.law, **self._measured()}
             state, text = control.state()
-        if unheard:
-            values["not heard"] = unheard
-        has_problem = control.trouble is not None or unheard or state == TargetState.STALLED
+        has_problem = control.trouble is not None or state == TargetState.STALLED
         level = Level.WARN if has_problem else Level.OK
         if tracker is not None and tracker.fault:
             level = Level.ERROR

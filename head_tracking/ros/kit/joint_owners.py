@@ -41,11 +41,6 @@ class JointControl(NamedTuple):
         return f"{self.node}/{name}" if self.node else name
 
 
-def owners_message(owners: Mapping[str, str]) -> String:
-    """Return a joint_owners message: a line `joint: owner` for each joint."""
-    return String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
-
-
 def control_message(owners: JointOwners, joints: Iterable[str], node: str = "") -> DiagnosticStatus:
     """Return a joint_control message of a node."""
     stopped = owners.stopped
@@ -153,7 +148,8 @@ class OwnersOutput:
 
     def publish(self) -> None:
         """Publish what has changed; call it regularly, because owners expire."""
-        text, stopped = owners_message(self._owners.of(self._joints)), self._owners.stopped
+        owners, stopped = self._owners.of(self._joints), self._owners.stopped
+        text = String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
         before = self._last_published
         self._last_published = text, stopped, self._owners.epoch.value
         if self._last_published != before:

@@ -1,4 +1,4 @@
-"""Quality of service, publishers that know who listens, and subscriptions of any reliability."""
+"""Quality of service, and subscriptions of any reliability."""
 
 from __future__ import annotations
 
@@ -6,13 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSCompatibility,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -35,29 +29,6 @@ try:
     from rclpy.event_handler import SubscriptionEventCallbacks
 except ImportError:  # ROS 2 Humble
     from rclpy.qos_event import SubscriptionEventCallbacks
-
-
-class Output:
-    """A publisher for other processes.
-
-    Args:
-        node: publishes.
-        kind: of the messages.
-        topic: its name.
-        qos: its depth; see `OVERRIDABLE`.
-        own: number of subscriptions of this process.
-    """
-
-    def __init__(self, node: Node, kind: type, topic: str, qos: int = 10, own: int = 0) -> None:
-        publisher = node.create_publisher(kind, topic, qos, qos_overriding_options=OVERRIDABLE)
-        self.publish: Callable[[Any], object] = publisher.publish
-        self._subscriptions: Callable[[], int] = publisher.get_subscription_count
-        self._own = own
-
-    @property
-    def wanted(self) -> bool:
-        """Whether another process has subscribed."""
-        return self._subscriptions() > self._own
 
 
 class TopicListener:
@@ -92,26 +63,12 @@ class TopicListener:
         self._subscription = self._node.create_subscription(*self._arguments, MEASUREMENT)
 
 
-def unheard(node: Node, kind: type[Any], topic: str) -> str:
-    """Return the publishers that a `TopicListener` cannot receive from, and why; empty: none.
-
-    Args:
-        node: has the listener.
-        kind: of messages that it accepts.
-        topic: its name.
-    """
-    topic = node.resolve_topic_name(topic)
+def publishers_of_another_type(node: Node, kind: type[Any], topic: str) -> str:
+    """Return the publishers of a topic whose messages are not of this type; empty: none."""
     accepted = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
-    found = []
-    for publisher in node.get_publishers_info_by_topic(topic):
-        reason = ""
-        if publisher.topic_type != accepted:
-            reason = f"it publishes {publisher.topic_type}; {accepted} is accepted"
-        else:
-            verdict, text = qos_check_compatible(publisher.qos_profile, MEASUREMENT)
-            if verdict is QoSCompatibility.ERROR:
-                reason = text
-        if reason:
-            name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
-            found.append(f"messages of {name} on {topic} are not received: {reason}")
-    return "; ".join(found)
+    found = [
+        f"{each.node_namespace.rstrip('/')}/{each.node_name} publishes {each.topic_type}"
+        for each in node.get_publishers_info_by_topic(topic)
+        if each.topic_type != accepted
+    ]
+    return f"{topic} is of type {accepted}, but {' and '.join(found)}" if found else ""

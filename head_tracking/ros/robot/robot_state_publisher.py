@@ -31,7 +31,6 @@ from head_tracking.tf import (
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.messages import transform_stamped
 from head_tracking.transforms import (
-    RateLimiter,
     RobotModel,
     Transform,
     load_robot_model,
@@ -40,6 +39,7 @@ from head_tracking.transforms import (
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
+_JUMP = 1_000_000_000  # ns; when stamps go back by more, the clock has jumped back
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +73,6 @@ class RobotStatePublisherParameters:
         fixed=True,
     )
     frame_prefix: str = parameter("", "Put before the names of the robot's links.", fixed=True)
-    ignore_timestamp: bool = parameter(
-        False, "Publish /tf also for joint states whose stamps go back.", fixed=True
-    )
 
     def __post_init__(self) -> None:
         if len(self.world_transform) != 6 or not all(map(math.isfinite, self.world_transform)):
@@ -138,7 +135,8 @@ class RobotStatePublisherNode(Node):
             self._sender = TransformBroadcaster(self)
             self._static_sender = StaticTransformBroadcaster(self)
         self._use(p.model())
-        self._limiter = RateLimiter(p.publish_frequency, ignore_timestamp=p.ignore_timestamp)
+        self._period = round(1e9 / p.publish_frequency)
+        self._due = 0  # the stamp of the next message on /tf [ns]
         TransformListener(
             self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
         )
@@ -169,10 +167,16 @@ class RobotStatePublisherNode(Node):
         self._send_moving(stamp_to_ns(message.header.stamp))
 
     def _send_moving(self, stamp: int) -> None:
+        """Send the moving frames, unless that is more than half a period too early."""
         # one of the subscriptions is that of this node's listener
         if not broadcasting_possible() or self._sender.pub_tf.get_subscription_count() < 2:
             return
-        if self._limiter.accept(stamp) and (moving := self._edges(moving=True)):
+        early = self._due - stamp
+        if self._period // 2 <= early < _JUMP:
+            return
+        due = stamp if early >= _JUMP else self._due
+        self._due = max(due, stamp - self._period // 2) + self._period
+        if moving := self._edges(moving=True):
             self._sender.sendTransform(moving)
 
     def _publish_calibration(self) -> None:

@@ -13,7 +13,6 @@ from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import TargetOutput
 from head_tracking.targets import FrameTarget, FrameTargetParameters, StaleFrameError
 from head_tracking.tf import Buffer, listening_buffer
-from head_tracking.tracking import ClockWatch
 from head_tracking.transforms import TransformException
 
 
@@ -32,10 +31,8 @@ class FrameTargetNode(Node):
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("frame_target", **options)
         rate = NodeParameters(self, FrameTargetRate).value.rate
-        self._buffer = (buffer or listening_buffer(self)).core
-        self._clock_watch = ClockWatch(lambda: float(self.get_clock().now().nanoseconds) * 1e-9)
         self._target = FrameTarget(
-            self._buffer,
+            (buffer or listening_buffer(self)).core,
             NodeParameters(self, FrameTargetParameters, on_change=self._on_parameters).value,
         )
         self._targets = TargetOutput(self)
@@ -45,11 +42,6 @@ class FrameTargetNode(Node):
         self._target.parameters = parameters
 
     def _publish(self) -> None:
-        happened = self._clock_watch.check(simulated=self.get_clock().ros_time_is_active)
-        if happened:
-            self.get_logger().warning(happened)
-            if not self._clock_watch.standing:
-                self._buffer.clear()
         if not self._targets.on:
             return
         try:

@@ -60,9 +60,10 @@ class LatestTarget:
         """Return the latest target; None: none has come."""
         now = self._now
         with self._lock:
-            placed = None if self._placer is None else self._placer.place_newest(now * 1e-9, {})
-        if placed is not None:
-            self._latest = TransformedTarget(*placed, placed[0].stamp or now)
+            placer = self._placer
+            placed = [] if placer is None else placer.place(now * 1e-9, {}, latest_only=True)
+        for target, point in placed:
+            self._latest = TransformedTarget(target, point, target.stamp or now)
         return self._latest
 
     @property
