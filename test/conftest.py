@@ -27,7 +27,7 @@ hypothesis.settings.load_profile("untimed")
 ROOT = Path(__file__).parents[1]
 
 SLOW = {
-    "contract", "chaos", "test_packaging.py", "test_document_code.py", "test_reference.py",
+    "contract", "test_packaging.py", "test_document_code.py", "test_reference.py",
     "test_viewer.py", "test_viewer_calibration.py", "test_exit_paths.py",
 }  # fmt: skip
 """Folders and files whose tests start programs or a browser."""

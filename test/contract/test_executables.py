@@ -101,6 +101,7 @@ def test_a_target_node_reports_the_package_that_is_missing(bench, words, package
         ("look 1,1,0.5@base_link --wait 0.3", 1),
         ("check_model nobot", 1),
         ("servo --port /dev/ttyNOT0 info 1", 1),
+        ("simulated_bus --baud 2000000", 1),
     ],
 )
 def test_usage_errors_have_an_exit_code_and_no_traceback(bench, words, code):

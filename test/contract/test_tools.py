@@ -1,82 +1,63 @@
-"""Programs beside a head: a simulated bus, the servo tool, doctor, a recording."""
+"""Programs beside a head: a simulated bus, tools in a terminal, a recording."""
 
-import re
 import shlex
 import signal
 from contextlib import closing
 from importlib.util import find_spec
 
 import pytest
+import serial
 import yaml
-from dynamixel_sdk import PacketHandler, PortHandler
 from rig import JOINTS, TICK, command
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 from terminal import Terminal
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
+
+PING, PONG = InstructionPacket.ping(1), StatusPacket(1).encode()
 
 
-@pytest.fixture
-def port(bench):
-    """Two AX-12 of another process."""
-    bus = bench.start("simulated_bus", "--link", str(bench.folder / "bus"))
-    yield bus.read_until("bus").strip()
-    assert bus.end(signal.SIGINT) == 0, bus.output
+def ask(port, packet, length):
+    """Return so many bytes of the answer; 0: none is expected."""
+    with serial.Serial(port, 1_000_000, timeout=PATIENCE if length else 0.1) as device:
+        device.write(packet.encode())
+        return device.read(length or 1)
 
 
-def test_servos_of_any_ids_are_simulated_for_any_driver(bench):
-    link = bench.folder / "one"
-    bus = bench.start("simulated_bus", "--ids", "3", "--link", str(link))
-    handler = PortHandler(bus.read_until("one").strip())
-    assert handler.setBaudRate(1_000_000)
-    assert PacketHandler(1.0).ping(handler, 3)[:2] == (12, 0)
-    assert PacketHandler(1.0).ping(handler, 4)[1] != 0
-    handler.closePort()
-    assert bus.end(signal.SIGTERM) == 0
+def test_a_simulated_bus_has_models_of_both_protocols_and_leaves_no_link(bench):
+    link = bench.folder / "servos"
+    models = ("--ids", "1", "--servo", "XL430-W250:3", "--servo", "mx-28:4")
+    bus = bench.start("simulated_bus", *models, "--link", str(link))
+    assert bus.read_until("servos").strip() == str(link)
+    assert ask(str(link), PING, 6) == PONG
+    answer = StatusPacket2.decode(ask(str(link), InstructionPacket2.ping(3), 14))
+    assert answer == StatusPacket2(3, 0, (1060).to_bytes(2, "little") + b"\x32")
+    assert bus.end(signal.SIGTERM) == 0, bus.output
+    assert "AX-12 1, XL430-W250 3, MX-28 4" in bus.output
     assert not link.is_symlink()
 
 
-def test_the_servo_tool_reads_asks_before_it_writes_and_has_exit_codes(bench, port):
-    def run(*words):
-        program = bench.start("servo", "--port", port, *words)
-        return program.end(), program.output
-
-    code, text = run("scan", "--bauds", "1000000", "--ids", "0-8")
-    assert code == 0, text
-    found = [line.split()[:3] for line in text.splitlines() if "AX-12" in line]
-    assert found == [["1000000", "1", "AX-12"], ["1000000", "2", "AX-12"]]
-    assert run("set", "1", "LED", "1")[0] == 0
-    assert run("set", "1", "Temperature Limit", "60")[0] == 3  # it cannot ask: no terminal
-    assert re.search(r"Temperature Limit +70", run("info", "1")[1])
-    assert run("--yes", "set", "1", "Temperature Limit", "60")[0] == 0
-    assert re.search(r"Temperature Limit +60", run("info", "1")[1])
-    assert run("info", "9")[0] == 1
+def test_a_second_simulated_bus_takes_the_link_over(bench):
+    link = str(bench.folder / "servos")
+    first = bench.start("simulated_bus", "--link", link)
+    first.read_until("servos")
+    bench.start("simulated_bus", "--ids", "7", "--link", link).read_until("servos")
+    assert first.end(signal.SIGINT) == 0, first.output
+    assert ask(link, InstructionPacket.ping(7), 6) == StatusPacket(7).encode()
 
 
-def test_new_robot_describes_a_head_with_feetech_servos(bench):
-    link, model = bench.folder / "feetech", bench.folder / "my_head.urdf.xacro"
-    bus = bench.start(
-        "simulated_bus", "--link", str(link), "--servo", "STS3215:5", "--servo", "STS3215:9"
-    )
-    port = bus.read_until("feetech").strip()
-    words = ("my_head", "--folder", str(bench.folder), "--pan", "9", "--tilt", "5", "--yes")
-    program = bench.start("new_robot", *words, "--port", port)
-    assert program.end() == 0, program.output
-    doctor = bench.start("doctor", "--port", port, "--robot", str(model), "--listen", "0")
-    assert doctor.end() in (0, 1, 2), doctor.output
-    joints = [line for line in doctor.output.splitlines() if "STS3215, firmware" in line]
-    assert [line.split()[0] for line in joints] == ["green", "green"], doctor.output
-    assert bus.end(signal.SIGINT) == 0, bus.output
-
-
-def test_doctor_reports_the_servos_by_its_exit_code(bench, port):
-    good = bench.start("doctor", "--port", port, "--listen", "0")
-    code = good.end()
-    levels = {line.split()[0] for line in good.output.splitlines() if JOINTS[0] in line}
-    assert "green" in levels, good.output
-    assert code in (0, 1, 2), good.output
-    params = bench.folder / "ids.yaml"
-    params.write_text("servo_bus: {ros__parameters: {head_pan_controller: {motor: {id: 9}}}}\n")
-    bad = bench.start("doctor", "--port", port, "--listen", "0", "--params", str(params))
-    assert bad.end() == 2, bad.output
+def test_a_simulated_bus_counts_faults_echoes_and_collisions(bench):
+    faulty = bench.start("simulated_bus", "--faults", "100", "--kinds", "drop", "--seed", "5")
+    assert ask(faulty.read_until("/dev/").strip(), PING, 0) == b""
+    faulty.end(signal.SIGINT)
+    assert "faults: drop 1" in faulty.output
+    twins = bench.start("simulated_bus", "--echo", "--servo", "AX-12:1", "--servo", "AX-18A:1")
+    port = twins.read_until("/dev/").strip()
+    assert ask(port, PING, 12) == PING.encode() + PONG
+    read = InstructionPacket.read(1, 0, 2)
+    answer = ask(port, read, 16)
+    assert answer[:8] == read.encode() and StatusPacket.decode(answer[8:]) is None
+    twins.end(signal.SIGINT)
+    assert "two senders at once: servos with the same id 1" in twins.output
 
 
 def on_terminal(bench, tool, *words):
