@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakePort
-from waiting import PATIENCE, eventually, join
+from dynamixel_fakes import PAN, TILT, fake_bench
+from simulated_device import Bench
+from waiting import PATIENCE, join, wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -30,17 +31,17 @@ from head_tracking.dynamixel.exceptions import ServoNotFoundError
 from head_tracking.dynamixel.servo import run
 
 
-def make(*joints: JointConfiguration, **options: Any) -> tuple[DynamixelBackend, list[FakePort]]:
-    """Return a backend with a bus for each joint, connected, and its ports."""
-    ports = [FakePort(joint.id) for joint in joints]
+def make(*joints: JointConfiguration, **options: Any) -> tuple[DynamixelBackend, list[Bench]]:
+    """Return a backend with a bus for each joint, connected, and their benches."""
+    benches = [fake_bench(joint.id) for joint in joints]
     loop = ControlLoop(None)
     buses = [
-        ServoBus(port, [joint], epoch=loop.owners.epoch)
-        for port, joint in zip(ports, joints, strict=True)
+        ServoBus(bench.port, [joint], epoch=loop.owners.epoch)
+        for bench, joint in zip(benches, joints, strict=True)
     ]
     backend = DynamixelBackend(buses, loop, 50.0, **options)
     backend.connect()
-    return backend, ports
+    return backend, benches
 
 
 def hold(backend: DynamixelBackend) -> None:
@@ -54,33 +55,33 @@ def write(backend: DynamixelBackend, **goals: float) -> None:
 
 def test_goals_reach_the_bus_of_each_joint_within_its_limits() -> None:
     reported: list[str] = []
-    buses, ports = make(PAN, TILT, report=lambda subject, _: reported.append(subject))
+    buses, benches = make(PAN, TILT, report=lambda subject, _: reported.append(subject))
     write(buses, head_pan_joint=0.1, head_tilt_joint=9.0)
     assert reported == ["head_tilt_joint"]
     for bus in [thread.bus for thread in buses.threads]:
         for _ in range(10):
             bus.step()
-    assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
-    assert ports[1].servos[2]["Goal Position"] == 800
+    assert benches[0].bus[1].register("Goal Position") == PAN.ticks(0.1)
+    assert benches[1].bus[2].register("Goal Position") == 800
     buses.close()
 
 
 def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
     reported: list[str] = []
-    buses, ports = make(PAN, TILT, report=lambda subject, _: reported.append(subject))
+    buses, benches = make(PAN, TILT, report=lambda subject, _: reported.append(subject))
     write(buses, head_pan_joint=0.1, elbow=0.1)
     buses.threads[0].bus.step()
-    assert ports[0].servos[1]["Torque Enable"] == 0
+    assert benches[0].bus[1].register("Torque Enable") == 0
     write(buses, head_pan_joint=0.1, head_tilt_joint=math.nan)
     for _ in range(10):
         buses.threads[0].bus.step()
-    assert ports[0].servos[1]["Goal Position"] == PAN.ticks(0.1)
+    assert benches[0].bus[1].register("Goal Position") == PAN.ticks(0.1)
     assert reported == ["somebody", "somebody"]
     buses.close()
 
 
 def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
-    buses, ports = make(PAN, TILT)
+    buses, benches = make(PAN, TILT)
     buses.start()
     for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
         future.result(PATIENCE)
@@ -90,7 +91,7 @@ def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
     with pytest.raises(GoalError):
         buses.call(["elbow"], lambda bus, joints: joints)
     assert buses.close() == ()
-    assert [port.opened for port in ports] == [False, False]
+    assert [bench.port.is_open for bench in benches] == [False, False]
 
 
 def test_same_joint_or_controller_on_two_buses_is_refused() -> None:
@@ -98,29 +99,31 @@ def test_same_joint_or_controller_on_two_buses_is_refused() -> None:
     same = replace(TILT, controller=PAN.controller)
     for joint in (other, same):
         loop = ControlLoop(None)
-        buses = [ServoBus(FakePort(), [each], epoch=loop.owners.epoch) for each in (PAN, joint)]
+        buses = [
+            ServoBus(fake_bench().port, [each], epoch=loop.owners.epoch) for each in (PAN, joint)
+        ]
         with pytest.raises(ConfigurationError, match="same name"):
             DynamixelBackend(buses, loop, 50.0)
 
 
 def test_a_bus_that_a_stop_of_the_loop_would_not_overtake_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="epoch"):
-        DynamixelBackend([ServoBus(FakePort(), [PAN])], ControlLoop(None), 50.0)
+        DynamixelBackend([ServoBus(fake_bench().port, [PAN])], ControlLoop(None), 50.0)
 
 
 def test_of_several_buses_all_are_connected_or_none() -> None:
-    backend, ports = make(PAN, TILT)
+    backend, benches = make(PAN, TILT)
     backend.close()
-    ports[1].servos.clear()
+    benches[1].bus[2].set_register("ID", 9)
     with pytest.raises(ServoNotFoundError):
         backend.connect()
-    assert [port.opened for port in ports] == [False, False]
+    assert [bench.port.is_open for bench in benches] == [False, False]
 
 
 def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reported() -> None:
     reported: list[str] = []
-    port, loop = FakePort(1, 2), ControlLoop(None)
-    bus = ServoBus(port, [PAN, TILT], epoch=loop.owners.epoch)
+    bench, loop = fake_bench(), ControlLoop(None)
+    bus = ServoBus(bench.port, [PAN, TILT], epoch=loop.owners.epoch)
     backend = DynamixelBackend([bus], loop, 50.0, lambda subject, text: reported.append(subject))
     backend.connect()
     run(bus.switching_torque(["head_tilt_joint"], False))
@@ -128,8 +131,8 @@ def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reporte
     backend.write("somebody", goals, loop.owners.epoch.value)
     for _ in range(10):
         bus.step()
-    assert [port.servos[i]["Torque Enable"] for i in (1, 2)] == [1, 0]
-    assert port.servos[1]["Goal Position"] == PAN.ticks(0.1)
+    assert bench.torque == [1, 0]
+    assert bench.bus[1].register("Goal Position") == PAN.ticks(0.1)
     assert reported == ["head_tilt_joint"]
     backend.write("somebody", {"head_tilt_joint": Goal(0.1)}, loop.owners.epoch.value)
     backend.write("somebody", {"elbow": Goal(0.1)}, loop.owners.epoch.value)
@@ -138,8 +141,8 @@ def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reporte
 
 
 def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_finds_out() -> None:
-    port, loop = FakePort(1), ControlLoop(None)
-    bus = ServoBus(port, [PAN], epoch=loop.owners.epoch)
+    bench, loop = fake_bench(1), ControlLoop(None)
+    bus = ServoBus(bench.port, [PAN], epoch=loop.owners.epoch)
     backend = DynamixelBackend([bus], loop, 50.0)
     backend.connect()
     refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
@@ -148,7 +151,7 @@ def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_f
     )
     backend.start()
     try:
-        assert eventually(lambda: loop.stuck)
+        wait_for(lambda: loop.stuck)
         assert loop.stuck == {"head_pan_joint": "it cannot hold"}
     finally:
         backend.close()
@@ -158,42 +161,42 @@ def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_f
 def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
     failing: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    buses, ports = make(PAN, TILT)
+    buses, benches = make(PAN, TILT)
     hold(buses)
 
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError
 
     with monkeypatch.context() as patch:
-        patch.setattr(ports[failing], "sync_write", fail)
+        patch.setattr(benches[failing].port, "sync_write", fail)
         problems = buses.relax_now()
     names = (PAN.joint_name, TILT.joint_name)
     assert problems[names[failing]]
     assert not problems[names[1 - failing]]
-    assert ports[1 - failing].servos[2 - failing]["Torque Enable"] == 0
+    assert benches[1 - failing].torque == [0]
     buses.close()
 
 
 @pytest.mark.parametrize("other_stop", [False, True])
 def test_a_stop_is_carried_out_where_the_port_is_not_free(other_stop: bool) -> None:
-    buses, ports = make(PAN, TILT)
+    buses, benches = make(PAN, TILT)
     hold(buses)
     begun, end = threading.Event(), threading.Event()
 
     def occupy(_: ServoBus) -> None:
         begun.set()
-        end.wait(0.5 if other_stop else PATIENCE)  # as long as a STOP may take; too long
+        end.wait(0.1 if other_stop else PATIENCE)  # a while; too long
 
     other = threading.Thread(target=buses.threads[1].at_once, args=(occupy, 1.0))
     other.start()
     assert begun.wait(PATIENCE)
-    problems = buses.relax_now(0.5 if other_stop else 0.02)
+    problems = buses.relax_now(PATIENCE if other_stop else 0.02)
     assert not problems[PAN.joint_name] and bool(problems[TILT.joint_name]) is not other_stop
     end.set()
     join(other)
     for thread in buses.threads:
         thread.bus.step()
-    assert [port.servos[i]["Torque Enable"] for i, port in enumerate(ports, 1)] == [0, 0]
+    assert [bench.torque for bench in benches] == [[0], [0]]
     assert buses.joint(PAN.joint_name).torque is Torque.OFF_UNTIL_COMMANDED
 
 
@@ -208,7 +211,7 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
             hanging.set()
             release.wait(20.0)
 
-    buses, ports = make(PAN, TILT, on_reading=on_reading)
+    buses, benches = make(PAN, TILT, on_reading=on_reading)
     stop = BusThread.stop
     monkeypatch.setattr(BusThread, "stop", lambda self, timeout=0.3: stop(self, timeout))
     try:
@@ -216,12 +219,12 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
 
         def hangs() -> bool:
             write(buses, head_pan_joint=0.2, head_tilt_joint=0.2)
-            return hanging.is_set() and bool(ports[1].servos[2]["Torque Enable"])
+            return hanging.is_set() and bool(benches[1].bus[2].register("Torque Enable"))
 
-        assert eventually(hangs)
+        wait_for(hangs)
         with pytest.raises(BusStoppedError):
             buses.close()
-        assert [port.servos[i]["Torque Enable"] for i, port in enumerate(ports, 1)] == [0, 0]
-        assert not ports[0].opened and not ports[1].opened
+        assert [bench.torque for bench in benches] == [[0], [0]]
+        assert not any(bench.port.is_open for bench in benches)
     finally:
         release.set()

@@ -10,7 +10,6 @@ from dynamixel_fakes import (
     PAN,
     TORQUE,
     FakeRig,
-    FakeServo,
     speed_ticks,
     submit,
     writes,
@@ -25,7 +24,6 @@ from head_tracking.dynamixel import (
     Goal,
     GoalError,
     Health,
-    ReplyTimeoutError,
     ServoError,
     Symptom,
     Torque,
@@ -43,7 +41,7 @@ from head_tracking.simulation import SimulatedServo
 def test_servo_that_shuts_down_is_relaxed_and_reported_once(error: ErrorBits) -> None:
     rig = FakeRig().switched_on()
     rig.pan.error = error
-    assert rig.events(3) == [EventKind.FAULTED]
+    assert rig.passed(3) == [EventKind.FAULTED]
     assert rig.pan_torque is Torque.OFF_BY_FAULT
     assert rig.pan["Torque Enable"] == 0
     assert rig.bus.statistics().servos[0].health is Health.FAULTED
@@ -57,20 +55,21 @@ def test_servo_that_shuts_down_is_relaxed_and_reported_once(error: ErrorBits) ->
 def test_error_that_does_not_shut_down_is_told_once_and_again_after_it_was_gone() -> None:
     rig = FakeRig().switched_on()
     rig.pan.error = ErrorBits.INPUT_VOLTAGE
-    assert rig.events(3) == [EventKind.ALARM]
+    assert rig.passed(3) == [EventKind.ALARM]
     assert rig.pan_torque is Torque.ON
     rig.pan.error = ErrorBits.ANGLE_LIMIT | ErrorBits.RANGE  # they judge a packet
-    assert rig.events(2) == []
+    assert rig.passed(2) == []
     rig.pan.error = ErrorBits.INPUT_VOLTAGE
-    assert rig.events(2) == [EventKind.ALARM]
+    assert rig.passed(2) == [EventKind.ALARM]
 
 
 def test_fault_that_is_still_there_after_recover_is_told_again() -> None:
     rig = FakeRig().switched_on()
+    rig.pan["Shutdown"] = 0
     rig.pan.error = ErrorBits.OVERHEATING
     rig.step()
     run(rig.bus.recovering())
-    assert rig.events(2) == [EventKind.RECOVERED, EventKind.FAULTED]
+    assert rig.passed(2) == [EventKind.RECOVERED, EventKind.FAULTED]
     assert rig.pan_torque is Torque.OFF_BY_FAULT
 
 
@@ -92,9 +91,9 @@ def test_recover_does_not_let_a_servo_drive_on_to_its_old_goal() -> None:
 def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
     rig = FakeRig().switched_on()
     rig.pan["Present Temperature"] = 67
-    assert rig.events() == []
+    assert rig.passed() == []
     rig.pan["Present Temperature"] = 68
-    assert rig.events(3) == [EventKind.RESTING]
+    assert rig.passed(3) == [EventKind.RESTING]
     assert rig.pan["Torque Enable"] == 0
     assert rig.pan_torque is Torque.OFF_TO_COOL
     with pytest.raises(GoalError):
@@ -103,9 +102,9 @@ def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
         run(rig.bus.switching_torque(["head_pan_joint"], True))
     assert rig.pan["Torque Enable"] == 0
     rig.pan["Present Temperature"] = 60
-    assert rig.events() == []
+    assert rig.passed() == []
     rig.pan["Present Temperature"] = 59
-    assert rig.events(3) == [EventKind.COOLED]
+    assert rig.passed(3) == [EventKind.COOLED]
     assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
 
 
@@ -116,12 +115,14 @@ def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_
     rig = FakeRig().switched_on(0.5)
     rig.pan.answers = False
     rig.step(2)
-    rig.port.servos[1] = FakeServo(1)
-    rig.port.failures[1] += [None, ReplyTimeoutError("no answer about its torque")] * missed
-    rig.port.take_log()
-    assert rig.events(5) == [EventKind.TORQUE_LOST]
+    rig.pan.power_off()
+    rig.pan.power_on()
+    rig.pan.answers = True
+    rig.pan.mute += [False, True] * missed
+    rig.take_log()
+    assert rig.passed(5) == [EventKind.TORQUE_LOST]
     assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
-    assert {packet[1] for packet in writes(rig.port.log)} == {TORQUE}
+    assert {packet[1] for packet in writes(rig.log)} == {TORQUE}
     assert rig.pan["Torque Enable"] == 0
 
 
@@ -129,13 +130,13 @@ def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None
     rig = FakeRig().switched_on(0.5)
     rig.pan.answers = False
     rig.step()
-    rig.port.take_log()
+    rig.take_log()
     rig.step(2)
-    assert writes(rig.port.log) == []
+    assert writes(rig.log) == []
     rig.pan.answers = True
-    assert rig.events(3) == []
+    assert rig.passed(3) == []
     assert rig.pan_torque is Torque.ON
-    assert writes(rig.port.log)[-1][0] == "sync"
+    assert writes(rig.log)[-1][0] == "sync"
 
 
 # Commands that stop coming
@@ -144,8 +145,8 @@ def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None
 def test_joint_holds_when_its_commands_stop() -> None:
     rig = FakeRig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
     rig.pan["Present Position"] = 540
-    assert rig.events(3) == []
-    assert rig.events(4) == [EventKind.HELD]
+    assert rig.passed(3) == []
+    assert rig.passed(4) == [EventKind.HELD]
     assert rig.pan["Goal Position"] == 540
     rig.bus.command({"head_pan_joint": Goal(0.5)})
     rig.step()
@@ -156,7 +157,7 @@ def test_joint_that_has_arrived_just_stays() -> None:
     rig = FakeRig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
     for off in (2, 20):  # also when it is pushed away later
         rig.pan["Present Position"] = PAN.ticks(0.5) - off
-        assert rig.events(20) == []
+        assert rig.passed(20) == []
     assert rig.pan["Goal Position"] == PAN.ticks(0.5)
 
 
@@ -168,10 +169,10 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     run(rig.bus.starting(None))  # of a joint that is not stopped
     assert rig.pan_torque is Torque.ON and rig.pan["Torque Enable"] == 1
     run(rig.bus.stopping(["head_pan_joint"]))
-    rig.port.take_log()
+    rig.take_log()
     reading = rig.step()
     assert set(reading.states) == {"head_tilt_joint"} and not rig.lost
-    assert rig.port.log == [("read", 2, 36, 8)]
+    assert rig.log == [("read", 2, 36, 8)]
     assert rig.pan["Torque Enable"] == 0
     assert rig.bus.statistics().servos[0].health is Health.STOPPED
     assert rig.pan_torque is Torque.OFF_STOPPED
@@ -236,7 +237,7 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
             "head_tilt_joint",
             EepromSettings(return_delay=0.0, shutdown=("overload", "overheating")),
         ),
-        rig.clock.pass_time,
+        rig.bench.pass_time,
     )
     assert changed == {
         2: {
@@ -245,17 +246,17 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
             "CCW Angle Limit": (1023, 800),
         }
     }
-    servo = rig.port.servos[2]
+    servo = rig.tilt
     assert (servo["Return Delay Time"], servo["CW Angle Limit"]) == (0, 300)
     assert rig.bus.joint("head_tilt_joint").servos[0].own_range == (300, 800)
     assert run(
-        rig.bus.writing_eeprom("head_tilt_joint", EepromSettings()), rig.clock.pass_time
+        rig.bus.writing_eeprom("head_tilt_joint", EepromSettings()), rig.bench.pass_time
     ) == {2: {}}
 
 
 def test_what_cannot_be_written_into_the_memory_is_refused(rig: FakeRig) -> None:
     def write(joint: str, settings: EepromSettings) -> None:
-        run(rig.bus.writing_eeprom(joint, settings), rig.clock.pass_time)
+        run(rig.bus.writing_eeprom(joint, settings), rig.bench.pass_time)
 
     with pytest.raises(ConfigurationError):  # the model has no such error
         write("head_pan_joint", EepromSettings(shutdown=("encoder",)))
@@ -287,10 +288,10 @@ def test_impossible_settings_of_the_memory_are_refused(option: dict[str, Any]) -
 
 def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
     rig = FakeRig()
-    rig.port.failures[1].extend([ReplyTimeoutError("late")] * 2)
+    rig.pan.mute += [True, True]
     rig.step()
     rig.bus.command({"head_pan_joint": Goal(0.1)})
-    rig.port.failures[1].append(ReplyTimeoutError("late"))
+    rig.pan.mute.append(True)
     rig.step()
     assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
     rig.step(2)
@@ -344,7 +345,7 @@ def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later(
     rig.bus.command({"j1": Goal(0.5)})  # of the same cycle
     writing = submit(rig.bus, rig.bus.writing_eeprom("j1", EepromSettings(return_delay=100.0)))
     rig.bench.pass_time(0.02)
-    rig.bus.step()
+    rig.step()
     assert not writing.done()
     with pytest.raises(GoalError):
         rig.bus.command({"j1": Goal(0.5)})

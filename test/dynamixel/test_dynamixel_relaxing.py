@@ -36,7 +36,7 @@ def plug_in(rig: FakeRig) -> None:
 @pytest.fixture
 def rig() -> FakeRig:
     """Pan and tilt hold."""
-    rig = FakeRig(tick=1000)
+    rig = FakeRig()
     run(rig.bus.switching_torque(None, True))
     return rig
 
@@ -56,7 +56,7 @@ def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | 
     with pytest.raises(ServoError):
         rig.connect()
     assert rig.tilt["Torque Enable"] == 0
-    assert not rig.port.opened
+    assert not rig.bench.port.is_open
 
 
 def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig: FakeRig) -> None:
@@ -96,7 +96,7 @@ def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_
 
 def test_no_joint_is_called_relaxed_when_the_adapter_has_gone(rig: FakeRig) -> None:
     run(rig.bus.stopping([TILT.joint_name]))
-    rig.port.gone = True
+    rig.bench.line.plugged = False
     assert rig.bus.close() == (PAN.joint_name,)
 
 
@@ -170,24 +170,31 @@ def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_ans
     assert rig.torque == [0, not overtaken]
     assert rig.bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
     assert set(reading.states) == {TILT.joint_name}
-    rig.port.take_log()
+    rig.take_log()
     rig.bus.step()
-    assert all(packet[1] != 1 for packet in rig.port.take_log())  # it is left alone
+    assert all(packet[1] != 1 for packet in rig.take_log())  # it is left alone
     assert rig.bus.close() == ()
 
 
 def test_a_servo_that_is_silent_for_a_moment_at_the_end_is_relaxed(rig: FakeRig) -> None:
     loosen(rig)
-    rig.at = (rig.clock.now + 0.8e9, lambda: plug_in(rig))
+    write, end = rig.bench.line.write, rig.bench.now() + 0.8e9
+
+    def plug_in_and_write(data: bytes) -> None:
+        if rig.bench.now() > end:
+            plug_in(rig)
+        write(data)
+
+    rig.bench.line.write = plug_in_and_write  # type: ignore[method-assign]
     assert rig.bus.close() == ()
     assert rig.torque == [0, 0]
 
 
 def test_a_stop_without_time_relaxes_all_the_same(rig: FakeRig) -> None:
+    rig.pan.mute += [True] * 3
     assert rig.bus.relax_at_once(0.0)[PAN.joint_name]  # not confirmed yet
     assert rig.torque == [0, 0]
-    for _ in range(3):
-        rig.bus.step()
+    rig.step(6)
     assert rig.bus.joint(PAN.joint_name).confirmed
 
 
@@ -199,16 +206,16 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
     rig: FakeRig,
     other: dict[str, int],
 ) -> None:
-    rig.port.gone = True
+    rig.bench.line.plugged = False
     rig.bus.step()
     ((name, value),) = other.items()
     before = rig.tilt[name]
     rig.tilt[name] = value  # of another servo with the same id, on another adapter
-    rig.port.gone = False
-    rig.port.take_log()
-    assert EventKind.UNUSABLE in rig.events(100)
+    rig.bench.line.plugged = True
+    rig.take_log()
+    assert EventKind.UNUSABLE in rig.passed(100)
     assert not rig.bus.statistics().connected
-    assert not writes(rig.port.take_log())
+    assert not writes(rig.take_log())
     rig.tilt[name] = before
     rig.step(100)
     assert rig.bus.statistics().connected
@@ -218,13 +225,13 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
 def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(
     rig: FakeRig, on: bool
 ) -> None:
-    rig.port.gone = True
+    rig.bench.line.plugged = False
     rig.bus.step()
     rig.bus.relax_at_once(0.1)
     asked = submit(rig.bus, rig.bus.switching_torque(None, on))
     rig.step(20)
     assert isinstance(asked.exception(0.0), TorqueError)
-    rig.port.gone = False
+    rig.bench.line.plugged = True
     rig.step(100)
     assert rig.torque == [0, 0]
 

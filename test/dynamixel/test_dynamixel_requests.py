@@ -81,8 +81,8 @@ class Interleavings:
 
     def __init__(self, seed: int) -> None:
         self.random = Random(seed)
-        rig = FakeRig(PAN, tick=100_000)
-        self.port, self.bus = rig.port, rig.bus
+        rig = FakeRig(PAN)
+        self.servo, self.log, self.bus = rig.pan, rig.log, rig.bus
         self.thread = BusThread(self.bus, 50.0, lambda _: None)
         self.epoch = self.bus.requests.epoch
         self.made: list[tuple[int | None, int]] = []  # goal in ticks or None: torque on; its epoch
@@ -143,7 +143,7 @@ class Interleavings:
         )
         self.settle()
         assert relaxing.result(0.0) is None
-        assert self.port.servos[1]["Torque Enable"] == 0
+        assert self.servo["Torque Enable"] == 0
 
     def resume(self) -> None:
         """Whatever was discarded before, the joint takes torque and a goal again."""
@@ -161,7 +161,7 @@ class Interleavings:
         self.bus.command({JOINT: Goal(PAN.position(700))})
         for _ in range(30):
             self.cycle()
-        assert self.port.servos[1]["Goal Position"] == 700
+        assert self.servo["Goal Position"] == 700
 
     def settle(self) -> None:
         requests = self.bus.requests
@@ -178,7 +178,7 @@ class Interleavings:
                 assert isinstance(future.exception(), (StoppedError, TorqueError))
 
     def check(self) -> None:
-        servo = self.port.servos[1]
+        servo = self.servo
         if servo["Torque Enable"]:
             assert self.may_move
             assert servo["Goal Position"] in {servo["Present Position"], *self.goals}
@@ -196,7 +196,7 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
         if number % 50 == 0:
             run.relax()
             run.settle()
-            run.port.log.clear()
+            run.log.clear()
         if number % 500 == 0:
             run.resume()
     assert run.stops > INTERLEAVINGS // 8
@@ -235,11 +235,11 @@ def test_a_function_that_was_cancelled_is_not_called(rig: FakeRig) -> None:
 def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> None:
     submit(rig.bus, rig.bus.switching_torque([JOINT], True))
     for _ in range(4):
-        rig.bus.cycle.fill(rig.clock.now + 10**9)
+        rig.bus.cycle.fill(rig.bench.now() + 10**9)
     assert rig.bus.joint(JOINT).busy  # and no cycle takes the other steps
     with pytest.raises(ServoError):
-        run(rig.bus.writing_eeprom(JOINT, EepromSettings()), rig.clock.pass_time)
-    assert rig.clock.now < 20e9
+        run(rig.bus.writing_eeprom(JOINT, EepromSettings()), rig.bench.pass_time)
+    assert rig.bench.now() < 20e9
 
 
 def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end(rig: FakeRig) -> None:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakePort
-from waiting import PATIENCE, eventually
+from dynamixel_fakes import PAN, TILT, fake_bench
+from simulated_device import Bench
+from waiting import PATIENCE, wait_for
 
 from head_tracking.dynamixel import (
     BusReading,
@@ -21,23 +22,23 @@ from head_tracking.dynamixel import (
 )
 
 
-def made(port: FakePort, *callbacks: Callable[[Any], object], rate: float = 100.0) -> BusThread:
+def made(bench: Bench, *callbacks: Callable[[Any], object], rate: float = 100.0) -> BusThread:
     """Return a thread of a connected bus; callbacks of readings and errors."""
-    bus = ServoBus(port, (PAN, TILT))  # type: ignore[arg-type]
+    bus = ServoBus(bench.port, (PAN, TILT))
     bus.connect()
     return BusThread(bus, rate, *(callbacks or (lambda _: None,)))
 
 
-def started(port: FakePort, *callbacks: Callable[[Any], object], rate: float = 100.0) -> BusThread:
-    thread = made(port, *callbacks, rate=rate)
+def started(bench: Bench, *callbacks: Callable[[Any], object], rate: float = 100.0) -> BusThread:
+    thread = made(bench, *callbacks, rate=rate)
     thread.start()
     return thread
 
 
 def test_thread_hands_out_readings_and_measures_itself() -> None:
     readings: list[BusReading] = []
-    thread = started(FakePort(), readings.append, rate=200.0)
-    assert eventually(lambda: thread.timing.reached_rate > 0.0)
+    thread = started(fake_bench(), readings.append, rate=200.0)
+    wait_for(lambda: thread.timing.reached_rate > 0.0)
     thread.stop()
     assert thread.bus.requests.closed
     assert len(readings) == thread.bus.statistics().cycles
@@ -48,28 +49,29 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
 
 
 def test_stop_holds_relaxes_and_closes() -> None:
-    port = FakePort()
-    thread = started(port)
+    bench = fake_bench()
+    thread = started(bench)
     thread.bus.command({"head_pan_joint": Goal(0.5)})
-    assert eventually(lambda: port.servos[1]["Torque Enable"] == 1)
+    wait_for(lambda: bench.torque[0] == 1)
     thread.stop()
-    assert port.servos[1]["Torque Enable"] == 0
-    assert port.servos[1]["Goal Position"] == port.servos[1]["Present Position"]
-    assert not port.opened
+    assert bench.torque[0] == 0
+    servo = bench.bus[1]
+    assert servo.register("Goal Position") == servo.register("Present Position")
+    assert not bench.port.is_open
     assert thread.unconfirmed == ()
     thread.stop()
 
 
 @pytest.mark.parametrize("started", [False, True])
 def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
-    port = FakePort()
-    thread = made(port)
+    bench = fake_bench()
+    thread = made(bench)
     waiting = thread.call(lambda bus: None)
     if started:
         thread.start()
         waiting.result(PATIENCE)
     thread.stop()
-    assert not port.opened
+    assert not bench.port.is_open
     late = thread.call(lambda bus: None)
     for future in {late} if started else {late, waiting}:
         assert isinstance(future.exception(PATIENCE), BusStoppedError)
@@ -79,7 +81,7 @@ def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
 def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
     failure: BaseException,
 ) -> None:
-    port = FakePort()
+    bench = fake_bench()
     reported: list[tuple[BaseException, int]] = []
 
     def explode(reading: BusReading) -> None:
@@ -87,11 +89,11 @@ def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
             raise failure
 
     def report(error: BaseException) -> None:
-        reported.append((error, port.servos[1]["Torque Enable"]))
+        reported.append((error, bench.torque[0]))
 
-    thread = started(port, explode, report)
+    thread = started(bench, explode, report)
     thread.bus.command({"head_pan_joint": Goal(0.5)})
-    assert eventually(lambda: bool(reported))
+    wait_for(lambda: bool(reported))
     error, torque = reported[0]
     assert torque == 0  # relaxed before the error is reported
     assert thread.error is error is failure
@@ -100,12 +102,12 @@ def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
 
 
 def test_port_that_cannot_come_back_ends_the_thread_and_is_reported() -> None:
-    port = FakePort()
-    port.may_return = False
+    bench = fake_bench()
+    bench.port.name = "/dev/pts/99"
     reported: list[BaseException] = []
-    thread = started(port, lambda _: None, reported.append)
-    port.gone = True
-    assert eventually(lambda: bool(reported))
+    thread = started(bench, lambda _: None, reported.append)
+    bench.line.plugged = False
+    wait_for(lambda: bool(reported))
     assert isinstance(reported[0], PortLostError)
     assert thread.unconfirmed == ("head_pan_joint", "head_tilt_joint")
     thread.stop()
@@ -113,41 +115,38 @@ def test_port_that_cannot_come_back_ends_the_thread_and_is_reported() -> None:
 
 def test_stop_from_the_callback_does_not_wait_for_itself() -> None:
     threads: list[BusThread] = []
-    thread = made(FakePort(), lambda reading: threads[0].stop())
+    thread = made(fake_bench(), lambda reading: threads[0].stop())
     threads.append(thread)
     thread.start()
-    assert eventually(lambda: thread.bus.requests.closed)
+    wait_for(lambda: thread.bus.requests.closed)
     assert thread.error is None
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 5000.0])
 def test_senseless_rate_is_refused(rate: float) -> None:
     with pytest.raises(ConfigurationError, match="1 to 1000"):
-        made(FakePort(), rate=rate)
+        made(fake_bench(), rate=rate)
 
 
-def test_a_bus_that_is_slow_to_close_is_not_called_hanging() -> None:
-    release = threading.Event()
-
-    class SlowPort(FakePort):
-        def close(self) -> None:
-            release.wait(PATIENCE)
-            super().close()
-
-    thread = started(SlowPort())
+def test_a_bus_that_is_slow_to_close_is_not_called_hanging(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    release, bench = threading.Event(), fake_bench()
+    thread, close = started(bench), bench.port.close
+    monkeypatch.setattr(bench.port, "close", lambda: (release.wait(PATIENCE), close()))
     threading.Timer(0.3, release.set).start()
     thread.stop(timeout=0.05)
     assert thread.unconfirmed == () and thread.bus.requests.closed
 
 
 def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
-    port = FakePort()
-    first = made(port)
+    bench = fake_bench()
+    first = made(bench)
     first.stop()
     first.bus.connect()
     thread = BusThread(first.bus, 100.0, lambda _: None)
     thread.start()
     thread.call(lambda bus: bus.switching_torque(None, True)).result(PATIENCE)
     thread.stop()
-    assert [servo["Torque Enable"] for servo in port.servos.values()] == [0, 0]
-    assert not port.opened
+    assert bench.torque == [0, 0]
+    assert not bench.port.is_open

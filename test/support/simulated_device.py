@@ -20,6 +20,7 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
+from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.simulation import (
     Answer,
     SimulatedBus,
@@ -88,9 +89,14 @@ class Bench:
             "simulated",
             baud_rate,
             reply_timeout=reply_timeout,
-            open_device=lambda *_: as_device(self.line),
+            open_device=self._open,
             clock=self.clock,
         )
+
+    def _open(self, name: str, baud_rate: int) -> Any:
+        if not self.line.plugged:
+            raise PortMissingError(name, ())
+        return as_device(self.line)
 
     def servo_bus(
         self,
@@ -113,6 +119,10 @@ class Bench:
 
     def pass_time(self, seconds: float) -> None:
         self.clock.now += round(seconds * 1e9)
+
+    @property
+    def torque(self) -> list[int]:
+        return [servo.register("Torque Enable") for servo in self.bus]
 
     def turn_by_hand(self, servo_id: int, tick: float) -> None:
         """Lead a servo to a tick, and let it come to rest there."""
@@ -182,4 +192,4 @@ class Rig:
 
     @property
     def torque(self) -> list[int]:
-        return [servo.register("Torque Enable") for servo in self.servos]
+        return self.bench.torque
