@@ -7,14 +7,17 @@ from pathlib import Path
 import pytest
 import yaml
 from simulated_device import Bench, Keyboard
+from waiting import wait_for
 
 from head_tracking import Head
 from head_tracking.cli import new_robot
 from head_tracking.cli.servo.session import Session
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
+from head_tracking.configuration import configured_head
 from head_tracking.exceptions import RefusedError
 from head_tracking.simulation import SimulatedPort, SimulatedServo
+from head_tracking.transforms import load_robot_model
 
 
 class User:
@@ -89,12 +92,16 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
     servos = [
         SimulatedServo(i, "XL430-W250", position=p) for i, p in ((3, 2048), (5, 2100), (9, 1500))
     ]
-    with SimulatedPort(servos) as port, Head.open(port.port_name, robot=model) as head:
+    joints = configured_head([user.folder / "my_head.yaml"]).servos
+    with (
+        SimulatedPort(servos) as port,
+        Head(port.port_name, load_robot_model(model), joints, reply_timeout=1.0) as head,
+    ):
         frames = head.frames
         camera = frames.lookup_transform("base_link", "camera_link").transform.translation
         assert camera == pytest.approx((0.04, 0.01, 0.19), abs=0.002)
         upper_left = (2.0, 0.8, 0.7)
-        assert head.look_at(upper_left).arrived
+        wait_for(lambda: head.look_at(upper_left).arrived)
         assert servos[2].true_ticks < 1400 and servos[1].true_ticks > 2200
 
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from rig import DEGREE
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
 
 from head_tracking import (
     FrameError,
@@ -39,7 +39,7 @@ def test_a_face_is_followed(head, follow):
     wait_for(lambda: follows(head))
     assert camera.sighting.confidence > 0.0
     camera.close()
-    assert camera.wait(10.0)
+    assert camera.wait(PATIENCE)
     assert camera.error is None
 
 
@@ -48,7 +48,7 @@ def test_stop_ends_following_and_resume_does_not_restart_it(head, servos, follow
     wait_for(lambda: follows(head))
     assert not any(head.stop().values())
     head.resume()
-    assert camera.wait(10.0)
+    assert camera.wait(PATIENCE)
     assert isinstance(camera.error, RefusedCommandError)
     rest = servos.at_rest()
     time.sleep(0.5)
@@ -60,7 +60,7 @@ def test_stop_ends_following_and_resume_does_not_restart_it(head, servos, follow
 
 def test_a_second_camera_replaces_the_first(head, follow):
     first, second = follow(), follow()
-    assert first.wait(10.0)
+    assert first.wait(PATIENCE)
     assert isinstance(first.error, SupersededError)
     wait_for(lambda: follows(head))
     assert second.error is None
@@ -79,7 +79,7 @@ def test_another_detector_gets_the_images_of_the_same_camera(head):
     second = head.follow_camera("colour", camera)
     assert not second.wait(0.5)
     head.hold()
-    assert second.wait(10.0)
+    assert second.wait(PATIENCE)
     assert isinstance(second.error, SupersededError)
 
 
@@ -99,13 +99,13 @@ def test_the_next_command_ends_following_also_if_nothing_was_seen(head, command,
     """Else its device would stay in use."""
     camera = head.follow_camera("face", grey_images())
     command(head)
-    assert camera.wait(10.0)
+    assert camera.wait(PATIENCE)
     assert isinstance(camera.error, error)
 
 
 def test_a_camera_without_a_face_does_not_move_the_head(head, servos):
     camera = head.follow_camera("face", ((time.time(), GREY) for _ in range(5)))
-    assert camera.wait(10.0)
+    assert camera.wait(PATIENCE)
     assert (camera.sighting, camera.error) == (None, None)
     assert servos.true == pytest.approx((0.0, 0.0), abs=1e-6)
 
@@ -138,14 +138,14 @@ def unplugged():
 )
 def test_a_failing_camera_ends_following_with_its_error(head, camera, error):
     following = head.follow_camera("face", camera)
-    assert following.wait(10.0)
+    assert following.wait(PATIENCE)
     assert isinstance(following.error, error)
 
 
 def test_an_invalid_picture_ends_following_and_calibration_with_an_error(head):
     for picture in (np.zeros((0, 0, 3), np.uint8), GREY[:, :, 0], GREY / 255, "text", None):
         camera = head.follow_camera("face", iter([(time.time(), picture)]))
-        assert camera.wait(10.0)
+        assert camera.wait(PATIENCE)
         assert isinstance(camera.error, ImageError)
         with pytest.raises(ImageError):
             head.calibrate([(time.time(), picture)], target="room")

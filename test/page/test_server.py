@@ -15,8 +15,7 @@ from typing import Any
 
 import httpx
 import pytest
-from browser import PATIENCE
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 

@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE
 
 PROGRAM = Path(__file__).parents[1] / "support" / "exit_paths.py"
-PATIENCE = 60
+
 HANGING = """
 import sys, time
 from head_tracking.ros.kit.stop_signal import StopSignal

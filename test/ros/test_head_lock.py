@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 from rig import Bench
 from std_msgs.msg import String
-from waiting import eventually, wait_for
+from waiting import wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
@@ -119,7 +119,7 @@ def test_of_two_heads_that_hear_of_each_other_the_older_goes_on(node):
     younger = HeadClaim(node(), simulated=False)
     older.begin()
     younger.begin()
-    assert eventually(lambda: refused(younger))
+    wait_for(lambda: refused(younger))
     older.check()
 
 
@@ -127,7 +127,7 @@ def test_a_simulated_head_ends_for_a_real_one_that_comes_later(node):
     simulated = HeadClaim(node(), simulated=True)
     simulated.begin()
     real = HeadClaim(node(), simulated=False)
-    assert eventually(lambda: refused(simulated))
+    wait_for(lambda: refused(simulated))
     time.sleep(0.1)
     real.check()
     real.begin()
@@ -141,7 +141,7 @@ def test_invalid_claims_are_ignored(node):
     wait_for(publisher.get_subscription_count)
     for data in ("", "7", "{}", json.dumps({"rank": [None], "head": 3})):
         publisher.publish(String(data=data))
-    assert eventually(lambda: other.count_publishers("head_claim") == 2)
+    wait_for(lambda: other.count_publishers("head_claim") == 2)
     time.sleep(0.1)
     claim.check()
 

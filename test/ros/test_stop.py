@@ -10,7 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
-from waiting import eventually, join, wait_for
+from waiting import join, wait_for
 
 from head_tracking.control import JointOwners
 from head_tracking.head.obstacle import Blocked, Obstacle
@@ -180,7 +180,7 @@ def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     tracker.control.targets.restart = lambda *_: 1 // 0
     answer = robot.composition.loop.stop()
     assert answer == {"head_pan_joint": "", "head_tilt_joint": ""}
-    assert eventually(lambda: stopped and stopped[-1].data)
+    wait_for(lambda: stopped and stopped[-1].data)
     with pytest.raises(NodeDied):  # (by the loop, or by the node, whichever notices the STOP first)
         wait_for(lambda: False)
 

@@ -151,10 +151,10 @@ def page(request, robot, viewer, opened) -> Any:
         opened.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
     if viewer.robot.stop.refusal or is_relaxed(robot):
         assert robot.call("resume").success
-        wait_for(lambda: robot.call("torque_enable", True).success, PATIENCE)
+        wait_for(lambda: robot.call("torque_enable", True).success)
         wait_for(lambda: not viewer.robot.stop.refusal and not is_relaxed(robot))
     opened.evaluate("headPage.replay.opened && headPage.replay.close()")
-    wait_for(lambda: word(opened) not in ("stopped", "relaxed", "replay"), PATIENCE)
+    wait_for(lambda: word(opened) not in ("stopped", "relaxed", "replay"))
     return opened
 
 
@@ -178,7 +178,7 @@ def point_left(robot: Robot, page: Any) -> None:
 
 
 def turned(robot: Robot, pan: float) -> None:
-    wait_for(lambda: abs(robot.true("head_pan_joint") - pan) < 2 * DEGREE, PATIENCE)
+    wait_for(lambda: abs(robot.true("head_pan_joint") - pan) < 2 * DEGREE)
 
 
 def joint_field(page: Any, joint: str) -> Any:
@@ -200,7 +200,7 @@ def test_the_page_shows_the_robot(page):
         return int(np.count_nonzero((b > r + 40) & (b > g + 20)))
 
     page.locator("#scene").scroll_into_view_if_needed()
-    wait_for(lambda: blue() > 150, PATIENCE)  # the torso
+    wait_for(lambda: blue() > 150)  # the torso
     assert page.title() == "kinectbot"
 
 
@@ -237,7 +237,7 @@ def test_a_recording_is_saved_loaded_scrubbed_and_left_again(robot, viewer, visi
             " input.dispatchEvent(new Event('input')); }",
             math.ceil(100 * second) / 100,
         )
-        wait_for(lambda pan=pans[wanted]: abs(pan_shown() - pan) < 3 * DEGREE, PATIENCE)
+        wait_for(lambda pan=pans[wanted]: abs(pan_shown() - pan) < 3 * DEGREE)
     assert word(page) == "replay"
     assert "Live" not in page.locator("#fps").inner_text()
     press(page, "Centre")
@@ -247,7 +247,7 @@ def test_a_recording_is_saved_loaded_scrubbed_and_left_again(robot, viewer, visi
     point_head(other, "base_link", 1.0, 0.3, 0.5)
     turned(robot, bearing(0.3, 1.0))
     press(page, "Back to the robot")
-    wait_for(lambda: abs(pan_shown() - robot.pan) < DEGREE, PATIENCE)
+    wait_for(lambda: abs(pan_shown() - robot.pan) < DEGREE)
 
 
 def test_a_click_on_the_floor_looks_there(robot, viewer, page):
@@ -258,7 +258,7 @@ def test_a_click_on_the_floor_looks_there(robot, viewer, page):
     page.locator("#scene canvas").click(
         position={"x": 0.8 * box["width"], "y": 0.9 * box["height"]}
     )
-    wait_for(lambda: viewer.robot.observe().target != before, PATIENCE)
+    wait_for(lambda: viewer.robot.observe().target != before)
     assert viewer.robot.observe().target[2] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -299,12 +299,12 @@ def test_the_pad_turns_the_head_by_mouse_and_by_keys(robot, page):
     page.locator("#pad").focus()
     before = robot.true("head_pan_joint")
     page.keyboard.press("ArrowRight")
-    wait_for(lambda: robot.true("head_pan_joint") < before - 2 * DEGREE, PATIENCE)
+    wait_for(lambda: robot.true("head_pan_joint") < before - 2 * DEGREE)
     page.locator("#pad").scroll_into_view_if_needed()
     box = page.locator("#pad").bounding_box()
     x, y = box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.click(x, y)
-    wait_for(lambda: robot.true("head_pan_joint") > 20 * DEGREE, PATIENCE)
+    wait_for(lambda: robot.true("head_pan_joint") > 20 * DEGREE)
 
 
 def test_numbers_and_presets_change_parameters_in_degrees_and_reset_brings_them_back(robot, page):
@@ -318,34 +318,34 @@ def test_numbers_and_presets_change_parameters_in_degrees_and_reset_brings_them_
     number = parameter(page, "point_head", "max velocity")
     number.fill("60")
     number.press("Enter")
-    wait_for(lambda: velocity() == pytest.approx(60.0), PATIENCE)
+    wait_for(lambda: velocity() == pytest.approx(60.0))
     page.evaluate("document.activeElement.blur()")
     node.set_parameters([Parameter("max_velocity", value=math.radians(40))])
-    wait_for(lambda: number.input_value() == "40", PATIENCE)
+    wait_for(lambda: number.input_value() == "40")
     page.locator("[data-preset=calm]").dispatch_event("click")
-    wait_for(lambda: velocity() == pytest.approx(30.0), PATIENCE)
+    wait_for(lambda: velocity() == pytest.approx(30.0))
     press(page, "Reset all")
-    wait_for(lambda: velocity() == pytest.approx(usual), PATIENCE)
+    wait_for(lambda: velocity() == pytest.approx(usual))
 
 
 def test_learned_values_are_frozen_given_and_learned_again_on_the_tab_health(robot, page):
     open_tab(page, "live")
     choose_mode(page, "track")
-    node = wait_for(lambda: robot.composition.nodes.get("head_tracker"), PATIENCE)
+    node = wait_for(lambda: robot.composition.nodes.get("head_tracker"))
     open_tab(page, "health")
     page.get_by_text("servo_bus: head_tilt_joint").first.wait_for()
     page.get_by_text("update rate reached").first.wait_for(state="attached")
     values = page.locator("#learned-values")
     parameter(page, "head_tracker", "servo learning").select_option("freeze")
-    wait_for(lambda: "frozen" in (values.text_content() or ""), PATIENCE)
+    wait_for(lambda: "frozen" in (values.text_content() or ""))
     delay = parameter(page, "head_tracker", "servo delay")
     delay.fill("0.05")
     delay.press("Enter")
-    wait_for(lambda: "0.05 s, given" in (values.text_content() or ""), PATIENCE)
+    wait_for(lambda: "0.05 s, given" in (values.text_content() or ""))
     delay.fill("0")
     delay.press("Enter")
     parameter(page, "head_tracker", "servo learning").select_option("learn")
-    wait_for(lambda: "frozen" not in (values.text_content() or ""), PATIENCE)
+    wait_for(lambda: "frozen" not in (values.text_content() or ""))
     assert node.get_parameter("servo_learning").value == "learn"
     assert node.get_parameter("servo_delay").value == 0.0
 
@@ -367,7 +367,7 @@ def test_what_protects_the_servos_asks_and_no_browser_shows_a_value_that_is_not_
         assert (seen.input_value(), node.get_parameter(name).value) == (str(old), old)
         page.keyboard.press(answer) if answer == "Escape" else press(page, answer)
         page.locator("#sure").wait_for(state="hidden")
-        wait_for(lambda: field.input_value() == str(old), PATIENCE)
+        wait_for(lambda: field.input_value() == str(old))
     assert (seen.input_value(), node.get_parameter(name).value) == (str(old), old)
     assert not is_relaxed(robot)
 
@@ -380,16 +380,16 @@ def test_joints_are_moved_one_by_one_and_all_together(robot, viewer, page):
     turned(robot, 35 * DEGREE)
     press(page, "Centre all joints")
     for joint in HEAD:
-        wait_for(lambda joint=joint: abs(robot.true(joint)) < 2 * DEGREE, PATIENCE)
+        wait_for(lambda joint=joint: abs(robot.true(joint)) < 2 * DEGREE)
         shown = joint_field(page, joint)
-        wait_for(lambda shown=shown: abs(float(shown.input_value())) < 2.0, PATIENCE)
+        wait_for(lambda shown=shown: abs(float(shown.input_value())) < 2.0)
     commands = robot.hear("joint_commands", JointState)
     press(page, "Randomise")
-    wait_for(lambda: commands, PATIENCE)
+    wait_for(lambda: commands)
     sent, head = dict(zip(commands[0].name, commands[0].position, strict=True)), viewer.robot.head
     for joint, limits in zip(HEAD, (head.pan_limits, head.tilt_limits), strict=True):
         assert limits.lower <= sent[joint] <= limits.upper
-        wait_for(lambda joint=joint: abs(robot.true(joint) - sent[joint]) < 2 * DEGREE, PATIENCE)
+        wait_for(lambda joint=joint: abs(robot.true(joint) - sent[joint]) < 2 * DEGREE)
 
 
 def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browser(robot, page):
@@ -400,14 +400,14 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
     )
     open_tab(page, "live")
     choose(page, "source", "/camera/image")
-    wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6), PATIENCE)
+    wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6))
     assert page.evaluate(LOADING) == [0, 1]
     assert page.evaluate(TAPPED, [0.25, 0.4]) == {"person": "follow 0"}
     assert page.evaluate(TAPPED, [0.7, 0.4]) == {"u": pytest.approx(0.7, abs=0.02)}
     choose(page, "source", "none")
-    wait_for(lambda: page.evaluate(MEAN_COLOUR) is None, PATIENCE)
+    wait_for(lambda: page.evaluate(MEAN_COLOUR) is None)
     choose(page, "source", "/camera/image")
-    wait_for(lambda: "Live" in page.text_content("#fps"), PATIENCE)
+    wait_for(lambda: "Live" in page.text_content("#fps"))
 
     def end() -> None:
         robot.node.destroy_timer(timer)
@@ -415,7 +415,7 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
 
     # in the thread that publishes, or it would use what is destroyed
     wait_for(robot.node.executor.create_task(end).done)
-    wait_for(lambda: page.text_content("#fps") == "no new picture", PATIENCE)
+    wait_for(lambda: page.text_content("#fps") == "no new picture")
     choose(page, "source", "")
 
 
@@ -463,7 +463,7 @@ def test_a_newcomer_is_welcomed_once_and_can_stop_meanwhile(robot, viewer, brows
             titles.append(page.locator("#welcome-title").inner_text())
             if len(titles) == 2:
                 page.keyboard.press("Escape")  # the welcome says that it is STOP
-                wait_for(lambda: is_relaxed(robot), PATIENCE)
+                wait_for(lambda: is_relaxed(robot))
             press(page, "Next") if len(titles) < 3 else press(page, "Begin")
         assert len(set(titles)) == 3
         page.locator("#welcome").wait_for(state="hidden")
@@ -474,15 +474,15 @@ def test_a_newcomer_is_welcomed_once_and_can_stop_meanwhile(robot, viewer, brows
 
 def test_stop_relaxes_everything_and_the_page_says_so(robot, page):
     point_left(robot, page)
-    wait_for(lambda: word(page) == "on target", PATIENCE)
+    wait_for(lambda: word(page) == "on target")
     page.locator("#stop").dispatch_event("click")
-    wait_for(lambda: is_relaxed(robot), PATIENCE)
-    wait_for(lambda: "head_tilt_joint" in page.locator("#why").inner_text(), PATIENCE)
+    wait_for(lambda: is_relaxed(robot))
+    wait_for(lambda: "head_tilt_joint" in page.locator("#why").inner_text())
     assert word(page) in ("stopped", "relaxed")
     page.locator("#resume").wait_for()
     press(page, "Resume")
     assert page.locator("#toast").is_hidden()  # it says what has been relaxed
-    wait_for(lambda: word(page) not in ("stopped", "relaxed"), PATIENCE)
+    wait_for(lambda: word(page) not in ("stopped", "relaxed"))
 
 
 def test_escape_stops_wherever_the_cursor_is_but_closes_what_is_open_first(robot, page):
@@ -493,16 +493,16 @@ def test_escape_stops_wherever_the_cursor_is_but_closes_what_is_open_first(robot
     assert not is_relaxed(robot)
     page.locator("#x").click()
     page.keyboard.press("Escape")
-    wait_for(lambda: is_relaxed(robot), PATIENCE)
+    wait_for(lambda: is_relaxed(robot))
 
 
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     assert robot.call("relax").success
-    wait_for(lambda: is_relaxed(robot), PATIENCE)
+    wait_for(lambda: is_relaxed(robot))
     open_tab(page, "joints")
     robot.lead_pan(-0.7)
     field = joint_field(page, "head_pan_joint")
-    wait_for(lambda: abs(float(field.input_value()) * DEGREE + 0.7) < 0.06, PATIENCE)
+    wait_for(lambda: abs(float(field.input_value()) * DEGREE + 0.7) < 0.06)
 
 
 def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
@@ -515,15 +515,15 @@ def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
     assert robot.call("relax").success
     open_tab(page, "joints")
     switch = page.locator("[data-controller=head_tilt_controller]")
-    wait_for(lambda: torque() == [False, False], PATIENCE)
-    wait_for(lambda: not switch.is_checked(), PATIENCE)  # which is told once a second
+    wait_for(lambda: torque() == [False, False])
+    wait_for(lambda: not switch.is_checked())  # which is told once a second
     switch.click()
-    wait_for(lambda: torque() == [False, True], PATIENCE)
+    wait_for(lambda: torque() == [False, True])
     switch.click()
-    wait_for(lambda: torque() == [False, False], PATIENCE)
+    wait_for(lambda: torque() == [False, False])
     press(page, "Torque on, all")
-    wait_for(lambda: torque() == [True, True], PATIENCE)
-    wait_for(switch.is_checked, PATIENCE)
+    wait_for(lambda: torque() == [True, True])
+    wait_for(switch.is_checked)
 
 
 def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer, visit, page):
@@ -543,21 +543,21 @@ def test_everything_is_recorded_and_replayed_from_the_robots_side(robot, viewer,
     assert last.joints["head_pan_joint"] == pytest.approx(bearing(0.2, 1.0), abs=2 * DEGREE)
     other.get_by_role("button", name=f"Replay {file.name}").wait_for()
     press(page, f"Replay {file.name}")
-    wait_for(lambda: word(page) == "replay", PATIENCE)
+    wait_for(lambda: word(page) == "replay")
     press(page, "Play")
-    wait_for(lambda: float(page.locator("#time").input_value()) > 0, PATIENCE)
+    wait_for(lambda: float(page.locator("#time").input_value()) > 0)
     page.locator("#stop").dispatch_event("click")  # STOP is the robot's, also during a replay
-    wait_for(lambda: is_relaxed(robot), PATIENCE)
+    wait_for(lambda: is_relaxed(robot))
     press(page, "Back to the robot")
-    wait_for(lambda: word(page) in ("stopped", "relaxed"), PATIENCE)
+    wait_for(lambda: word(page) in ("stopped", "relaxed"))
 
 
 def test_browsers_see_what_the_robot_does_and_closing_one_changes_nothing(
     robot, viewer, visit, page
 ):
-    wait_for(lambda: viewer.page.browsers == 1, PATIENCE)
+    wait_for(lambda: viewer.page.browsers == 1)
     second = visit()
-    wait_for(lambda: viewer.page.browsers == 2, PATIENCE)
+    wait_for(lambda: viewer.page.browsers == 2)
     open_tab(page, "live")
     choose_mode(page, "point")
     fill(page, "x", 0.9)
@@ -569,13 +569,12 @@ def test_browsers_see_what_the_robot_does_and_closing_one_changes_nothing(
             lambda one=one: (
                 one.evaluate("headPage.state.target") == pytest.approx([1.0, -0.5, 0.5325])
             ),
-            PATIENCE,
         )
     turned(robot, bearing(-0.5, 1.0))
     assert [page.locator(f"#{name}").input_value() for name in "xyz"] == own
     before, mode = robot.at_rest(), viewer.robot.modes.mode()
     second.close()
-    wait_for(lambda: viewer.page.browsers == 1, PATIENCE)
+    wait_for(lambda: viewer.page.browsers == 1)
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
     assert viewer.robot.modes.mode() is mode
     assert viewer.robot.observe().target == pytest.approx((1.0, -0.5, 0.5325))

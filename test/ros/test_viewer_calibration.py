@@ -13,7 +13,6 @@ from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.ros.kit.diagnostics import Level, Part
 
 pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
-PATIENCE = 90.0
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +65,7 @@ def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, cali
     calibration.begin(0.16, "")
     with pytest.raises(HeadTrackingError):
         calibration.begin(0.16, "")
-    wait_for(lambda: ended(calibration), PATIENCE)
+    wait_for(lambda: ended(calibration))
     (file,) = tmp_path.rglob("*.yaml")
     assert str(file) in calibration.progress.text
     found = Calibration.load(file)
@@ -80,12 +79,12 @@ def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, cali
 @pytest.mark.parametrize("what", ["stop", "torque"])
 def test_stop_and_a_relaxed_joint_end_it(robot, seen, calibration, what, tmp_path):
     calibration.begin(0.16, "")
-    wait_for(lambda: "direction 2" in calibration.progress.text, PATIENCE)
+    wait_for(lambda: "direction 2" in calibration.progress.text)
     if what == "stop":
         robot.call("stop")  # on a busy computer it may not be confirmed in time, but it counts
     else:
         seen.joints.set_torque("head_tilt_controller", False)
-    wait_for(lambda: ended(calibration), PATIENCE)
+    wait_for(lambda: ended(calibration))
     assert not list(tmp_path.rglob("*.yaml"))
     if what == "torque":
         assert "head_tilt_joint" in calibration.progress.text

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
 from robot_under_test import Robot
-from viewing import PATIENCE, view
+from viewing import view
 from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
@@ -168,10 +168,10 @@ def magenta(picture: Any) -> int:
 def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatch):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     assert NAME not in robot.composition.nodes
-    wait_for(lambda: seen.modes.can_start(NAME), PATIENCE)
+    wait_for(lambda: seen.modes.can_start(NAME))
     seen.modes.look_at("base_link", (1.0, 0.0, 0.5))
     seen.modes.start(NAME)
-    wait_for(lambda: "/image" in seen.topics.images() and not seen.modes.can_start(NAME), PATIENCE)
+    wait_for(lambda: "/image" in seen.topics.images() and not seen.modes.can_start(NAME))
     seen.modes.start(NAME)
     renderer = robot.composition.nodes[NAME].renderer
     drawn = []
@@ -188,10 +188,10 @@ def test_the_page_shows_the_target_as_the_camera_sees_it(robot, seen, monkeypatc
             and magenta(np.asarray(image_of(picture.message))[70:170, 110:210]) > 300
         )
 
-    wait_for(ball, PATIENCE)
+    wait_for(ball)
     assert drawn
     # who does not ask any more is not sent any more
-    wait_for(lambda: robot.node.count_subscribers("/image/compressed") == 0, PATIENCE)
+    wait_for(lambda: robot.node.count_subscribers("/image/compressed") == 0)
     before = len(drawn)
     robot.at_rest(1.0)
     assert len(drawn) <= before + 1

@@ -13,8 +13,8 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
-from viewing import PATIENCE, view
-from waiting import wait_for
+from viewing import view
+from waiting import PATIENCE, wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
@@ -43,7 +43,7 @@ def page(threads) -> Callable[..., Any]:
 def tracked(start, page) -> tuple[BusStandIn, ControllerStandIn, Any]:
     """A bus, a tracker, and the robot as its page sees it."""
     bus, tracker, robot = start(BusStandIn()), start(ControllerStandIn("head_tracker")), page()
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK)
     return bus, tracker, robot
 
 
@@ -76,7 +76,7 @@ def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
 
 def test_without_a_bus_stop_disables_the_tracker_and_is_done_when_one_comes(start, page):
     tracker, robot = start(ControllerStandIn("head_tracker")), page()
-    wait_for(lambda: robot.modes.mode() is Mode.TRACK, PATIENCE)
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK)
     outcome = robot.stop_everything().wait()
     assert not outcome.done
     assert "NOT confirmed" in outcome.text
@@ -141,7 +141,7 @@ def test_many_requests_of_stop_are_one_attempt_and_no_thread_waits_for_each(
 def test_a_mode_is_chosen_after_resume_only(start, tracked):
     bus, tracker, robot = tracked
     pointer = start(ControllerStandIn("point_head", on=False))
-    wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
+    wait_for(lambda: Mode.POINT in robot.modes.possible())
     bus.confirms = set()
     assert not robot.stop.begin().wait().done  # it is tried on; a choice does not end that
     for mode in (Mode.POINT, Mode.TRACK):
@@ -163,7 +163,7 @@ def test_a_mode_is_chosen_after_resume_only(start, tracked):
 def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
     bus, tracker, robot = tracked
     pointer = start(ControllerStandIn("point_head", on=False))
-    wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
+    wait_for(lambda: Mode.POINT in robot.modes.possible())
     switch = tracker.switch
 
     def stopped_meanwhile(on: bool) -> None:
@@ -183,15 +183,15 @@ def test_two_choices_of_a_mode_leave_one_controller_enabled(start, tracked):
     pointer, go_on = start(ControllerStandIn("point_head", on=False)), threading.Event()
     switch = pointer.switch
     pointer.switch = lambda on: go_on.wait(PATIENCE) and switch(on)
-    wait_for(lambda: Mode.POINT in robot.modes.possible(), PATIENCE)
+    wait_for(lambda: Mode.POINT in robot.modes.possible())
     with ThreadPoolExecutor(2) as browsers:
         browsers.submit(robot.modes.set_mode, Mode.POINT)
-        wait_for(lambda: pointer.asked == [True], PATIENCE)
+        wait_for(lambda: pointer.asked == [True])
         second = browsers.submit(robot.modes.set_mode, Mode.TRACK)
         time.sleep(0.3)  # in which it may overtake the first one
         go_on.set()
         second.result(PATIENCE)
-    wait_for(lambda: (tracker.on, pointer.on) == (True, False), PATIENCE)
+    wait_for(lambda: (tracker.on, pointer.on) == (True, False))
 
 
 def test_stop_does_not_wait_for_other_requests(start, page):
@@ -212,8 +212,8 @@ def test_two_robots_in_one_graph_have_a_page_each(start, page):
         start(ControllerStandIn("head_tracker", namespace=side))
         pages[side] = page(namespace=side)
     for side, robot in pages.items():
-        wait_for(lambda robot=robot: robot.modes.mode() is Mode.TRACK, PATIENCE)
-        wait_for(lambda robot=robot: len(robot.joints.servos()) == 2, PATIENCE)
+        wait_for(lambda robot=robot: robot.modes.mode() is Mode.TRACK)
+        wait_for(lambda robot=robot: len(robot.joints.servos()) == 2)
         nodes = {one.node for one in robot.parameters.settings()}
         assert all(node.startswith(f"/{side}/") for node in nodes)
 
@@ -236,7 +236,7 @@ def test_two_robots_in_one_graph_have_a_page_each(start, page):
 def test_a_page_above_other_robots_is_none_of_theirs(start, page):
     buses = [start(BusStandIn(namespace)) for namespace in ("", "left")]
     robot = page()
-    wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
+    wait_for(lambda: len(robot.joints.servos()) == 2)
     assert robot.stop_everything().wait().done
     assert buses[0].calls
     assert not buses[1].calls
@@ -244,7 +244,7 @@ def test_a_page_above_other_robots_is_none_of_theirs(start, page):
 
 def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(tracked):
     bus, tracker, robot = tracked
-    wait_for(lambda: len(robot.joints.servos()) == 2, PATIENCE)
+    wait_for(lambda: len(robot.joints.servos()) == 2)
     wait_for(robot.model)
     with pytest.raises(HeadTrackingError):
         robot.joints.move({"head_pan_joint": 0.2, "nose": 0.1})
@@ -264,11 +264,11 @@ def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
     names = ("visual", "frame", "detection")
     camera, *others = (start(ControllerStandIn(f"{name}_target")) for name in names)
     robot = page()
-    wait_for(lambda: "all send targets" in "".join(robot.notices()), PATIENCE)
+    wait_for(lambda: "all send targets" in "".join(robot.notices()))
     assert "detection_target" in "".join(robot.notices())
     for other in others:
         other.switch(False)
-    wait_for(lambda: robot.modes.mode() is Mode.VISUAL and not robot.notices(), PATIENCE)
+    wait_for(lambda: robot.modes.mode() is Mode.VISUAL and not robot.notices())
     wait_for(lambda: "base_link" in robot.buffer.frames())
     seen = PointStamped(header=Header(frame_id="base_link"))
     targets = camera.create_publisher(PointStamped, "target_point", 10)
@@ -282,10 +282,10 @@ def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
 def test_of_two_pages_without_hardware_one_publishes_the_joints(page):
     pages = [page(), page()]
     for robot in pages:
-        wait_for(lambda robot=robot: robot.joints.free, PATIENCE)
+        wait_for(lambda robot=robot: robot.joints.free)
     pages[0].joints.move({"head_pan_joint": 0.25})
-    wait_for(lambda: not pages[1].joints.free, PATIENCE)
-    wait_for(lambda: pages[1].observe().joints.get("head_pan_joint") == 0.25, PATIENCE)
+    wait_for(lambda: not pages[1].joints.free)
+    wait_for(lambda: pages[1].observe().joints.get("head_pan_joint") == 0.25)
     assert pages[0].joints.free
 
 
@@ -299,11 +299,11 @@ def seen(page, monkeypatch) -> Any:
 
 
 def test_joint_states_that_end_are_missed_until_they_come_again(seen):
-    wait_for(lambda: seen.joints.free, PATIENCE)
+    wait_for(lambda: seen.joints.free)
     assert not seen.silent_joints(), "nobody has promised any"
     measuring = Node("encoders")
     publisher = measuring.create_publisher(JointState, "joint_states", 10)
-    wait_for(lambda: not seen.joints.free, PATIENCE)
+    wait_for(lambda: not seen.joints.free)
 
     def measured() -> bool:
         message = JointState(name=list(JOINTS), position=[0.1, 0.2])
@@ -311,31 +311,31 @@ def test_joint_states_that_end_are_missed_until_they_come_again(seen):
         publisher.publish(message)
         return seen.silent_joints() == ()
 
-    wait_for(lambda: seen.silent_joints() == JOINTS, PATIENCE)  # none has come
-    wait_for(measured, PATIENCE)
-    wait_for(lambda: seen.silent_joints() == JOINTS, PATIENCE)
+    wait_for(lambda: seen.silent_joints() == JOINTS)  # none has come
+    wait_for(measured)
+    wait_for(lambda: seen.silent_joints() == JOINTS)
     measuring.destroy_node()
 
 
 def test_with_servos_the_page_never_publishes_the_joints_itself(seen):
-    wait_for(lambda: seen.joints.free, PATIENCE)
+    wait_for(lambda: seen.joints.free)
     bus = BusStandIn()
-    wait_for(lambda: bus.diagnose() or not seen.joints.free, PATIENCE)
+    wait_for(lambda: bus.diagnose() or not seen.joints.free)
     bus.destroy_node()
-    wait_for(lambda: not seen.joints.servos(), PATIENCE)
-    wait_for(lambda: seen.silent_joints() == JOINTS, PATIENCE)
+    wait_for(lambda: not seen.joints.servos())
+    wait_for(lambda: seen.silent_joints() == JOINTS)
     assert not seen.joints.free
 
 
 def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(seen):
     assert seen.modes.missing() == (), "there was none"
     node = ControllerStandIn("head_tracker")
-    wait_for(lambda: seen.modes.mode() is Mode.TRACK, PATIENCE)
+    wait_for(lambda: seen.modes.mode() is Mode.TRACK)
     assert seen.modes.missing() == ()
     node.destroy_node()
-    wait_for(lambda: seen.modes.missing() == ("head_tracker",), PATIENCE)
+    wait_for(lambda: seen.modes.missing() == ("head_tracker",))
     node = ControllerStandIn("head_tracker")
-    wait_for(lambda: seen.modes.missing() == (), PATIENCE)
+    wait_for(lambda: seen.modes.missing() == ())
     node.destroy_node()
 
 

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
-from viewing import PATIENCE, view
-from waiting import wait_for
+from viewing import view
+from waiting import PATIENCE, wait_for
 from websockets.sync.client import connect
 
 from head_tracking.page.viewer import ViewerNode
@@ -54,7 +54,7 @@ def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens"
         publisher.publish(DiagnosticArray(status=[said]))
         return next((one for one in robot.topics.health() if one.message == said.message), None)
 
-    wait_for(heard, PATIENCE)
+    wait_for(heard)
     return heard()
 
 
@@ -85,7 +85,7 @@ def test_no_message_ends_the_page(threads, viewer):
         stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
     )
     assert told(viewer)
-    wait_for(lambda: viewer.robot.stop_everything().wait().done, PATIENCE)
+    wait_for(lambda: viewer.robot.stop_everything().wait().done)
     assert "stop" in bus.calls
     stranger.destroy_node()
 
@@ -106,7 +106,7 @@ def test_pictures_that_cannot_be_shown_are_named(viewer):
             pictures, failing = viewer.page._live.pictures, told(viewer)["failing"]
             return "/good/image" in pictures and "/good" not in failing.get("picture", "/good")
 
-        wait_for(shown, PATIENCE)
+        wait_for(shown)
     stranger.destroy_node()
 
 
@@ -121,7 +121,7 @@ def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer):
         viewer.robot.observe()
         return topics.others("lens")
 
-    wait_for(seen, PATIENCE)
+    wait_for(seen)
     assert [one.point for one in seen()] == [(0.5, 0.0, 2.0)]
     assert topics.others("another") == ()
     stranger.destroy_node()
@@ -139,9 +139,9 @@ def test_a_parameter_that_becomes_something_else_hides_no_other(threads, viewer)
         answer = httpx.get(f"http://127.0.0.1:{viewer.page.port}/head/parameters", timeout=PATIENCE)
         return {one["name"] for one in answer.json()["parameters"]}
 
-    wait_for(lambda: {"gains", "gain"} <= listed(), PATIENCE)
+    wait_for(lambda: {"gains", "gain"} <= listed())
     node.set_parameters([Parameter("gains", value=["a", "b"])])
-    wait_for(lambda: listed() & {"gains", "gain"} == {"gain"}, PATIENCE)
+    wait_for(lambda: listed() & {"gains", "gain"} == {"gain"})
 
 
 def test_a_flood_of_frames_is_limited(viewer):
@@ -169,7 +169,7 @@ def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(v
         publishers["arm"].publish(DiagnosticArray(status=[other]))
         return {one.name: one.level for one in viewer.robot.topics.health()}
 
-    wait_for(lambda: levels() == {"hanging: first": Level.STALE, "arm: second": Level.OK}, PATIENCE)
+    wait_for(lambda: levels() == {"hanging: first": Level.STALE, "arm: second": Level.OK})
     for node in nodes.values():
         node.destroy_node()
 
@@ -178,7 +178,7 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
     bus, stranger = BusStandIn(), Node("stranger")
     threads.start(bus)
     publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
-    wait_for(lambda: "servo_bus" in viewer.robot.graph.nodes, PATIENCE)
+    wait_for(lambda: "servo_bus" in viewer.robot.graph.nodes)
     pairs = [KeyValue(key=f"{number}", value="y" * 2000) for number in range(400)]
     first = DiagnosticStatus(name="stranger: 0", message="x" * 10**5, values=pairs)
     parts = [DiagnosticStatus(name=f"stranger: {number}") for number in range(1, 600)]
@@ -188,7 +188,7 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
         publisher.publish(DiagnosticArray(status=[first, *parts, *nodes]))
         return {one.name: one for one in viewer.robot.topics.health()}
 
-    wait_for(lambda: {"servo_bus: head_pan_joint", "stranger: 0"} <= health().keys(), PATIENCE)
+    wait_for(lambda: {"servo_bus: head_pan_joint", "stranger: 0"} <= health().keys())
     found = health()
     assert len(found) < 300
     assert len(found["stranger: 0"].message) < 2000

@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from waiting import eventually
+from waiting import wait_for
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import SimulatedPort, SimulatedServo
@@ -29,7 +29,7 @@ def arrive(port: SimulatedPort, goals: dict[int, int]) -> bool:
         here = port.use(lambda bus: {servo: bus[servo].true_ticks for servo in goals})
         return all(abs(here[servo] - goal) < 20 for servo, goal in goals.items())
 
-    return eventually(is_there)
+    return wait_for(is_there)
 
 
 # rustypot: a driver in Rust with protocols of its own

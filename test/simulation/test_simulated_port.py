@@ -13,7 +13,7 @@ import pytest
 import serial
 from simulated_device import OnAnswers
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
-from waiting import PATIENCE, eventually
+from waiting import PATIENCE, wait_for
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
@@ -74,7 +74,7 @@ def test_unread_answers_do_not_block_the_bus(port: SimulatedPort) -> None:
         os.write(client.descriptor, read)
     led = InstructionPacket.write(2, 25, b"\x01").encode()
     os.write(client.descriptor, led)
-    assert eventually(lambda: port.use(lambda bus: bus[2].register("LED")) == 1)
+    wait_for(lambda: port.use(lambda bus: bus[2].register("LED")) == 1)
     client.close()
 
 

@@ -13,9 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-PATIENCE = 120.0
-"""Without a graphics card on a loaded machine a page takes its time [s]."""
+from waiting import PATIENCE
 
 # WebGL is computed; everything else is drawn without it, which is faster
 _ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")

@@ -34,7 +34,7 @@ from ros_domain import own_domain
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
-from waiting import join, wait_for
+from waiting import PATIENCE, join, wait_for
 
 from head_tracking import Head
 from head_tracking.simulation import SimulatedPort, SimulatedServo
@@ -42,7 +42,6 @@ from head_tracking.simulation import SimulatedPort, SimulatedServo
 SOURCE = Path(__file__).resolve().parents[2]
 # the libraries of a colcon workspace and of a sourced ROS are on the path, too
 PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
-PATIENCE = 90.0  # s: other tests may keep the machine busy
 _RETRY = 5.0  # s
 JOINTS = ("head_pan_joint", "head_tilt_joint")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -137,7 +136,7 @@ class Program:
             return lines[0] if lines else ""
 
         try:
-            return wait_for(found, PATIENCE)
+            return wait_for(found)
         except AssertionError as error:
             raise AssertionError(f"{error}\n{self.output}") from None
 
@@ -207,7 +206,7 @@ class Servos:
             steady = max(max(pans) - min(pans), max(tilts) - min(tilts)) < 1e-3
             return len(seen) == seen.maxlen and steady
 
-        wait_for(still, PATIENCE)
+        wait_for(still)
         return seen[-1]
 
 
@@ -264,12 +263,12 @@ class Talker:
         return self.joints[JOINTS[1]]
 
     def wait_for_joints(self) -> None:
-        wait_for(lambda: set(JOINTS) <= self.joints.keys(), PATIENCE)
+        wait_for(lambda: set(JOINTS) <= self.joints.keys())
 
     def wait_for_node(self, name: str) -> None:
         names = self.node.get_node_names_and_namespaces
         where = self._namespace or "/"
-        wait_for(lambda: (name, where) in names(), PATIENCE)
+        wait_for(lambda: (name, where) in names())
 
     def looks_at(self, pan: float, tilt: float, tolerance: float = 1.5 * DEGREE) -> bool:
         return abs(self.pan - pan) < tolerance and abs(self.tilt - tilt) < tolerance
@@ -280,13 +279,13 @@ class Talker:
         if name not in self._heard:
             self._heard[name] = []
             self.node.create_subscription(kind, name, self._heard[name].append, qos)
-            wait_for(lambda: self.node.count_publishers(name), PATIENCE)
+            wait_for(lambda: self.node.count_publishers(name))
         return self._heard[name]
 
     def latched(self, topic: str, kind: Any = String) -> Any:
         """Return the data of the latest message of a latched topic."""
         messages = self.hear(topic, kind, LATCHED)
-        wait_for(lambda: messages, PATIENCE)
+        wait_for(lambda: messages)
         return messages[-1].data
 
     def state(self, node: str) -> str:
@@ -327,7 +326,7 @@ class Talker:
             )
 
         try:
-            return wait_for(found, PATIENCE)
+            return wait_for(found)
         except AssertionError:
             raise AssertionError(f"{facts} are not in {[e.msg for e in self.log]}") from None
 
@@ -337,7 +336,7 @@ class Talker:
         name = self.name(topic)
         if name not in self._publishers:
             self._publishers[name] = self.node.create_publisher(type(message), name, 10)
-            wait_for(self._publishers[name].get_subscription_count, PATIENCE)
+            wait_for(self._publishers[name].get_subscription_count)
         self._publishers[name].publish(message)
 
     def command(self, controller: str, position: float) -> None:
@@ -363,14 +362,14 @@ class Talker:
             time.sleep(0.02)
             return until()
 
-        wait_for(done, PATIENCE)
+        wait_for(done)
 
     def _ask(self, kind: Any, service: str, request: Any) -> Any:
         name = self.name(service)
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, name)
         client = self._clients[name]
-        wait_for(client.service_is_ready, PATIENCE)
+        wait_for(client.service_is_ready)
         futures: list[Any] = []
 
         def answered() -> Any:
@@ -380,7 +379,7 @@ class Talker:
             return next((future for future in futures if future.done()), None)
 
         began = time.monotonic() - 1e-3
-        return wait_for(answered, PATIENCE).result()
+        return wait_for(answered).result()
 
     def call(self, service: str, data: bool | None = None) -> Any:
         if data is None:

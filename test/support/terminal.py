@@ -11,7 +11,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-PATIENCE = 30.0  # s, for a program that has to start
+from waiting import PATIENCE
 
 
 class Terminal:

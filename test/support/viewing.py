@@ -14,8 +14,6 @@ from head_tracking.page.viewer import ViewerNode
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
 
-PATIENCE = 30.0
-
 
 def view(
     threads: NodeThreads, namespace: str = "", *, alone: bool = True, **given: Any
@@ -33,5 +31,5 @@ def view(
     parameters = [Parameter(name, value=value) for name, value in ({"port": 0} | given).items()]
     node = ViewerNode(namespace=namespace, parameter_overrides=parameters)
     threads.start(node)
-    wait_for(node.robot.model, PATIENCE)
+    wait_for(node.robot.model)
     return node

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
-PATIENCE = 30.0  # s: other tests may keep the machine busy, and the page has low priority
+PATIENCE = 120.0  # s: other tests may keep the machine busy, and the page has low priority
 T = TypeVar("T")
 
 
@@ -39,7 +39,7 @@ def _raise_failure() -> None:
 def join(*threads: threading.Thread) -> None:
     """Wait until threads have ended."""
     for thread in threads:
-        thread.join(3 * PATIENCE)
+        thread.join(PATIENCE)
         assert not thread.is_alive(), f"{thread.name} does not end"
 
 
@@ -67,17 +67,7 @@ def repeating(*works: Callable[[], object], period: float = 0.0) -> Iterator[Non
         join(*threads)
 
 
-def eventually(condition: Callable[[], bool]) -> bool:
-    """Whether it becomes true before long."""
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return False
-
-
-def wait_for(what: Callable[[], T], patience: float = 3 * PATIENCE) -> T:
+def wait_for(what: Callable[[], T], patience: float = PATIENCE) -> T:
     """Polls until `what` gives something true; what it gave."""
     deadline = time.monotonic() + patience
     while not (found := what()):
