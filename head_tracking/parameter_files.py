@@ -1,19 +1,21 @@
-"""Reads ROS parameter files without ROS."""
+"""Reads ROS parameter files without ROS, and finds wrong names in them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from typing import Any, Final, NamedTuple
 
 import yaml
 
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.parameters import nearest
 
 COMMAND_LINE: Final = "the command line"
 """Stands for the file of a rule."""
 
+_MISSPELT: Final = 0.8  # similarity from which another name of a node is a mistake
 _PARAMETERS: Final = "ros__parameters"
 _FORMAT: Final = (
     "A parameter file is YAML, such as {/**/servo_bus: {ros__parameters: {baud_rate: 57600}}}"
@@ -108,14 +110,40 @@ def read_rule(text: str) -> list[Given]:
     return [Given(COMMAND_LINE, nodes, each, value) for each, value in values]
 
 
-def given_to(node: str, files: Iterable[Path]) -> dict[str, Given]:
-    """Return the values for a node in any namespace, by parameter; later ones win.
+def unknown_parameters(
+    values: Collection[Given], known: Collection[str], node: str
+) -> Iterator[str]:
+    """Yield a text about each name that no parameter of a node has.
 
-    Raises:
-        ParameterFileError: a file cannot be read.
+    Values of a file for nodes of any name (`/**`) may be for another one, and those of a servo
+    that the node does not use are no mistake.
+
+    Args:
+        values: for the node.
+        known: the parameters of the node.
+        node: its name.
     """
-    values = (given for file in files for given in read(str(file)))
-    return {given.name: given for given in values if given.node in (node, "")}
+    names = {given.name for given in values}
+    files = {given.name: given.file for given in values if given.node or given.file == COMMAND_LINE}
+    for name, file in sorted(files.items()):
+        servo = f"{name.split('.', 1)[0]}.motor.id"
+        is_unused = servo in names and servo not in known
+        if not (name in known or is_unused or name.startswith("qos_overrides.")):
+            yield f"{file}: {node} has no parameter {name}{nearest(name, known)}"
+
+
+def unknown_nodes(values: Iterable[Given], known: Collection[str]) -> Iterator[str]:
+    """Yield a text about each misspelt name of a node.
+
+    On the command line each name must exist. In a file, a name that is similar to no known one is
+    that of another package's node, and one that contains a known one is right: servo_bus_left may
+    be a second servo_bus.
+    """
+    for file, node in dict.fromkeys((given.file, given.node) for given in values if given.node):
+        is_similar = bool(get_close_matches(node, known, 1, _MISSPELT))
+        is_wrong = file == COMMAND_LINE or (is_similar and not any(one in node for one in known))
+        if node not in known and is_wrong:
+            yield f"{file}: there is no node {node}{nearest(node, known)}"
 
 
 def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:

@@ -9,16 +9,17 @@ import dataclasses
 import difflib
 import math
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar
 
 from head_tracking.exceptions import HeadTrackingError
 
+P = TypeVar("P")
+
 _KEY = "parameter"
 _LIKELY, _LISTED = 0.75, 3  # similarity and number of suggested names
-_MISSPELT = 0.8  # similarity from which another name of a node is a mistake
 _WORD = r"([A-Za-z_]|\{(node|ns|namespace)\})\w*"
 _ROS_NAME = re.compile(rf"(~/|/)?{_WORD}(/{_WORD})*|~", re.ASCII)
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
@@ -107,6 +108,39 @@ def checked(name: str, info: ParameterInfo, default: Any, value: Any) -> Any:
     return value
 
 
+def changed(
+    values: P,
+    given: Mapping[str, Any],
+    prefix: str = "",
+    infos: Mapping[str, ParameterInfo] | None = None,
+    where: Callable[[str], str] = lambda _: "",
+) -> P:
+    """Return parameters with new values; the same object if none of its fields is among them.
+
+    Args:
+        values: a frozen dataclass whose fields `parameter` has made.
+        given: the new values, by name.
+        prefix: put before the names of the fields in `given`.
+        infos: the allowed values of each field; None: those of the class.
+        where: returns what an error begins with, by the name of the value.
+
+    Raises:
+        ParameterError: values are not allowed; the message has all of them.
+    """
+    accepted, refused = {}, []
+    for field in dataclasses.fields(values):  # type: ignore[arg-type]
+        name = prefix + field.name
+        if name in given:
+            info = parameter_info(field) if infos is None else infos[field.name]
+            try:
+                accepted[field.name] = checked(name, info, field.default, given[name])
+            except ParameterError as error:
+                refused.append(f"{where(name)}{error}")
+    if refused:
+        raise ParameterError("; ".join(refused))
+    return dataclasses.replace(values, **accepted) if accepted else values  # type: ignore[type-var]
+
+
 def allowed(info: ParameterInfo) -> str:
     """Return the range of a number as text, with its unit."""
     unit = f" {info.unit}" if info.unit else ""
@@ -117,34 +151,6 @@ def allowed(info: ParameterInfo) -> str:
     if math.isinf(info.minimum):
         return f"{info.maximum:g}{unit} or less"
     return f"{info.minimum:g} to {info.maximum:g}{unit}"
-
-
-def unknown(name: str, known: Collection[str], given: Collection[str]) -> str:
-    """Return a text about a name that no parameter of a node has; empty: a parameter has it.
-
-    Args:
-        name: of a value.
-        known: the parameters of the node.
-        given: the names of all values for the node; a servo among them may be unused.
-    """
-    servo = f"{name.split('.', 1)[0]}.motor.id"
-    is_unused = servo in given and servo not in known
-    if name in known or is_unused or name.startswith("qos_overrides."):
-        return ""
-    return f"has no parameter {name}{nearest(name, known)}"
-
-
-def unknown_node(name: str, known: Iterable[str]) -> str:
-    """Return a text about a misspelt name of a node in a file; empty: it is none.
-
-    A name that contains a known one is right: servo_bus_left may be a second servo_bus.
-    """
-    known = list(known)
-    if not difflib.get_close_matches(name, known, 1, _MISSPELT) or any(
-        one in name for one in known
-    ):
-        return ""
-    return f"there is no node {name}{nearest(name, known)}"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -26,7 +26,7 @@ ALLOWED: dict[str, set[str]] = {
     "command_line": {"signals"},
     "signals": set(),
     "parameters": set(),
-    "parameter_files": set(),
+    "parameter_files": {"parameters"},
     "transforms": set(),
     "gaze": {"transforms", "parameters"},
     "tracking": {"gaze", "transforms", "parameters"},
@@ -37,7 +37,7 @@ ALLOWED: dict[str, set[str]] = {
     "dynamixel": {"feetech", "parameters"},
     "feetech": set(),
     "simulation": set(),
-    "configuration": {"dynamixel", "parameters", "parameter_files", "simulation"},
+    "configuration": {"dynamixel", "gaze", "parameters", "parameter_files", "simulation"},
     "calibration": {"gaze", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}

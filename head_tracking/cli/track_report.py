@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from head_tracking.cli.client import Client, run_client
 from head_tracking.command_line import DONE, positive, writable_file
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.run.status_line import StatusLine

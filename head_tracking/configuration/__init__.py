@@ -5,7 +5,13 @@ from head_tracking.configuration.heads import (
     ConfiguredHead,
     configured_buses,
     configured_head,
-    head_names,
+    head_parameters,
 )
 
-__all__ = ["ConfiguredBus", "ConfiguredHead", "configured_buses", "configured_head", "head_names"]
+__all__ = [
+    "ConfiguredBus",
+    "ConfiguredHead",
+    "configured_buses",
+    "configured_head",
+    "head_parameters",
+]

@@ -161,31 +161,24 @@ def configured_joint(
         raise ConfigurationError(
             f"the servo {dynamixel!r} has no id; set the parameter {dynamixel}_controller.motor.id"
         )
-    model, name = servo_model(motor.model), controller.joint_name
-    second = None
-    if second_motor.id >= 0:
-        other = second_motor
-        second = ServoCalibration(
-            name, other.id, other.init, other.min, other.max, model, **_memory(other)
-        )
+    model = servo_model(motor.model)
+
+    def calibration(servo: SecondMotorParameters) -> dict[str, Any]:
+        return {
+            "joint_name": controller.joint_name,
+            "id": servo.id,
+            "init": servo.init,
+            "min": servo.min,
+            "max": servo.max,
+            "model": model,
+            "offset": None if servo.offset == _ANY_OFFSET else servo.offset,
+            "reverse": None if servo.reverse < 0 else bool(servo.reverse),
+        }
+
     return JointConfiguration(
-        name,
-        motor.id,
-        motor.init,
-        motor.min,
-        motor.max,
+        **calibration(motor),
         controller=f"{dynamixel}_controller",
         joint_speed=controller.joint_speed,
         max_speed=controller.max_speed or None,
-        model=model,
-        second=second,
-        **_memory(motor),
+        second=ServoCalibration(**calibration(second_motor)) if second_motor.id >= 0 else None,
     )
-
-
-def _memory(motor: SecondMotorParameters) -> dict[str, Any]:
-    """Return the expected settings in the servo's memory; None: any."""
-    return {
-        "offset": None if motor.offset == _ANY_OFFSET else motor.offset,
-        "reverse": None if motor.reverse < 0 else bool(motor.reverse),
-    }

@@ -24,14 +24,15 @@ from head_tracking.dynamixel import (
     check_configuration,
 )
 from head_tracking.dynamixel.configuration import TemperatureParameters
-from head_tracking.parameter_files import COMMAND_LINE, Given, given_to, read
-from head_tracking.parameters import (
-    ParameterError,
-    checked,
-    parameter_info,
-    unknown,
-    unknown_node,
+from head_tracking.gaze.head_parameters import HeadParameters
+from head_tracking.parameter_files import (
+    COMMAND_LINE,
+    Given,
+    read,
+    unknown_nodes,
+    unknown_parameters,
 )
+from head_tracking.parameters import ParameterError, changed
 
 P = TypeVar("P")
 
@@ -78,28 +79,20 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
         ParameterFileError: a file cannot be read.
         ParameterError: a value is not allowed, or a parameter does not exist.
     """
-    _check_nodes(files)
-    pan, tilt, frame = head_names("point_head", files)
+    head = head_parameters("point_head", files)
+    pan, tilt = head.head_pan_joint, head.head_tilt_joint
     for bus in configured_buses(files):
         joints = {joint.joint_name: joint for joint in bus.joints}
         if {pan, tilt} <= joints.keys():
-            return ConfiguredHead((joints[pan], joints[tilt]), bus.baud_rate, frame)
+            return ConfiguredHead((joints[pan], joints[tilt]), bus.baud_rate, head.pointed)
     raise ConfigurationError(
         f"no bus has servos for both {pan} and {tilt}; see servo_bus and head_pan_joint in "
         f"{', '.join(map(str, files))}"
     )
 
 
-def _check_nodes(files: Sequence[Path]) -> None:
-    """Raise ParameterError if a file misspells a node; else its values would be left out."""
-    for file in files:
-        for node in {given.node for given in read(str(file))}:
-            if problem := unknown_node(node, ("servo_bus", "point_head", "head_tracker")):
-                raise ParameterError(f"{file}: {problem}")
-
-
-def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
-    """Return the names of the pan joint, the tilt joint and the pointed frame of a node.
+def head_parameters(node: str, files: Sequence[Path]) -> HeadParameters:
+    """Return the parameters of the head that a node has with parameter files.
 
     Args:
         node: point_head or head_tracker.
@@ -107,10 +100,9 @@ def head_names(node: str, files: Sequence[Path]) -> tuple[str, str, str]:
 
     Raises:
         ParameterFileError: a file cannot be read.
+        ParameterError: a value is not allowed.
     """
-    values = {name: given.value for name, given in given_to(node, files).items()}
-    pan, tilt = (values.get(name, name) for name in ("head_pan_joint", "head_tilt_joint"))
-    return pan, tilt, values.get("camera_link") or values.get("pointing_frame", "camera_link")
+    return _Values(node, files).read(HeadParameters)
 
 
 def configured_buses(
@@ -157,32 +149,27 @@ class _Values:
         others: values that win over files, unless they are empty or 0.
     """
 
-    def __init__(self, node: str, files: Sequence[Path], others: Mapping[str, Any]) -> None:
-        winning = {
-            name: Given(COMMAND_LINE, "", name, value) for name, value in others.items() if value
-        }
-        self._node, self._given = node, given_to(node, files) | winning
-        self._known = {"use_sim_time"}
+    def __init__(self, node: str, files: Sequence[Path], others: Mapping[str, Any] = {}) -> None:
+        self._node, self._known = node, {"use_sim_time"}
+        self._of_all_nodes = [given for file in files for given in read(str(file))]
+        own = [given for given in self._of_all_nodes if given.node in (node, "")]
+        own += [Given(COMMAND_LINE, "", name, value) for name, value in others.items() if value]
+        self._given = {given.name: given for given in own}
 
     def read(self, kind: type[P], prefix: str = "", defaults: Mapping[str, Any] = {}) -> P:
         """Make a parameter class; raise ParameterError if a value is not allowed."""
-        arguments = {}
-        for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-            default = defaults.get(field.name, field.default)
-            name = f"{prefix}{field.name}"
-            self._known.add(name)
-            given = self._given.get(name)
-            try:
-                value = default if given is None else given.value
-                arguments[field.name] = checked(name, parameter_info(field), default, value)
-            except ParameterError as error:
-                file = "" if given is None else f"{given.file}: "
-                raise ParameterError(f"{file}{error}") from None
-        return kind(**arguments)
+        self._known.update(f"{prefix}{field.name}" for field in dataclasses.fields(kind))  # type: ignore[arg-type]
+        values = {name: given.value for name, given in self._given.items()}
+        return changed(
+            kind(**defaults), values, prefix, where=lambda name: f"{self._given[name].file}: "
+        )
 
     def check_names(self) -> None:
-        """Raise ParameterError if a file names a parameter that does not exist."""
-        for name, given in self._given.items():
-            problem = unknown(name, self._known, self._given)
-            if given.node and problem:  # without a node it may be for another one
-                raise ParameterError(f"{given.file}: {self._node} {problem}")
+        """Raise ParameterError if a file names a node or a parameter that does not exist."""
+        nodes = ("servo_bus", "point_head", "head_tracker")
+        problems = [
+            *unknown_nodes(self._of_all_nodes, nodes),
+            *unknown_parameters(self._given.values(), self._known, self._node),
+        ]
+        if problems:
+            raise ParameterError("; ".join(problems))

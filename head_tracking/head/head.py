@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,11 +35,11 @@ from head_tracking.exceptions import (
     UnreachableError,
 )
 from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_control import HeadControl
-from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.head.motions import MotionEnd, PointMotion, Tracking, TrackingSettings
 from head_tracking.head.obstacle import Blocked, Obstacle
-from head_tracking.parameters import checked, parameter_info
+from head_tracking.parameters import changed
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.signals import ending_signals
 from head_tracking.tracking import (
@@ -468,8 +467,7 @@ class Head:
         Raises:
             ValueError: there is no such mode, or a value is out of its range.
         """
-        known = {each.name: each for each in fields(LearningParameters)}
-        checked("how", parameter_info(known["servo_learning"]), "", str(how))
+        both = {"servo_learning": str(how), "camera_learning": str(how)}
         given = {
             "servo_learning": str(how if servos is None else servos),
             "camera_learning": str(how if camera is None else camera),
@@ -478,11 +476,8 @@ class Head:
             "servo_acceleration": servo_acceleration,
             "camera_delay": camera_delay,
         }
-        values = {
-            name: checked(name, parameter_info(each), each.default, given[name])
-            for name, each in known.items()
-        }
-        self._settings = TrackingSettings(learning=LearningParameters(**values))
+        learning = changed(changed(LearningParameters(), both), given)
+        self._settings = TrackingSettings(learning=learning)
         with self._control.lock:
             self._tracking.tune()
 

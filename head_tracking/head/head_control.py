@@ -13,8 +13,8 @@ from head_tracking.control.owners import OwnershipError
 from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingParameters, PointingResult
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_frames import HeadFrames
-from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.head.motions import (
     Motion,
     MotionEnd,

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import replace
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.tracking import HeadBase, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,

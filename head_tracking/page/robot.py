@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
-from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.page.head_modes import FOUND_IN_PICTURES, POINTER, TRACKER, HeadModes, Mode
 from head_tracking.page.joint_control import JointPanel
 from head_tracking.page.other_topics import OtherTopics

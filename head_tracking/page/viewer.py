@@ -7,7 +7,7 @@ from functools import wraps
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.head.head_parameters import HeadParameters
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.page import MISSING, installed
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode

@@ -152,6 +152,7 @@ WIDE = "{head_tilt_controller: {motor: {min: 0, max: 1023}}}}"
 RED: list[tuple[str, Callable[[Head], None]]] = [
     ("configuration", lambda h: h.params(CONFIGURED + "{head_pan_controller.motor.id: x}}")),
     ("configuration", lambda h: h.params("- 1")),
+    ("configuration", lambda h: h.params("servobus: {ros__parameters: {baud_rate: 57600}}")),
     ("configuration", lambda h: h.params("{")),
     ("configuration", lambda h: h.arguments.extend(["--params", "/nowhere.yaml"])),
     ("model", lambda head: head.arguments.extend(["--robot", "nobody"])),

@@ -8,9 +8,8 @@ from typing import Final
 
 from head_tracking.calibration import Calibration, CalibrationFileError, summary
 from head_tracking.cli.doctor.findings import Finding, Grade
-from head_tracking.configuration import ConfiguredBus, configured_buses, head_names
+from head_tracking.configuration import ConfiguredBus, configured_buses, head_parameters
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.gaze import PanTiltHead
 from head_tracking.parameter_files import ParameterFileError
 from head_tracking.parameters import ParameterError
 from head_tracking.share import robot_file
@@ -47,10 +46,10 @@ def check_configured(
 
 def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
     """Check that the robot model is valid, has a pan/tilt head, and fits the servos."""
-    pan, tilt, frame = head_names("head_tracker", files)
     try:
+        parameters = head_parameters("head_tracker", files)
         model = load_robot_model(robot_file(robot))
-        PanTiltHead(model, pan, tilt, frame)
+        parameters.head(model)
     except HeadTrackingError as error:
         return Finding("model", Grade.RED, str(error))
     problems, level = [], Grade.GREEN
@@ -67,7 +66,7 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
                 f"than its servo's motor.min and motor.max, {joint.lower:.2f} to {joint.upper:.2f}"
             )
             level = max(level, Grade.AMBER)
-    text = "; ".join(problems) or f"{frame} can be pointed"
+    text = "; ".join(problems) or f"{parameters.pointed} can be pointed"
     return Finding("model", level, f"{robot}: {text}")
 
 

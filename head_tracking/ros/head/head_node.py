@@ -12,8 +12,8 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.control import ControlLoop, JointBackend
 from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_control import HeadControl
-from head_tracking.head.head_parameters import HeadParameters
 from head_tracking.head.motions import TargetMotion
 from head_tracking.head.obstacle import Blocked
 from head_tracking.parameters import parameter

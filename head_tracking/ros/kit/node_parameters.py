@@ -16,21 +16,23 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from head_tracking.exceptions import RefusedError
-from head_tracking.parameter_files import COMMAND_LINE, Given, read, read_rule
+from head_tracking.parameter_files import (
+    COMMAND_LINE,
+    Given,
+    read,
+    read_rule,
+    unknown_nodes,
+    unknown_parameters,
+)
 from head_tracking.parameters import (
-    ParameterError,
     ParameterInfo,
     allowed,
-    checked,
-    nearest,
+    changed,
     parameter_info,
-    unknown,
-    unknown_node,
 )
 from head_tracking.programs import NODES
 
@@ -94,9 +96,6 @@ def source(node: Node, name: str) -> str:
 def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
     """Find values for parameters and nodes that do not exist, after all were declared.
 
-    On the command line each name must exist. In a file these are ignored: values for nodes of any
-    name (`/**`), and values for a node whose name is similar to none of ours, or contains one.
-
     Args:
         nodes: those of this process.
         names: check names of nodes, too; False: another process does that.
@@ -104,34 +103,17 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
     Raises:
         UnknownParametersError: lists them with similar names that exist.
     """
-    nodes = list(nodes)
-    problems = []
+    known = set(NODES)  # one file may configure nodes of several processes
+    problems: list[str] = []
     for node in nodes:
+        known.add(node.get_name())
         full_name = node.get_fully_qualified_name()
         own = [given for given in _given if given.is_for(full_name)]
-        shared = {each.name for each in own if not each.node and each.file != COMMAND_LINE} - {
-            each.name for each in own if each.node
-        }
-        declared, given = node._parameters, node._parameter_overrides
-        for name in sorted(given):
-            problem = "" if name in shared else unknown(name, declared, given)
-            if problem:
-                problems.append(f"{source(node, name)}: {full_name} {problem}")
+        problems += unknown_parameters(own, node._parameters, full_name)
     if names:
-        # one file may configure nodes of several processes
-        problems += _misspelt_nodes({*NODES, *(node.get_name() for node in nodes)})
+        problems += unknown_nodes(_given, known)
     if problems:
         raise UnknownParametersError("; ".join(problems) + "; nothing was moved")
-
-
-def _misspelt_nodes(known: set[str]) -> Iterator[str]:
-    for file, name in dict.fromkeys((given.file, given.node) for given in _given):
-        if file != COMMAND_LINE:
-            problem = unknown_node(name, known)
-        else:
-            problem = "" if name in known else f"there is no node {name}{nearest(name, known)}"
-        if name and problem:
-            yield f"{file}: {problem}"
 
 
 class NodeParameters(Generic[P]):
@@ -164,70 +146,42 @@ class NodeParameters(Generic[P]):
     ) -> None:
         self._node = node
         self._prefix = prefix
-        self._fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-        self._infos = {name: parameter_info(field) for name, field in self._fields.items()}
+        self._infos = {
+            field.name: parameter_info(field)
+            for field in dataclasses.fields(kind)  # type: ignore[arg-type]
+        }
         for name, maximum in (maxima or {}).items():
             self._infos[name] = dataclasses.replace(self._infos[name], maximum=maximum)
         self._on_change = on_change
         self._is_possible = check
-        values, refused = {}, []
-        for name, field in self._fields.items():
-            default, info = (defaults or {}).get(name, field.default), self._infos[name]
-            try:
-                given = node._parameter_overrides.get(prefix + name)
-                if given is not None:  # this error is plainer than rclpy's
-                    checked(prefix + name, info, field.default, given.value)
-                value = node.declare_parameter(
-                    prefix + name,
-                    list(default) if isinstance(default, tuple) else default,
-                    _descriptor(info, default),
-                ).value
-                values[name] = checked(prefix + name, info, field.default, value)
-            except (ParameterException, ParameterError) as error:
-                refused.append((name, error))
-        if refused:
-            raise ParameterError("; ".join(self._description(*each) for each in refused))
-        self.value: P = kind(**values)
+        usual = kind(**defaults or {})
+        self.value = self._changed(usual, node._parameter_overrides.values(), self._where)
+        for name, info in self._infos.items():
+            value = getattr(usual, name)
+            default = list(value) if isinstance(value, tuple) else value
+            node.declare_parameter(prefix + name, default, _descriptor(info, value))
         if hasattr(node, "add_post_set_parameters_callback"):
             node.add_on_set_parameters_callback(self._check)
             node.add_post_set_parameters_callback(self._set)
         else:  # ROS 2 Humble
             node.add_on_set_parameters_callback(self._check_and_set)
 
-    def _description(self, name: str, error: Exception) -> str:
-        """Return the error of a field's value, and where the value comes from."""
-        full_name = self._prefix + name
-        where = f"{source(self._node, full_name)}: {self._node.get_fully_qualified_name()}"
-        return f"{where}: {error}"
+    def _where(self, name: str) -> str:
+        """Return where the value of a parameter comes from."""
+        return f"{source(self._node, name)}: {self._node.get_fully_qualified_name()}: "
 
-    def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
-        return {
-            name: checked(
-                self._prefix + name,
-                self._infos[name],
-                self._fields[name].default,
-                value,
-            )
-            for name, value in values.items()
-        }
-
-    def _changed(self, parameters: Sequence[Parameter]) -> P | None:
-        """Return the dataclass with new parameters; None if none of them is a field."""
-        own = {
-            name: parameter.value
-            for parameter in parameters
-            if parameter.name.startswith(self._prefix)
-            and (name := parameter.name.removeprefix(self._prefix)) in self._fields
-        }
-        if not own:
-            return None
-        return dataclasses.replace(self.value, **self._checked(own))  # type: ignore[type-var]
+    def _changed(
+        self, value: P, parameters: Iterable[Parameter], where: Callable[[str], str] = lambda _: ""
+    ) -> P:
+        """Return the dataclass with new values; the same one if no parameter is a field."""
+        given = {parameter.name: parameter.value for parameter in parameters}
+        return changed(value, given, self._prefix, self._infos, where)
 
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
-            changed = self._changed(parameters)
-            if changed is not None and self._is_possible is not None:
-                self._is_possible(changed)
+            value = self._changed(self.value, parameters)
+            if value is not self.value and self._is_possible is not None:
+                self._is_possible(value)
         except ValueError as error:
             for parameter in parameters:
                 # rclpy has already changed the type in the description
@@ -243,11 +197,9 @@ class NodeParameters(Generic[P]):
         return result
 
     def _set(self, parameters: Sequence[Parameter]) -> None:
-        changed = self._changed(parameters)
-        if changed is not None:
-            self.value = changed
-            if self._on_change is not None:
-                self._on_change(changed)
+        before, self.value = self.value, self._changed(self.value, parameters)
+        if self.value is not before and self._on_change is not None:
+            self._on_change(self.value)
 
 
 def _descriptor(info: ParameterInfo, default: Any) -> ParameterDescriptor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from head_tracking.gaze import PanTiltHead
+from head_tracking.gaze.head import PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.transforms import RobotModel
 
