@@ -5,24 +5,17 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TextIO
 
 
-@contextmanager
-def tolerate_output_errors() -> Iterator[None]:
-    """Discard output that cannot be written, until the end of the block.
+def tolerate_output_errors() -> None:
+    """Discard output that cannot be written, from now on.
 
     A closed pipe (`| head -1`) and a full disk raise no error. Characters that the encoding of the
     terminal lacks become question marks.
     """
     sys.stdout, sys.stderr = _tolerant(sys.stdout), _tolerant(sys.stderr)
-    try:
-        yield
-    finally:
-        for stream in (sys.stdout, sys.stderr):
-            _discard_unwritten(stream)
 
 
 def is_output_closed() -> bool:
@@ -60,14 +53,3 @@ def _tolerant(stream: TextIO | None) -> TextIO:
         line_buffering=by_line,
         write_through=through,
     )
-
-
-def _discard_unwritten(stream: TextIO) -> None:
-    """Redirect a stream that cannot be flushed, or Python would exit with an error."""
-    if isinstance(stream, _TolerantStream):
-        try:
-            stream.buffer.flush()
-        except OSError:
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, stream.fileno())
-            os.close(null)

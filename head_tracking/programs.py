@@ -49,7 +49,7 @@ COMMANDS: Final = (*NODES, *TOOLS)
 """The commands of `head_tracking COMMAND` and `ros2 run head_tracking COMMAND`."""
 
 _MODULES: Final = {
-    "head_tracking": "run.main",
+    "head_tracking": "run.supervisor",
     "servo": "cli.servo.main",
     "doctor": "cli.doctor.__main__",
 }
@@ -95,8 +95,8 @@ def __getattr__(name: str) -> Callable[[], int]:
             return 130
         from head_tracking.output import tolerate_output_errors
 
-        with tolerate_output_errors():
-            code: int = run()
+        tolerate_output_errors()
+        code: int = run()
         return code
 
     return main

@@ -1,4 +1,4 @@
-"""The program of the processes below the supervisor, and its link to the supervisor.
+"""The program of the processes below the supervisor, and their messages.
 
 Usage: python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
 """
@@ -6,24 +6,62 @@ Usage: python -m head_tracking.run.child control|vision|page FD ARGUMENTS...
 from __future__ import annotations
 
 import gc
+import json
 import os
 import queue
 import signal
 import socket
 import sys
 import threading
+from contextlib import suppress
 from typing import Any, Final
 
 from head_tracking.output import tolerate_output_errors
 from head_tracking.ros.kit.stop_signal import ENDING, StopSignal
-from head_tracking.run.channel import Channel
 from head_tracking.run.node_sets import CONTROL
 
+_MAX_SIZE: Final = 1 << 16  # bytes of a message
 _END_TIMEOUT: Final = 10  # s; longer than the supervisor waits before it kills the process
 
 
-class SupervisorLink:
-    """Messages to and from the supervisor.
+class Channel:
+    """One end of a socket pair that carries JSON objects, one in each packet.
+
+    Args:
+        connection: a socket of type SOCK_SEQPACKET.
+    """
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+
+    def fileno(self) -> int:
+        """Return the file descriptor, for a selector."""
+        return self._connection.fileno()
+
+    def send(self, **message: Any) -> None:
+        """Send a message, unless the other end is closed."""
+        with suppress(OSError):
+            self._connection.send(json.dumps(message).encode())
+
+    def receive(self) -> dict[str, Any] | None:
+        """Wait for a message and return it; return None when the other end is closed."""
+        data = b""
+        with suppress(OSError):
+            data = self._connection.recv(_MAX_SIZE)
+        return json.loads(data) if data else None
+
+    def end_sending(self) -> None:
+        """Let the other end receive None; it may still send."""
+        with suppress(OSError):
+            self._connection.shutdown(socket.SHUT_WR)
+
+    def close(self) -> None:
+        """Close this end."""
+        self._connection.close()
+
+
+class SupervisorLink(Channel):
+    """The channel to the supervisor.
 
     Args:
         descriptor: file descriptor of this process's end of the channel.
@@ -34,18 +72,14 @@ class SupervisorLink:
     """
 
     def __init__(self, descriptor: int, stop: StopSignal) -> None:
-        self._channel = Channel(socket.socket(fileno=descriptor))
+        super().__init__(socket.socket(fileno=descriptor))
         self._stop = stop
         self.messages: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         threading.Thread(target=self._read, name="supervisor", daemon=True).start()
 
-    def send(self, **message: Any) -> None:
-        """Send a message, unless the supervisor has ended."""
-        self._channel.send(message)
-
     def _read(self) -> None:
         try:
-            while (message := self._channel.receive()) is not None:
+            while (message := self.receive()) is not None:
                 self.messages.put(message)
         finally:
             # a process that hangs while it ends would stay for ever after a killed supervisor
@@ -66,7 +100,8 @@ def main() -> int:
         from head_tracking.run.control import run_control as run
     else:
         from head_tracking.run.node_process import run_nodes as run
-    with tolerate_output_errors(), stop:
+    tolerate_output_errors()
+    with stop:
         code = run(arguments, stop, link)
     gc.freeze()  # the last garbage collection would take 0.1 s of processor time
     return code

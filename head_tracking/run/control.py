@@ -174,8 +174,7 @@ class ControlProcess:
             if not plan.allow_others:
                 claim.check()
             self._report_servos(head.nodes["servo_bus"])
-            parts, colour = monitor.update()
-            self._status.show([*parts, *self._hint], colour)
+            self._status.show([*monitor.update(), *self._hint])
 
         self._link.send(ready=True)
         try:
@@ -214,7 +213,7 @@ class ControlProcess:
         """
         with self._changed:
             self._reports.pop(spec.name, None)
-            self._link.send(enabled=True, **asdict(spec))
+            self._link.send(**asdict(spec))
             for _ in range(round(_START_TIMEOUT / _POLL)):
                 self._changed.wait(_POLL)
                 self._stop.check()

@@ -27,26 +27,27 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
     resources: dict[str, Buffer] = {}
     running: dict[str, tuple[Any, bool]] = {}
 
-    def start(enabled: bool, **spec: Any) -> None:
-        if spec["name"] in running:  # it was late, and was requested again
-            report(spec["name"], *running[spec["name"]])
+    def start(spec: NodeSpec) -> None:
+        if spec.name in running:  # it was late, and was requested again
+            report(spec.name, *running[spec.name])
             return
         node = None
         try:
-            if spec["needs"] and not resources:
+            if spec.needs and not resources:
                 listener = Node("vision", enable_rosout=False, start_parameter_services=False)
                 resources["buffer"] = listening_buffer(listener)
                 threads.start(listener)
-            node = NodeSpec(**spec).make(resources)
+            node = spec.make(resources)
             check_parameters([node], names=False)
         except Exception as error:
             if node is not None:
                 node.destroy_node()
-            link.send(node=spec["name"], problem=describe(error), enabled=enabled)
+            problem = describe(error)
+            link.send(node=spec.name, problem=problem, enabled=spec.enabled, parameters={})
             return
         if hasattr(node, "output"):
-            node.output.set(enabled)
-        report(spec["name"], node, enabled)  # before others can discover it
+            node.output.set(spec.enabled)
+        report(spec.name, node, spec.enabled)  # before others can discover it
         threads.start(node)
 
     def report(name: str, node: Any, enabled: bool) -> None:
@@ -56,7 +57,7 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
 
     def update() -> None:
         while not link.messages.empty():
-            start(**link.messages.get())
+            start(NodeSpec(**link.messages.get()))
         for name, (node, before) in list(running.items()):
             if hasattr(node, "output") and node.output.on != before:
                 report(name, node, node.output.on)

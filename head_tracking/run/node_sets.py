@@ -24,12 +24,14 @@ class NodeSpec:
             process; "loop", the control loop; "simulate", which makes simulated servos, or None.
         parameters: values of this run; they override parameter files.
         process: CONTROL, VISION or PAGE.
+        enabled: whether it publishes from the start, if its process is not CONTROL.
     """
 
     name: str
     needs: tuple[str, ...] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
     process: str = CONTROL
+    enabled: bool = True
 
     def make(self, available: Mapping[str, Any]) -> Any:
         """Make the node.

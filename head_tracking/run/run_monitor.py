@@ -8,10 +8,8 @@ from collections.abc import Callable
 
 from head_tracking.head.head_control import HeadControl
 from head_tracking.ros.bus.bus_status import BusStatus
-from head_tracking.run.status_line import Colour
 from head_tracking.tracking import ErrorStatistics, TargetState, TrackingJudge
 
-_ON_TARGET = math.radians(2.0)
 _GIVEN_UP = TargetState.IDLE, TargetState.RECENTERING, TargetState.SEARCHING
 
 SETTLING_TIME = 2.0
@@ -43,14 +41,9 @@ class RunMonitor:
         self._statistics = ErrorStatistics()
         self._judged_time = 0.0  # s
         self._last_update = clock()
-        self._stops = 0
-        self._stopped = False
 
-    def update(self) -> tuple[list[str], Colour]:
-        """Include what has happened since the last call; return parts and colour of the status."""
-        stopped = self._is_stopped()
-        self._stops += stopped and not self._stopped
-        self._stopped = stopped
+    def update(self) -> list[str]:
+        """Include what has happened since the last call; return the parts of the status."""
         control, positions = self._head, self._positions()
         head = None if control is None else control.frames.head
         if control is not None and head is not None and positions is not None:
@@ -82,13 +75,14 @@ class RunMonitor:
         except KeyError:  # no servo drives it
             return None
 
-    def _status(self, positions: tuple[float, float] | None) -> tuple[list[str], Colour]:
+    def _status(self, positions: tuple[float, float] | None) -> list[str]:
         bus, head = self._bus_status(), self._head
         target = None if head is None else head.frames.target
         error = None if self._judge is None else self._judge.error
         servos = [s for s in bus.statistics.servos if s.joint_name in bus.states]
         temperatures = " ".join(f"{servo.temperature:.0f}" for servo in servos)
-        parts = [
+        return [
+            *(["STOPPED"] if self._is_stopped() else []),
             "error   - " if error is None else f"error {math.degrees(error):4.1f}°",
             "waiting for the head"
             if positions is None
@@ -97,20 +91,11 @@ class RunMonitor:
             f"bus {bus.in_short}",
             f"{temperatures or '-'} °C",
         ]
-        if self._stopped:
-            return ["STOPPED", *parts], Colour.RED
-        if not bus.statistics.connected:
-            return parts, Colour.RED
-        if error is None:
-            return parts, Colour.NONE
-        return parts, Colour.GREEN if error < _ON_TARGET else Colour.YELLOW
 
     def summary(self) -> str:
         """Return the result of the whole run: tracking error, bus cycles, faults."""
         bus = self._bus_status()
         counts = f"{bus.statistics.cycles} bus cycles, {bus.faults} faults"
-        if self._stops:
-            counts += f", stopped {self._stops} times" if self._stops > 1 else ", stopped once"
         if not bus.statistics.connected:
             counts += ", the adapter is disconnected"
         statistics = self._statistics

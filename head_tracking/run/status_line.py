@@ -9,36 +9,17 @@ import time
 from collections.abc import Sequence
 from typing import Final, TextIO
 
-from head_tracking.compatibility import StrEnum
-
 CLEAR_LINE: Final = "\r\x1b[K"
 _LOG_FORMAT = "RCUTILS_CONSOLE_OUTPUT_FORMAT"
 _SEPARATOR = " | "
 
 
-class Colour(StrEnum):
-    """Escape sequences for the first part of the line."""
-
-    NONE = ""
-    GREEN = "\x1b[32m"
-    YELLOW = "\x1b[33m"
-    RED = "\x1b[1;31m"
-
-
 class StatusLine:
-    """Overwrites its last text on a terminal; elsewhere prints a new line once a second.
-
-    It uses colours on a terminal, unless NO_COLOR is set or TERM is "dumb".
-    """
+    """Overwrites its last text on a terminal; elsewhere prints a new line once a second."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stdout
         self._is_terminal = self._stream.isatty()
-        self._has_colours = (
-            self._is_terminal
-            and not os.environ.get("NO_COLOR")
-            and os.environ.get("TERM", "dumb") != "dumb"
-        )
         self._last_time = -1.0
         self._text = ""
         self._has_ended = False
@@ -51,21 +32,14 @@ class StatusLine:
         """
         if self._is_terminal:
             os.environ.setdefault(_LOG_FORMAT, f"{CLEAR_LINE}[{{severity}}] {{name}}: {{message}}")
-            if not self._has_colours:
-                os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "0")
 
-    def show(self, parts: Sequence[str], colour: Colour = Colour.NONE) -> None:
-        """Show the latest status; nothing after `end`.
-
-        Args:
-            parts: the most important one first; parts that do not fit are left out.
-            colour: of the first part.
-        """
+    def show(self, parts: Sequence[str]) -> None:
+        """Show the latest status; nothing after `end`. Parts that do not fit are left out."""
         with self._lock:
             if self._has_ended:
                 return
             if self._is_terminal:
-                self._text = self._fit(parts, colour)
+                self._text = self._fit(parts)
                 self._write(CLEAR_LINE + self._text)
             elif time.monotonic() - self._last_time >= 1.0:
                 self._last_time = time.monotonic()
@@ -85,7 +59,7 @@ class StatusLine:
             self._has_ended = True
             self._write((CLEAR_LINE if self._is_terminal else "") + text + "\n")
 
-    def _fit(self, parts: Sequence[str], colour: Colour) -> str:
+    def _fit(self, parts: Sequence[str]) -> str:
         """Return the parts that fit into one line of the terminal."""
         try:
             width = os.get_terminal_size(self._stream.fileno()).columns
@@ -96,8 +70,6 @@ class StatusLine:
         for part in parts[1:]:
             if len(_SEPARATOR.join([*fitting, part])) <= limit:
                 fitting.append(part)
-        if fitting and colour and self._has_colours:
-            fitting[0] = f"{colour}{fitting[0]}\x1b[0m"
         return _SEPARATOR.join(fitting)
 
     def _write(self, text: str) -> None:

@@ -19,20 +19,22 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, Final
 
-from head_tracking.exceptions import RefusedError
+from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.programs import NO_ROS, has_ros
 from head_tracking.ros.kit.head_lock import HeadLock
-from head_tracking.ros.kit.stop_signal import ENDING, StopSignal
-from head_tracking.run.channel import Channel
+from head_tracking.ros.kit.stop_signal import ENDING, EndRequestedError, StopSignal
+from head_tracking.run.child import Channel
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
-from head_tracking.run.options import Run
-from head_tracking.run.status_line import CLEAR_LINE
+from head_tracking.run.options import Run, parse_arguments
+from head_tracking.run.status_line import CLEAR_LINE, StatusLine
 from head_tracking.run.stop_key import STOP, StopKey
 
+_RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _NICENESS: Final = {CONTROL: 0, VISION: 0, PAGE: 10}  # late images make a head swing
 _END_TIMEOUT: Final = {CONTROL: 8.0, VISION: 5.0, PAGE: 5.0}  # s; then the process is killed
 _PAUSES: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # s before each restart in a row
@@ -41,8 +43,26 @@ _POLL_PERIOD: Final = 0.1  # s
 _STABLE_TIME: Final = 60.0  # s; after a longer life the next restart has the first pause
 
 
-class Process:
-    """A running process, and the supervisor's end of its channel.
+def main() -> int:
+    """Run the head until a signal; return the exit code."""
+    plan = parse_arguments(sys.argv[1:])
+    # ROS's setup.bash sets SUBNET, so SUBNET is no choice of the user.
+    if plan.is_local and os.environ.get(_RANGE, "SUBNET") in ("", "SUBNET"):
+        os.environ[_RANGE] = "LOCALHOST"
+    StatusLine().prepare_logging()
+    try:
+        if not has_ros():
+            raise HeadTrackingError(NO_ROS)
+        return Supervisor(plan).run()
+    except EndRequestedError:
+        return 0
+    except HeadTrackingError as error:
+        print(f"head_tracking: {error}", file=sys.stderr)
+        return 1
+
+
+class ChildProcess:
+    """A process of the run, the nodes that it shall run, and the supervisor's end of its channel.
 
     Args:
         name: control, vision or page.
@@ -50,113 +70,91 @@ class Process:
         descriptors: file descriptors that it inherits.
 
     Attributes:
-        started: start time by the monotonic clock [s].
-        channel: carries messages.
+        channel: carries messages; None: the process does not run.
+        nodes: the requested nodes that have not failed, by name.
+        start_at: when to start it, by the monotonic clock [s]; None: not planned.
     """
 
-    def __init__(self, name: str, arguments: list[str], descriptors: Sequence[int] = ()) -> None:
-        self.name = name
-        self.started = time.monotonic()
+    def __init__(self, name: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
+        self.name, self._arguments, self._descriptors = name, arguments, descriptors
+        self.channel: Channel | None = None
+        self.nodes: dict[str, dict[str, Any]] = {}
+        self.start_at: float | None = None
+        self._ends_in_a_row = 0
+
+    def start(self) -> Channel:
+        """Start the process with its nodes, and return the channel."""
+        self.start_at, self._started = None, time.monotonic()
         ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-        self.channel = Channel(ours)
         with theirs:
+            program = (sys.executable, "-m", "head_tracking.run.child")
             # Ctrl-C waits until the process handles it; the process unblocks it then
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
             self._process = subprocess.Popen(
-                [
-                    *(sys.executable, "-m", "head_tracking.run.child"),
-                    *(name, str(theirs.fileno()), *arguments),
-                ],
-                pass_fds=[theirs.fileno(), *descriptors],
+                [*program, self.name, str(theirs.fileno()), *self._arguments],
+                pass_fds=[theirs.fileno(), *self._descriptors],
             )
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[name])
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[self.name])
+        self.channel = Channel(ours)
+        for node in self.nodes.values():
+            self.channel.send(**node)
+        return self.channel
 
-    def fileno(self) -> int:
-        """Return the file descriptor of the channel, for a selector."""
-        return self.channel.fileno()
+    def send(self, **message: Any) -> None:
+        """Send a message, if the process runs."""
+        if self.channel is not None:
+            self.channel.send(**message)
+
+    def add(self, node: dict[str, Any]) -> None:
+        """Add a node, and plan the start of the process if it does not run."""
+        self.nodes[node["name"]] = node
+        self.send(**node)
+        if self.channel is None and self.start_at is None:
+            self.start_at = time.monotonic()
+
+    def on_report(self, node: str, problem: str, enabled: bool, parameters: Any) -> None:
+        """Record the state in which a node is to be restarted; leave one out that cannot start."""
+        if problem:
+            self.nodes.pop(node, None)
+            _print(problem)
+        else:
+            self.nodes[node]["enabled"] = enabled
+            self.nodes[node]["parameters"] |= parameters
+
+    def ask_to_end(self) -> None:
+        """Ask the process to end, if it runs."""
+        if self.channel is not None:
+            self.channel.end_sending()
 
     def kill(self) -> None:
         """Kill the process."""
         self._process.kill()
 
-    def wait(self) -> int:
+    def end(self) -> int:
         """Return the exit code; kill the process if it does not end in time."""
         try:
             code = self._process.wait(_END_TIMEOUT[self.name])
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            self.kill()
             code = self._process.wait()
-        self.channel.close()
+        if self.channel is not None:
+            self.channel.close()
+        self.channel = None
         return code
 
-
-class RestartedProcess:
-    """A process that is restarted with its nodes when it ends.
-
-    Attributes:
-        nodes: the requested nodes, by name.
-        running: the process; None: it has ended, or was not needed yet.
-        start_at: when to start it, by the monotonic clock [s]; None: not planned.
-    """
-
-    def __init__(self, name: str, arguments: list[str], descriptors: Sequence[int]) -> None:
-        self.name, self._arguments, self._descriptors = name, arguments, descriptors
-        self.nodes: dict[str, dict[str, Any]] = {}
-        self.running: Process | None = None
-        self.start_at: float | None = None
-        self._started_once: set[str] = set()
-        self._ends_in_a_row = 0
-
-    def add(self, node: dict[str, Any]) -> None:
-        """Add a node, and plan the start of the process if it does not run."""
-        self.nodes[node["name"]] = node
-        if self.running is not None:
-            self.running.channel.send(node)
-        elif self.start_at is None:
-            self.start_at = time.monotonic()
-
-    def start(self) -> Process:
-        """Start the process with all of its nodes."""
-        self.running = Process(self.name, self._arguments, self._descriptors)
-        self.start_at = None
-        for node in self.nodes.values():
-            self.running.channel.send(node)
-        return self.running
-
-    def on_report(self, report: Mapping[str, Any]) -> None:
-        """Record whether a node has started, and the state in which it is to be restarted."""
-        name = report["node"]
-        if not report["problem"]:
-            self._started_once.add(name)
-            self.nodes[name]["enabled"] = report["enabled"]
-            self.nodes[name]["parameters"] |= report["parameters"]
-        elif name not in self._started_once:
-            self.nodes.pop(name, None)
-            _print(report["problem"])
-
-    def on_end(self) -> list[dict[str, Any]]:
-        """Plan the restart; return reports of the nodes that have never started."""
-        assert self.running is not None
-        if time.monotonic() - self.running.started > _STABLE_TIME:
+    def plan_restart(self) -> None:
+        """Plan the restart of the process, which has ended, if it has nodes."""
+        problem = f"the {self.name} process {_describe_end(self.end())}"
+        if not self.nodes:
+            return _print(problem)
+        if time.monotonic() - self._started > _STABLE_TIME:
             self._ends_in_a_row = 0
-        code = self.running.wait()
-        problem = f"the {self.name} process {_describe_end(code)}"
-        self.running = None
-        # a first start that was killed is tried once more; one that failed would fail again
-        is_retried = code < 0 and not self._ends_in_a_row
-        failed = [name for name in self.nodes if not (is_retried or name in self._started_once)]
-        for name in failed:
-            del self.nodes[name]
-        if self.nodes:
-            pause = _PAUSES[min(self._ends_in_a_row, len(_PAUSES) - 1)]
-            self._ends_in_a_row += 1
-            self.start_at = time.monotonic() + pause
-            _print(f"{problem}; it is restarted in {pause:g} s")
-        else:
-            _print(problem)
-        return [{"node": name, "problem": problem} for name in failed]
+        pause = _PAUSES[min(self._ends_in_a_row, len(_PAUSES) - 1)]
+        self._ends_in_a_row += 1
+        self.start_at = time.monotonic() + pause
+        _print(f"{problem}; it is restarted in {pause:g} s")
 
 
 class Supervisor:
@@ -173,8 +171,9 @@ class Supervisor:
         self._servos: list[tuple[str, int, dict[str, str]]] = []
         self._keys = StopKey()
         self._lock = HeadLock(plan.arguments, simulated=plan.simulated)
+        self._control = ChildProcess(CONTROL, plan.arguments, self._lock.descriptors)
         self._others = {
-            name: RestartedProcess(name, plan.ros_arguments, self._lock.descriptors)
+            name: ChildProcess(name, plan.ros_arguments, self._lock.descriptors)
             for name in (VISION, PAGE)
         }
         self._selector = selectors.DefaultSelector()
@@ -192,54 +191,52 @@ class Supervisor:
 
     def _run(self, stop: StopSignal) -> int:
         """Run the processes, and return the exit code of control."""
-        control = Process(CONTROL, list(self._plan.arguments), self._lock.descriptors)
-        self._selector.register(control, selectors.EVENT_READ, control)
+        self._selector.register(self._control.start(), selectors.EVENT_READ, self._control)
         for node in self._plan.nodes:
             if node.process == PAGE:  # first, because it takes the longest to start
-                self._others[PAGE].add({"enabled": True, **asdict(node)})
+                self._others[PAGE].add(asdict(node))
         if not self._plan.simulated:  # now, because after a crash it would take time
             import head_tracking.dynamixel  # noqa: F401
 
         try:
-            while control in self._selector.get_map():
+            while self._control.channel in self._selector.get_map():
                 ready = self._selector.select(_POLL_PERIOD)
                 if stop():  # Ctrl-C ends the other processes, too, which is expected then
-                    self._end(control)
+                    self._end()
                 for key, _ in ready:
                     if key.fileobj is self._keys:
-                        self._press(self._keys.read(), control)
+                        self._press(self._keys.read())
                     else:
-                        self._read(key.data, control)
-                self._update(control)
-            return self._finish(control)
+                        self._read(key.data)
+                self._update()
+            return self._finish()
         finally:
             self._keys.release()
 
-    def _update(self, control: Process) -> None:
+    def _update(self) -> None:
         """Do what depends on time."""
         for other in self._others.values():
             is_due = other.start_at is not None and other.start_at <= time.monotonic()
             if is_due and not self._ending:
-                process = other.start()
-                self._selector.register(process, selectors.EVENT_READ, process)
-        self._update_keys(control)
+                self._selector.register(other.start(), selectors.EVENT_READ, other)
+        self._update_keys()
         if time.monotonic() > min(self._kill_at, self._stop_by):
-            control.kill()
+            self._control.kill()
         if self._lock.is_wanted and not self._ending:
             _print(f"{self._lock.reason}; this simulated head ends")
             self._yields = True
-            self._end(control)
+            self._end()
 
-    def _finish(self, control: Process) -> int:
+    def _finish(self) -> int:
         """End the other processes; make the servos safe if control has not; return the code."""
-        running = [other.running for other in self._others.values() if other.running is not None]
-        for process in running:
-            process.channel.end_sending()
-        code = control.wait()
+        for other in self._others.values():
+            other.ask_to_end()
+        code = self._control.end()
         if self._servos or code < 0:
             self._make_safe(code)
-        for process in running:
-            process.wait()
+        for other in self._others.values():
+            if other.channel is not None:
+                other.end()
         return 1 if self._yields or code < 0 else code
 
     def _acquire(self, wait: Callable[[float], bool]) -> None:
@@ -250,22 +247,22 @@ class Supervisor:
             with suppress(RefusedError):
                 self._lock.acquire(wait, shared=True, patience=0.0)
 
-    def _end(self, control: Process) -> None:
+    def _end(self) -> None:
         """Ask control to end, and plan to kill it if it does not."""
         if not self._ending:
-            control.channel.end_sending()
+            self._control.ask_to_end()
             self._kill_at = time.monotonic() + _END_TIMEOUT[CONTROL]
         self._ending = True
 
-    def _press(self, key: str, control: Process) -> None:
+    def _press(self, key: str) -> None:
         """Pass a key to control; plan to kill it if it hangs and does not carry out STOP."""
         if not key or self._stop_by < math.inf:
             return  # more messages to a process that hangs would block this one
         if key == STOP:
             self._stop_by = time.monotonic() + _STOP_TIMEOUT
-        control.channel.send({"key": key})
+        self._control.send(key=key)
 
-    def _update_keys(self, control: Process) -> None:
+    def _update_keys(self) -> None:
         """Read keys while control is ready and this program is in the foreground."""
         if not (self._keys.has_terminal and self._is_ready):
             return
@@ -276,18 +273,18 @@ class Supervisor:
             self._selector.register(self._keys, selectors.EVENT_READ)
         else:
             self._selector.unregister(self._keys)
-        control.channel.send({"keys": self._keys.works})
+        self._control.send(keys=self._keys.works)
 
-    def _read(self, process: Process, control: Process) -> None:
+    def _read(self, process: ChildProcess) -> None:
+        assert process.channel is not None
         message = process.channel.receive()
         if message is None:
-            self._selector.unregister(process)
-            if process is not control and not self._ending:
-                for report in self._others[process.name].on_end():
-                    control.channel.send(report)
-        elif process is not control:
-            self._others[process.name].on_report(message)
-            control.channel.send(message)
+            self._selector.unregister(process.channel)
+            if process is not self._control and not self._ending:
+                process.plan_restart()
+        elif process is not self._control:
+            process.on_report(**message)
+            self._control.send(**message)
         elif "servos" in message:
             self._servos = message["servos"]
         elif "ready" in message:

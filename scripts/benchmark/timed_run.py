@@ -15,8 +15,7 @@ from typing import Any
 
 from head_tracking.dynamixel import BusReading
 from head_tracking.dynamixel.cycle import Cycle
-from head_tracking.run import supervisor
-from head_tracking.run.main import main
+from head_tracking.run.supervisor import main
 
 CHILD = "head_tracking.run.child"
 
@@ -43,22 +42,21 @@ def timed() -> None:
     Cycle.read, Cycle.write = timed_read, timed_write  # type: ignore[method-assign]
 
 
-class ChildProcess(subprocess.Popen[bytes]):
-    """A process of the run; control is started with this program.
+def start_control_with_this_program() -> None:
+    """Replace the command of the control process, which the supervisor starts."""
+    start = subprocess.Popen.__init__
 
-    Args:
-        command: of the supervisor.
-    """
-
-    def __init__(self, command: list[str], **options: Any) -> None:
+    def started(process: Any, command: list[str], **options: Any) -> None:
         if command[1:4] == ["-m", CHILD, "control"]:
             command = [command[0], __file__, *command[2:]]
-        super().__init__(command, **options)
+        start(process, command, **options)
+
+    subprocess.Popen.__init__ = started  # type: ignore[assignment, method-assign]
 
 
 if __name__ == "__main__":
     if sys.argv[1] != CHILD:
-        supervisor.subprocess.Popen = ChildProcess  # type: ignore[assignment, misc]
+        start_control_with_this_program()
         sys.exit(main())
     timed()
     del sys.argv[0]

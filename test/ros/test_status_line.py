@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from head_tracking.run.status_line import Colour, StatusLine
+from head_tracking.run.status_line import StatusLine
 
 PARTS = ("error  0.6°", "pan  +33.4° tilt   -2.6°", "target (0.75, 0.5, 0.4) in a", "bus 50 Hz")
 
@@ -38,11 +38,8 @@ class Terminal:
 
 @pytest.fixture
 def terminal(monkeypatch) -> Iterator[Terminal]:
-    monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    for name in ("RCUTILS_CONSOLE_OUTPUT_FORMAT", "RCUTILS_COLORIZED_OUTPUT"):
-        monkeypatch.setenv(name, "")
-        monkeypatch.delenv(name)
+    monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "")
+    monkeypatch.delenv("RCUTILS_CONSOLE_OUTPUT_FORMAT")
     terminal = Terminal()
     yield terminal
     terminal.close()
@@ -52,7 +49,7 @@ def test_without_a_terminal_it_prints_at_most_one_line_a_second():
     stream = io.StringIO()
     line = StatusLine(stream)
     for number in range(100):
-        line.show([f"text {number}", "more"], Colour.RED)
+        line.show([f"text {number}", "more"])
     line.end("done")
     lines = stream.getvalue().splitlines()
     assert lines[0] == "text 0 | more"
@@ -69,7 +66,6 @@ def test_on_a_terminal_the_line_is_overwritten(terminal):
     written = terminal.written("done\r\n")
     assert written.split("\r\x1b[K") == ["", "first", "second", "done\r\n"]
     assert os.environ["RCUTILS_CONSOLE_OUTPUT_FORMAT"].startswith("\r\x1b[K[{severity}]")
-    assert os.environ["RCUTILS_COLORIZED_OUTPUT"] == "0"
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ import yaml
 
 from head_tracking import programs
 from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.run.node_sets import PAGE
 from head_tracking.run.supervisor import Supervisor
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
@@ -57,8 +58,8 @@ def check(words: list[str]) -> None:
 
 def nodes_run(supervisor: Supervisor) -> bool:
     """Return whether all nodes of a run have started, in all of its processes."""
-    others = supervisor._others.values()
-    return supervisor._is_ready and all(one.nodes.keys() <= one._started_once for one in others)
+    pages = supervisor._others[PAGE].nodes.values()
+    return supervisor._is_ready and all("port" in page["parameters"] for page in pages)
 
 
 def interrupt_after(owner: type, name: str, runs: Callable[[Any], bool]) -> None:

@@ -123,7 +123,6 @@ class ServoBusNode(ClosingNode):
         self.backend = DynamixelBackend(
             buses, loop, p.update_rate, self._report, self._on_reading, self._on_error
         )
-        self._baud_rates = [baud_rate for _, baud_rate in ports]
         self._connect(p.allow_missing)
         loop.attach(self.backend)
         self._create_topics()
@@ -147,10 +146,10 @@ class ServoBusNode(ClosingNode):
         return [
             (
                 each.bus.port.stable_name or each.bus.port.name,
-                baud_rate,
+                each.bus.port.baud_rate,
                 {servo.id: servo.model.name for servo in each.bus.servos},
             )
-            for each, baud_rate in zip(self.backend.threads, self._baud_rates, strict=True)
+            for each in self.backend.threads
         ]
 
     def status(self) -> BusStatus:
