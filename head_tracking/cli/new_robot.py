@@ -12,8 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from head_tracking.cli.by_hand import (
-    ServoPoses,
+from head_tracking.cli.servo.calibrate import (
     calibration_of,
     configuration,
     relax_for_hand,
@@ -43,16 +42,20 @@ _MODEL: Final = "pan_tilt_head.xacro"
 _MARGIN: Final = 0.03  # rad between the limits and the ends found by hand
 _MIN_TURN: Final = 0.1  # rad; less does not count as moved
 _SAME_TURN: Final = 0.85  # smallest ratio of the turns of two servos on one joint
-_PAN, _TILT = "head_pan", "head_tilt"
 _POSES: Final = {
-    "ahead": "Point the camera straight ahead",
-    "left": "Turn the head to the left as far as it may go",
-    "right": "Turn the head to the right as far as it may go",
-    "up": "Point the camera straight ahead again, then up as far as it may go",
-    "down": "Point the camera down as far as it may go",
+    "head_pan": (
+        "Point the camera straight ahead",
+        "Turn the head to the right as far as it may go",
+        "Turn the head to the left as far as it may go",
+    ),
+    "head_tilt": (
+        "Point the camera straight ahead again",
+        "Point the camera up as far as it may go",
+        "Point the camera down as far as it may go",
+    ),
 }
-_ENDS: Final = {_PAN: ("right", "left"), _TILT: ("up", "down")}
-"""The poses of each joint's lowest and highest position."""
+"""Zero, the lowest and the highest position of each joint."""
+
 _MEASURES: Final = {
     "pan_xyz": ("pan axis in base_link", "0 0 0.05"),
     "tilt_xyz": ("tilt axis, measured from the pan axis with the head straight ahead", "0 0 0.04"),
@@ -119,12 +122,14 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--pan", type=servo_id, metavar="ID", help="id of the pan servo (default: found by hand)")
     add("--tilt", type=servo_id, metavar="ID", help="id of the tilt servo (default: found by hand)")
-    for joint, usual in ((_PAN, "-90 90"), (_TILT, "-45 45")):
-        word = joint.removeprefix("head_")
+    for word, usual, positive, reverse in (
+        ("pan", "-90 90", "left positive", "to the right"),
+        ("tilt", "-45 45", "down positive", "up"),
+    ):
         add(
             f"--{word}-range", type=between(-180.0, 180.0, "degrees"), nargs=2,
             default=[float(number) for number in usual.split()], metavar=("LOW", "HIGH"),
-            help=f"with --{word}: limits in degrees, {_signs(word)} ({usual})",
+            help=f"with --{word}: limits in degrees, {positive} ({usual})",
         )  # fmt: skip
         add(
             f"--{word}-zero", type=between(0, 4095, "ticks", int), metavar="TICK",
@@ -132,7 +137,7 @@ def _parser() -> argparse.ArgumentParser:
         )  # fmt: skip
         add(
             f"--reverse-{word}", action="store_true",
-            help=f"with --{word}: rising ticks turn the joint {_falling(word)}",
+            help=f"with --{word}: rising ticks turn the joint {reverse}",
         )  # fmt: skip
     for name, (what, usual) in _MEASURES.items():
         add(
@@ -145,14 +150,6 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--yes", action="store_true", help="answer every question with yes or its default")
     return parser
-
-
-def _signs(joint: str) -> str:
-    return "left positive" if joint == "pan" else "down positive"
-
-
-def _falling(joint: str) -> str:
-    return "to the right" if joint == "pan" else "up"
 
 
 def _name(text: str) -> str:
@@ -207,8 +204,8 @@ def _calibrate(
         if not given:
             return rate, _by_hand(session.terminal, servos)
         return rate, [
-            [calibration_of(joint, _as_given(servo, options, joint.removeprefix("head_")), 0.0)]
-            for joint, servo in zip(_ENDS, servos, strict=True)
+            [calibration_of(joint, servo, _as_given(servo, options, joint), 0.0)]
+            for joint, servo in zip(_POSES, servos, strict=True)
         ]
 
 
@@ -235,86 +232,75 @@ def _find_rate(
     )
 
 
-def _as_given(servo: Servo, options: argparse.Namespace, joint: str) -> ServoPoses:
-    """Return the poses of a servo from the command line."""
+def _as_given(servo: Servo, options: argparse.Namespace, name: str) -> list[int]:
+    """Return the ticks of a servo at zero, lowest and highest position from the command line."""
+    joint = name.removeprefix("head_")
     zero = getattr(options, f"{joint}_zero")
     zero = servo.model.center if zero is None else zero
-    sign = -1.0 if getattr(options, f"reverse_{joint}") else 1.0
-    lower, upper = getattr(options, f"{joint}_range")
+    lower, upper = ends = getattr(options, f"{joint}_range")
     if not lower < upper:
         raise RefusedError(
             f"--{joint}-range {lower:g} {upper:g} is not possible; the first number is the lower"
         )
-    low, high = (
-        zero + round(sign * math.radians(end) / servo.model.radians_per_tick)
-        for end in (lower, upper)
-    )
-    return ServoPoses(servo, zero, low, high)
+    sign = -1.0 if getattr(options, f"reverse_{joint}") else 1.0
+    tick = sign * servo.model.radians_per_tick
+    return [zero, *(zero + round(math.radians(end) / tick) for end in ends)]
 
 
 def _by_hand(terminal: Terminal, servos: Sequence[Servo]) -> list[list[ServoCalibration]]:
     """Return the calibrations of the servos of pan and of tilt, found by moving the head by hand.
 
-    The poses of a joint are asked for again if they are not possible.
-
     Raises:
         RefusedError: the input has ended, or both servos belong to pan.
     """
     relax_for_hand(terminal, servos)
-    poses: dict[str, Ticks] = {}
     joints: list[list[ServoCalibration]] = []
-    ask = ["ahead"]
-    for joint, ends in _ENDS.items():
+    for joint in _POSES:
         used = {calibration.id for found in joints for calibration in found}
         others = [servo for servo in servos if servo.id not in used]
         if not others:
             raise RefusedError(f"no servo is left for {joint}")
-        while True:
-            ask += [pose for pose in _POSES if pose in ends]
-            poses |= {pose: ticks_by_hand(terminal, servos, _POSES[pose]) for pose in ask}
-            try:
-                motions = _moved(terminal, others, poses, ends)
-                joints.append([calibration_of(joint, motion, _MARGIN) for motion in motions])
-                ask = []
-                break
-            except RefusedError as error:
-                terminal.print(f"{error}. Move {joint} again, or press Ctrl-C")
-                ask = ["ahead"]
+        joints.append(_joint_by_hand(terminal, others, joint))
     return joints
 
 
-def _moved(
-    terminal: Terminal,
-    servos: Sequence[Servo],
-    poses: Mapping[str, Ticks],
-    ends: tuple[str, str],
-) -> list[ServoPoses]:
+def _joint_by_hand(
+    terminal: Terminal, servos: Sequence[Servo], joint: str
+) -> list[ServoCalibration]:
+    """Return the calibrations of the servos of a joint; ask again for poses that are impossible."""
+    while True:
+        poses = [ticks_by_hand(terminal, servos, prompt) for prompt in _POSES[joint]]
+        try:
+            return [
+                calibration_of(joint, servo, [pose[servo.id] for pose in poses], _MARGIN)
+                for servo in _moved(terminal, servos, *poses[1:])
+            ]
+        except RefusedError as error:
+            terminal.print(f"{error}. Move {joint} again, or press Ctrl-C")
+
+
+def _moved(terminal: Terminal, servos: Sequence[Servo], low: Ticks, high: Ticks) -> list[Servo]:
     """Return the servo that turned most between two poses, and a second one that turned as far.
 
     Raises:
         RefusedError: no servo turned, or servos of another joint turned.
     """
-    low, high = (poses[end] for end in ends)
     turns = {
         servo.id: abs(high[servo.id] - low[servo.id]) * servo.model.radians_per_tick
         for servo in servos
     }
-    most = max(turns.values(), default=0.0)
+    most = max(turns.values())
     if most < _MIN_TURN:
         raise RefusedError(
-            f"no other servo turned between {ends[0]} and {ends[1]}; move the right joint, or give "
-            "the servos with --pan and --tilt"
+            "no other servo turned; move the right joint, or give the servos with --pan and --tilt"
         )
     moved = [servo for servo in servos if turns[servo.id] > 0.5 * most]
     if len(moved) > 1:
         ids = " and ".join(str(servo.id) for servo in moved)
         if len(moved) > 2 or min(turns[servo.id] for servo in moved) < _SAME_TURN * most:
-            raise RefusedError(
-                f"servos {ids} turned between {ends[0]} and {ends[1]}; move one joint at a time"
-            )
+            raise RefusedError(f"servos {ids} turned; move one joint at a time")
         terminal.confirm(f"Servos {ids} turned by the same angle. Do they drive one joint?")
-    ahead = poses["ahead"]
-    return [ServoPoses(each, ahead[each.id], low[each.id], high[each.id]) for each in moved]
+    return moved
 
 
 # The files

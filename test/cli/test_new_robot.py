@@ -68,8 +68,8 @@ def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> User:
     return User(tmp_path, monkeypatch)
 
 
-BY_HAND = [{}, {9: 600}, {9: 2600}, {9: 1500, 5: 2900}, {5: 1700}]
-"""Ahead, left, right, up, down: both servos are mounted the other way round."""
+BY_HAND = [{}, {9: 2600}, {9: 600}, {9: 1500}, {5: 2900}, {5: 1700}]
+"""Ahead, right, left, ahead, up, down: both servos are mounted the other way round."""
 
 GIVEN = ("--pan", "9", "--tilt", "5")
 
@@ -106,7 +106,7 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
 
 
 def test_a_joint_with_two_servos_is_described(user: User) -> None:
-    user.poses = [{}, {9: 600}, {9: 2600}, {9: 1500, 5: 2900, 3: 1250}, {5: 1700, 3: 2450}]
+    user.poses = [*BY_HAND[:4], {5: 2900, 3: 1250}, {5: 1700, 3: 2450}]
     user.answers = "\n\n\ny\n"
     assert user.run() == DONE
     text = yaml.safe_load((user.folder / "my_head.yaml").read_text())
@@ -142,7 +142,7 @@ def test_the_direction_in_the_memory_of_a_servo_is_recorded(user: User) -> None:
 def test_feetech_servos_are_described_with_the_offset_in_their_memory(user: User) -> None:
     user.bench = Bench([SimulatedServo(5, "STS3215"), SimulatedServo(253, "STS3215")])
     user.bench.bus[5].set_offset(-85)
-    user.poses = [{}, {253: 600}, {253: 2600}, {253: 1500, 5: 2900}, {5: 1700}]
+    user.poses = [{}, {253: 2600}, {253: 600}, {253: 1500}, {5: 2900}, {5: 1700}]
     assert user.run("--yes") == DONE
     pan, tilt = user.motors()
     assert (pan["id"], pan["model"], pan["offset"], tilt["offset"]) == (253, "STS3215", 0, -85)
@@ -171,17 +171,17 @@ def test_torque_off_needs_confirmation(user: User) -> None:
     [
         [{}, {9: 600, 5: 1000}, {9: 2600, 5: 3000}],  # two at once, to the same side
         [{}, {9: 600, 5: 1500}, {9: 2600, 5: 2800}],  # two at once, not alike
-        [{}, {9: 600}, {9: 1500}],  # pan to the left only
+        [{}, {9: 600}, {9: 1500}],  # pan to one side only
         [{9: 600}, {}, {9: 2600}],  # ahead at the end of the range
-        [*BY_HAND[:4], {5: 2100}],  # tilt up only
-        [*BY_HAND[:3], {9: 600}, {9: 2600}],  # pan in place of tilt
+        [*BY_HAND[:5], {5: 2100}],  # tilt up only
+        [*BY_HAND[:4], {9: 600}, {9: 2600}],  # pan in place of tilt
     ],
     ids=["both", "unlike", "pan", "zero", "tilt", "same"],
 )
 def test_a_joint_with_impossible_poses_is_asked_for_again(
     user: User, wrong: list[dict[int, int]]
 ) -> None:
-    again = BY_HAND[3:] if len(wrong) > 3 else BY_HAND[1:]
+    again = BY_HAND[4:] if len(wrong) > 3 else BY_HAND[1:]
     user.poses = [*wrong, {9: 1500, 5: 2100}, *again]
     user.answers = "0 0 0.12\n\n\n"
     assert user.run() == DONE

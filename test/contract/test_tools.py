@@ -112,9 +112,9 @@ def test_a_head_is_described_by_hand_in_a_terminal(bench):
     unattended = bench.start("new_robot", "--port", bench.servos.name, *words)
     assert unattended.end() == 3, unattended.output
     assert not file.exists()
-    poses = [("ahead", 1, 512), ("left", 1, 700), ("right", 1, 300), ("up", 2, 400)]
+    poses = [("ahead", 1, 512), ("right", 1, 300), ("left", 1, 700), ("again", 1, 512)]
     with closing(on_terminal(bench, "new_robot", *words)) as terminal:
-        move_by_hand(bench, terminal, *poses, ("down", 2, 600))
+        move_by_hand(bench, terminal, *poses, ("up", 2, 400), ("down", 2, 600))
         wait_for(file.exists)
     bus = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
     for name, ticks in (("head_pan", (512, 306, 694)), ("head_tilt", (512, 406, 594))):

@@ -47,7 +47,7 @@ def rig_of(servo: SimulatedServo, joint: JointConfiguration = JOINT) -> Rig:
 def test_an_offset_that_overflows_is_refused(offset: int) -> None:
     register = STS.control_table["Position Offset"]
     with pytest.raises(ToolError):
-        parse_value(register, str(offset))
+        parse_value(STS, register, str(offset))
     with pytest.raises(ConfigurationError):
         replace(JOINT, offset=offset)
 

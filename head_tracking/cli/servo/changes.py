@@ -39,7 +39,7 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
     with session.port() as port:
         servo = find_servo(port, servo_id, session.model)
         register = find_register(servo.model.control_table, name)
-        value = parse_value(register, text)
+        value = parse_value(servo.model, register, text)
         name = register.name
         if name == "ID" and value != servo_id and protocol_of(port, value) is not None:
             raise RefusedError(
@@ -57,21 +57,6 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
         _readdress(session, servo, name, value, shown)
     session.terminal.show(f"servo {servo_id}: {shown}")
     return 0
-
-
-def set_baud_rate(session: Session, servo_id: int, rate: int) -> int:
-    """Change the baud rate of a servo and return the exit code."""
-    with session.port() as port:
-        known = find_servo(port, servo_id, session.model).model
-    codes = {rate: code for code, rate in known.baud_rates.items()}
-    if rate not in codes:
-        raise _no_rate(known, rate)
-    return set_register(session, servo_id, "Baud Rate", str(codes[rate]))
-
-
-def _no_rate(model: ServoModel, value: int) -> ToolError:
-    rates = ", ".join(f"{code} ({rate})" for code, rate in sorted(model.baud_rates.items()))
-    return ToolError(f"{value} is not a baud rate of the {model.name}; it has {rates}")
 
 
 def _write(session: Session, servo: Servo, register: Register, value: int, shown: str) -> None:
@@ -93,10 +78,9 @@ def _write(session: Session, servo: Servo, register: Register, value: int, shown
 
 def _readdress(session: Session, servo: Servo, name: str, value: int, shown: str) -> None:
     """Change the id or the baud rate of a servo, and check that it answers."""
-    new_id, rate = (value, session.baud_rate) if name == "ID" else (servo.id, 0)
-    rate = rate or servo.model.baud_rates.get(value, 0)
-    if not rate:
-        raise _no_rate(servo.model, value)
+    is_id = name == "ID"
+    new_id = value if is_id else servo.id
+    rate = session.baud_rate if is_id else servo.model.baud_rates[value]
     with session.port(rate):
         pass  # the adapter supports it
     _ask(session, servo, shown)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from head_tracking.cli.servo.calibrate import calibrate
-from head_tracking.cli.servo.changes import relax, set_baud_rate, set_register
+from head_tracking.cli.servo.changes import relax, set_register
 from head_tracking.cli.servo.overview import info, monitor, scan
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session
 from head_tracking.cli.terminal import Terminal
@@ -102,8 +102,8 @@ def _parser() -> argparse.ArgumentParser:
         lambda s, o: set_register(s, o.id, "ID", str(o.new)), "ID", "NEW",
     )  # fmt: skip
     add = add_command(
-        "set-baud", "change the baud rate of a servo", lambda s, o: set_baud_rate(s, o.id, o.rate),
-        "ID",
+        "set-baud", "change the baud rate of a servo",
+        lambda s, o: set_register(s, o.id, "Baud Rate", f"{o.rate} baud"), "ID",
     )  # fmt: skip
     add("rate", type=int, metavar="RATE")
     add = add_command("relax", "switch torque off", lambda s, o: relax(s, _once(o.ids)))

@@ -45,13 +45,21 @@ def find_register(table: ControlTable, text: str) -> Register:
     raise ToolError(f"{table.name} has no register {text!r}; it has {', '.join(names)}")
 
 
-def parse_value(register: Register, text: str) -> int:
+def parse_value(model: ServoModel, register: Register, text: str) -> int:
     """Convert counts, a quantity with its unit, or "full" to the value of a register.
+
+    A baud rate of the model is a quantity in baud.
 
     Raises:
         ToolError: the text is none of them, or outside the register's range.
         RefusedError: the value 0 would mean full speed.
     """
+    if register.name == "Baud Rate":
+        codes = {f"{rate} baud": code for code, rate in model.baud_rates.items()}
+        codes |= {str(code): code for code in codes.values()}
+        if text not in codes:
+            raise ToolError(f"{model.name} has no {text}; {register.name} is {', '.join(codes)}")
+        return codes[text]
     is_speed = register.name in _UNLIMITED
     if is_speed and text.strip().lower() in ("full", "full speed"):
         return 0
