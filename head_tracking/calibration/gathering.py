@@ -104,7 +104,7 @@ def calibrate_camera(
     robot = head.frames.model
     assert robot is not None
     pan, tilt = head.joints
-    geometry = HeadGeometry.of(robot, pan, tilt, frame)
+    geometry = HeadGeometry(robot, pan, tilt, frame)
     source = checked_pictures(camera)
     _, first = next(source, (0.0, None))
     if first is None:
@@ -295,7 +295,7 @@ def _points(
         seen: a view of the target.
     """
     model, base, optical_frame = geometry.model, geometry.base, geometry.optical_frame
-    pan, tilt = geometry.pan_joint, geometry.tilt_joint
+    pan, tilt = geometry.pan.name, geometry.tilt.name
 
     def ahead(positions: Sequence[float], x: float = 0.0, y: float = 0.0) -> Vector3:
         """Return what the camera sees at x and y, at z = 1."""

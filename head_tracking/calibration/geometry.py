@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -104,52 +104,36 @@ class Residuals(NamedTuple):
         return before, after
 
 
-@dataclass(frozen=True, slots=True)
 class HeadGeometry:
     """Kinematic chain from the base of a head to its camera.
+
+    Args:
+        model: model of the robot.
+        pan_joint: name of the pan joint.
+        tilt_joint: name of the tilt joint.
+        optical_frame: optical frame of the camera.
 
     Attributes:
         model: model of the robot.
         base: parent link of the pan joint.
-        pan_joint: name of the pan joint.
-        tilt_joint: name of the tilt joint.
-        camera_joint: name of the fixed joint that carries the camera.
+        pan: the pan joint.
+        tilt: the tilt joint.
         optical_frame: optical frame of the camera.
-        before_pan: origin of the pan joint in the base.
-        before_tilt: origin of the tilt joint in the child of the pan joint.
-        before_camera: `T_tilted_optical`.
+
+    Raises:
+        RobotModelError: the joints do not carry the frame, or one does not carry the other.
     """
 
-    model: RobotModel
-    base: str
-    pan_joint: str
-    tilt_joint: str
-    camera_joint: str
-    optical_frame: str
-    before_pan: Transform
-    before_tilt: Transform
-    before_camera: Transform
-
-    @staticmethod
-    def of(model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str) -> HeadGeometry:
-        """Return the geometry of the head of a robot.
-
-        Raises:
-            RobotModelError: the joints do not carry the frame, or one does not carry the other.
-        """
-        head = PanTiltHead(model, pan_joint, tilt_joint, optical_frame)
-        pan, tilt = model.joint(pan_joint), model.joint(tilt_joint)
-        return HeadGeometry(
-            model,
-            head.base_frame,
-            pan_joint,
-            tilt_joint,
-            _camera_joint(model, optical_frame, tilt.child),
-            optical_frame,
-            pan.origin,
-            model.transform(pan.child, tilt.parent, {}) @ tilt.origin,
-            model.transform(tilt.child, optical_frame, {}),
-        )
+    def __init__(
+        self, model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str
+    ) -> None:
+        self.base = PanTiltHead(model, pan_joint, tilt_joint, optical_frame).base_frame
+        self.model, self.optical_frame = model, optical_frame
+        self.pan, self.tilt = pan, tilt = model.joint(pan_joint), model.joint(tilt_joint)
+        self._camera = _camera_joint(model, optical_frame, tilt.child)
+        self._before_pan = _parts(pan.origin)
+        self._before_tilt = _parts(model.transform(pan.child, tilt.parent, {}) @ tilt.origin)
+        self._before_camera = _parts(model.transform(tilt.child, optical_frame, {}))
 
     def cameras(self, changes: Array, pans: Array, tilts: Array) -> tuple[Array, Array]:
         """Return the poses of the camera, `T_base_optical`, in several views.
@@ -162,29 +146,28 @@ class HeadGeometry:
         Returns:
             Rotations, shape (N, 3, 3), and positions, shape (N, 3) [m].
         """
-        pan_axis = self.model.joint(self.pan_joint).axis
         turn, shift = rotation_matrices(changes[None, 0:3])[0], changes[3:6]
-        camera, at = _parts(self.before_camera)
+        camera, at = self._before_camera
         camera, at = camera @ turn, at + camera @ shift
         tilting = rotation_matrices(np.outer(tilts + changes[8], self._tilt_axis(changes[6])))
-        tilted, pivot = _parts(self.before_tilt)
+        tilted, pivot = self._before_tilt
         rotations, positions = tilted @ tilting @ camera, pivot + tilting @ at @ tilted.T
-        panned, root = _parts(self.before_pan)
-        panning = panned @ rotation_matrices(np.outer(pans + changes[9], pan_axis))
+        panned, root = self._before_pan
+        panning = panned @ rotation_matrices(np.outer(pans + changes[9], self.pan.axis))
         return panning @ rotations, root + np.einsum("nij,nj->ni", panning, positions)
 
     def changed(self, changes: Array) -> dict[str, Joint]:
         """Return the changed joints of the model; see `cameras`."""
         joints = {}
         if changes[:6].any():
-            joint = self.model.joint(self.camera_joint)
+            joint = self._camera
             rest = self.model.transform(joint.child, self.optical_frame, {})
             turn = Rotation.from_matrix(rotation_matrices(changes[None, 0:3])[0])
             right, down, ahead = changes[3:6].tolist()
             delta = Transform((right, down, ahead), turn)
             origin = joint.origin @ rest @ delta @ rest.inverse()
             joints[joint.name] = replace(joint, origin=origin)
-        pan, tilt = (self.model.joint(name) for name in (self.pan_joint, self.tilt_joint))
+        pan, tilt = self.pan, self.tilt
         if changes[6] or changes[8]:
             x, y, z = self._tilt_axis(changes[6]).tolist()
             zero = Rotation.from_axis_angle((x, y, z), float(changes[8]))
@@ -196,8 +179,8 @@ class HeadGeometry:
 
     def _tilt_axis(self, angle: float) -> Array:
         """Return the tilt axis in the frame of its joint, rotated towards the pan axis [rad]."""
-        axis = np.array(self.model.joint(self.tilt_joint).axis)
-        pan = np.array(self.model.joint(self.pan_joint).axis) @ _parts(self.before_tilt)[0]
+        axis = np.array(self.tilt.axis)
+        pan = np.array(self.pan.axis) @ self._before_tilt[0]
         towards = pan - axis * (pan @ axis)
         towards /= np.linalg.norm(towards)
         return np.asarray(math.cos(angle) * axis + math.sin(angle) * towards)
@@ -214,15 +197,15 @@ def rotation_matrices(vectors: Array) -> Array:
     return np.asarray(np.eye(3) + once * cross + twice * (cross @ cross))
 
 
-def _camera_joint(model: RobotModel, optical_frame: str, tilted: str) -> str:
+def _camera_joint(model: RobotModel, optical_frame: str, tilted: str) -> Joint:
     """Return the fixed joint that carries the camera, not one that only rotates its axes."""
     joint = model.parent_joint(optical_frame)
     assert joint is not None  # the tilt joint carries it
     above = model.parent_joint(joint.parent)
     turns_only = not any(joint.origin[:3])
     if turns_only and joint.parent != tilted and above is not None:
-        return above.name
-    return joint.name
+        return above
+    return joint
 
 
 def _parts(transform: Transform) -> tuple[Array, Array]:

@@ -38,7 +38,7 @@ def test_the_calibrated_model_agrees_with_the_solver(geometry, file):
     pans, tilts = np.array([0.0, 0.7, -0.4]), np.array([0.3, -0.2, 0.0])
     turns, places = geometry.cameras(CHANGES, pans, tilts)
     for pan, tilt, turn, place in zip(pans, tilts, turns, places, strict=True):
-        joints = {geometry.pan_joint: pan, geometry.tilt_joint: tilt}
+        joints = {geometry.pan.name: pan, geometry.tilt.name: tilt}
         expected = np.eye(4)
         expected[:3, :3], expected[:3, 3] = turn, place
         found = model.transform(geometry.base, geometry.optical_frame, joints)
@@ -135,7 +135,7 @@ def test_other_robots_have_a_geometry(robot):
     model = load_robot_model(robot_file(robot))
     joints = [name for name in model.independent_joints if "pan" in name or "tilt" in name]
     names = sorted(joints, key=lambda name: "tilt" in name)
-    geometry = HeadGeometry.of(model, names[0], names[1], "camera_optical_frame")
+    geometry = HeadGeometry(model, names[0], names[1], "camera_optical_frame")
     (turn,), (place,) = geometry.cameras(np.zeros(10), np.array([0.2]), np.array([-0.3]))
     expected = model.transform(
         geometry.base, "camera_optical_frame", {names[0]: 0.2, names[1]: -0.3}

@@ -33,7 +33,7 @@ _AHEAD = 0.5  # rad: how far a held-out view is aside at most
 def kinectbot_geometry() -> HeadGeometry:
     """Return that of the robot on which calibrations are tried."""
     model = load_robot_model(robot_file("kinectbot"))
-    return HeadGeometry.of(model, "head_pan_joint", "head_tilt_joint", "camera_optical_frame")
+    return HeadGeometry(model, "head_pan_joint", "head_tilt_joint", "camera_optical_frame")
 
 
 class Seen(NamedTuple):
