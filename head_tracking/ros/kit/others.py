@@ -12,6 +12,7 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.node import NodeNameNonExistentError as NodeHasGone
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -198,8 +199,8 @@ class OtherParameters:
             if f"{base}/{name}/list_parameters" in self._graph.services
         }
         silent = {owner for owner in self._settings if not self._answers(owner)}
-        for owner in (self._clients.keys() - found) | silent:
-            for client in self._clients.pop(owner).values():
+        for owner in ((self._clients.keys() | self._settings.keys()) - found) | silent:
+            for client in self._clients.pop(owner, {}).values():
                 self._node.destroy_client(client)
             self._settings.pop(owner, None)
         for owner in found - self._clients.keys() - silent:
@@ -207,8 +208,10 @@ class OtherParameters:
                 name: self._node.create_client(kind, f"{owner}/{name}")
                 for name, kind in _SERVICES.items()
             }
-        for owner in self._clients.keys() - self._settings.keys():
-            self._ask(owner)
+        for owner in filter(self._answers, self._clients.keys() - self._settings.keys()):
+            self._settings[owner] = {}
+            reading = (owner, self._clients[owner])
+            threading.Thread(target=self._read, args=reading, daemon=True).start()
 
     def settings(self) -> tuple[Setting, ...]:
         """Return all parameters that can be changed, sorted by node.
@@ -240,55 +243,19 @@ class OtherParameters:
 
     def _answers(self, owner: str) -> bool:
         """Return whether a node runs. Its services stay listed as long as they have clients."""
-        return all(client.service_is_ready() for client in self._clients[owner].values())
+        clients = self._clients.get(owner, {})
+        return bool(clients) and all(client.service_is_ready() for client in clients.values())
 
-    def _ask(self, owner: str) -> None:
-        clients = self._clients[owner]
-        if not self._answers(owner):
-            return
-        self._settings[owner] = {}
-        clients["list_parameters"].call_async(ListParameters.Request()).add_done_callback(
-            lambda future: self._on_names(owner, future.result().result.names)
-        )
-
-    def _on_names(self, owner: str, names: Sequence[str]) -> None:
-        self._ask_for(owner, [name for name in names if not _is_of_every_node(name)])
-
-    def _ask_for(self, owner: str, names: Sequence[str]) -> None:
-        if owner not in self._clients or not names:
-            return
-        clients = self._clients[owner]
-        described = clients["describe_parameters"].call_async(
-            DescribeParameters.Request(names=names)
-        )
-        got = clients["get_parameters"].call_async(GetParameters.Request(names=names))
-
-        def on_answer(_: Any) -> None:
-            if described.done() and got.done() and owner in self._clients:
-                self._record(owner, names, described.result().descriptors, got.result().values)
-
-        described.add_done_callback(on_answer)
-        got.add_done_callback(on_answer)
-
-    def _record(
-        self,
-        owner: str,
-        names: Sequence[str],
-        descriptors: Sequence[ParameterDescriptor],
-        values: Sequence[Any],
-    ) -> None:
-        if not len(names) == len(descriptors) == len(values):
-            # a node leaves out all if one has no value or has been undeclared: ask for fewer
-            half = len(names) // 2
-            if half:
-                self._ask_for(owner, names[:half])
-                self._ask_for(owner, names[half:])
-            return
-        for name, descriptor, value in zip(names, descriptors, values, strict=True):
-            if value.type in _TYPES and not descriptor.read_only:
-                setting = _setting(owner, name, _plain(value), descriptor)
-                if not isinstance(setting.value, str) or setting.choices:
-                    self._settings.setdefault(owner, {})[name] = setting
+    def _read(self, owner: str, clients: Mapping[str, Any]) -> None:
+        """Read the parameters of a node; at the next `look` again, if it does not answer."""
+        try:
+            listed = wait_for_answer(clients["list_parameters"], ListParameters.Request()).result
+            names = [name for name in listed.names if not _is_of_every_node(name)]
+            found = _described(owner, clients, names)
+        except (HeadTrackingError, InvalidHandle):
+            self._settings.pop(owner, None)
+        else:
+            self._settings[owner] = found
 
     def _on_event(self, event: ParameterEvent) -> None:
         settings = self._settings.get(event.node, {})
@@ -300,6 +267,25 @@ class OtherParameters:
                 settings[changed.name] = replace(settings[changed.name], value=value)
             else:
                 self._settings.pop(event.node, None)  # ask the node again
+
+
+def _described(owner: str, clients: Mapping[str, Any], names: Sequence[str]) -> dict[str, Setting]:
+    """Ask a node about parameters; return those that can be changed by their names."""
+    about = DescribeParameters.Request(names=names)
+    descriptors = wait_for_answer(clients["describe_parameters"], about).descriptors
+    got = GetParameters.Request(names=names)
+    values = wait_for_answer(clients["get_parameters"], got).values
+    if not len(names) == len(descriptors) == len(values):
+        # a node leaves out all if one has no value or has been undeclared: ask for fewer
+        half = len(names) // 2
+        parts = (names[:half], names[half:]) if half else ()
+        return {k: v for part in parts for k, v in _described(owner, clients, part).items()}
+    settings = (
+        _setting(owner, name, _plain(value), descriptor)
+        for name, descriptor, value in zip(names, descriptors, values, strict=True)
+        if value.type in _TYPES and not descriptor.read_only
+    )
+    return {each.name: each for each in settings if not isinstance(each.value, str) or each.choices}
 
 
 def _setting(owner: str, name: str, value: Any, descriptor: ParameterDescriptor) -> Setting:
