@@ -178,7 +178,6 @@ class Rest:
         self,
         reference: Reference,
         off: float,
-        speed: float,
         setpoint: float,
         dead_band: float,
         now: float,
@@ -188,7 +187,6 @@ class Rest:
         Args:
             reference: the reference.
             off: from the set-point to the reference [rad].
-            speed: speed of the planned motion [rad/s].
             setpoint: where the servo stops without another command [rad].
             dead_band: smaller errors are not corrected [rad].
             now: the time [s].
@@ -203,12 +201,7 @@ class Rest:
                 self.goal = self._calm_since = None
                 return
             self._average(reference, now - self._judged)
-        elif (
-            not self.near
-            or abs(speed) > slow
-            or abs(off) > 0.5 * band
-            or reference.unrest > _RESTFUL
-        ):
+        elif not self.near or abs(off) > 0.5 * band or reference.unrest > _RESTFUL:
             self._calm_since = None
         elif self._calm_since is None:
             self._calm_since = now
@@ -365,7 +358,7 @@ class JointController:
         able = MotionLimits(speed, acceleration, limits.jerk, limits.lead)  # of the shaft
         setpoint = servo.setpoint(now)
         off = reference.position - setpoint
-        rest.judge(reference, off, motion.velocity, setpoint, dead_band, now)
+        rest.judge(reference, off, setpoint, dead_band, now)
         if rest.goal is not None:
             stamp, position = servo.reading
             rest.correct(position, stamp, dead_band)

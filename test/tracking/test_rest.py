@@ -8,7 +8,7 @@ STEP = 0.005
 
 def settle(rest, reference, now=0.0, seconds=0.3, setpoint=0.3):
     for k in range(int(seconds / 0.02)):
-        rest.judge(reference, 0.0, 0.0, setpoint, BAND, now + 0.02 * k)
+        rest.judge(reference, 0.0, setpoint, BAND, now + 0.02 * k)
     return rest
 
 
