@@ -8,21 +8,15 @@ from importlib.util import find_spec
 
 import pytest
 from program_names import NODES, PROGRAMS
-from rig import PYTHONPATH, assert_described, command, executables
-
-
-def test_executables_keep_their_names():
-    assert executables().keys() == NODES | PROGRAMS
-
+from rig import PYTHONPATH, assert_described
 
 HELP = """
 import sys
 from pkgutil import resolve_name
-for word in sys.argv[1:]:
-    name, function = word.split("=")
+for name in sys.argv[1:]:
     sys.argv = [name, "--help"]
     try:
-        resolve_name(function)()
+        resolve_name(f"head_tracking.programs:{name}")()
     except SystemExit as ended:
         print(f"code of {name}: {ended.code}", flush=True)
 """
@@ -31,9 +25,8 @@ for word in sys.argv[1:]:
 def test_programs_have_help():
     """All in one process, because each would load the same libraries."""
     names = sorted(PROGRAMS - {"relax"})
-    words = [f"{name}={executables()[name]}" for name in names]
     done = subprocess.run(
-        [sys.executable, "-c", HELP, *words],
+        [sys.executable, "-c", HELP, *names],
         env=os.environ | {"PYTHONPATH": PYTHONPATH},
         capture_output=True,
         text=True,
@@ -49,9 +42,10 @@ def test_programs_have_help():
 def run_without(package, words, **environment):
     """Run a program as on a computer where a package is not installed."""
     name, *arguments = words.split()
-    *python, script = command(name)
+    missing = f"import sys; sys.argv[0] = {name!r}; sys.modules[{package!r}] = None; "
+    program = f"from head_tracking.programs import {name} as main; sys.exit(main())"
     return subprocess.run(
-        [*python, f"import sys; sys.modules[{package!r}] = None; {script}", *arguments],
+        [sys.executable, "-c", missing + program, *arguments],
         env=os.environ | {"PYTHONPATH": PYTHONPATH} | environment,
         capture_output=True,
         text=True,

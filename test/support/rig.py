@@ -1,11 +1,7 @@
-"""A head as a user meets it: executables, ROS names, and simulated servos behind a port.
-
-Nothing here knows how the package is built: what it starts is what setup.py installs.
-"""
+"""A head as a user meets it: executables, ROS names, and simulated servos behind a port."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import signal
@@ -16,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -49,31 +45,10 @@ DEGREE = math.radians(1.0)
 TICK = math.radians(300.0) / 1024  # rad, of an AX-12
 
 
-_ENTRY_POINTS = """
-import json, runpy
-from unittest import mock
-with mock.patch("setuptools.setup") as setup:
-    runpy.run_path("setup.py")
-print(json.dumps(setup.call_args.kwargs["entry_points"]["console_scripts"]))
-"""
-
-
-@cache
-def executables() -> dict[str, str]:
-    """Return what setup.py installs: the entry point (module:function) of each name."""
-    # setuptools cannot be imported where something else has imported distutils before it
-    command = [sys.executable, "-W", "ignore", "-c", _ENTRY_POINTS]
-    answer = subprocess.run(
-        command, cwd=SOURCE, capture_output=True, check=True, text=True, timeout=120
-    )
-    return dict(line.replace(" ", "").split("=") for line in json.loads(answer.stdout))
-
-
 def command(name: str) -> list[str]:
-    """Return the words that start an executable, as its installed script does."""
-    module, function = executables()[name].split(":")
-    script = f"import sys; sys.argv[0] = {name!r}; from {module} import {function} as main; "
-    return [sys.executable, "-u", "-c", script + "sys.exit(main())"]
+    """Return the words that start an executable."""
+    words = [sys.executable, "-u", "-m", "head_tracking"]
+    return words if name == "head_tracking" else [*words, name]
 
 
 class Program:
