@@ -4,18 +4,15 @@ import threading
 import time
 
 import pytest
+from contract_nodes import BusStandIn
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.duration import Duration
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
 from waiting import join, wait_for
 
-from head_tracking.control import JointOwners
 from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
-from head_tracking.ros.kit.joint_owners import control_message, sender_from
+from head_tracking.ros.kit.joint_owners import sender_from
 from head_tracking.ros.kit.spinning import NodeDied
 from head_tracking.ros.kit.topics import LATCHED
 
@@ -38,34 +35,13 @@ def tracking(robot):
     wait_for(lambda: tracker.control.frames.target and torque(robot) == [1, 1])
 
 
-class ElsewhereBus:
-    """What a servo bus of another process says, and what it hears."""
-
-    def __init__(self):
-        self.node = Node("servo_bus")
-        self._control = self.node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
-        self.claims, self.commands = [], []
-        self.node.create_subscription(JointState, "joint_claims", self.claims.append, 10)
-        self.node.create_subscription(JointState, "joint_commands", self.commands.append, 10)
-        wait_for(self._control.get_subscription_count)
-
-    def say(self, stopped: bool, epoch: int, owner: str = "") -> None:
-        owners = JointOwners()
-        owners.follow(stopped, epoch)
-        if owner:
-            owners.take_over(owner, JOINTS)
-        name = self.node.get_fully_qualified_name()
-        self._control.publish(control_message(owners, JOINTS, name))
-        assert self._control.wait_for_all_acked(Duration(seconds=10.0))
-
-
 def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
     tracker = HeadTrackerNode()
-    bus = ElsewhereBus()
-    bus.say(True, 1)
-    bus.say(False, 1)
+    bus = BusStandIn()
+    bus.own("", True, 1)
+    bus.own("", False, 1)
     threads.start(tracker)
-    threads.start(bus.node)
+    threads.start(bus)
     wait_for(lambda: tracker.control.is_cautious)
     assert not tracker.control.off
 
@@ -73,12 +49,12 @@ def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
 def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
     """It took over so shortly before the STOP that the tracker had not heard of it."""
     tracker = HeadTrackerNode()
-    bus = ElsewhereBus()
+    bus = BusStandIn()
     threads.start(tracker)
-    threads.start(bus.node)
-    bus.say(True, 1)
+    threads.start(bus)
+    bus.own("", True, 1)
     wait_for(lambda: tracker.control.is_cautious)
-    bus.say(False, 1, "/other")
+    bus.own("/other", False, 1)
     wait_for(lambda: not tracker.control.is_stopped)
     assert tracker.control.off == Obstacle(Blocked.OWNED, "/other")
     tracker.control.disable(Blocked.DISABLED, "tracking")
@@ -90,18 +66,14 @@ def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
 
 def test_a_restarted_bus_without_short_names_is_stopped_again(threads):
     tracker = HeadTrackerNode()
-    bus = ElsewhereBus()
-    calls: list[Trigger.Request] = []
-    bus.node.create_service(
-        Trigger, "~/stop", lambda request, response: calls.append(request) or response
-    )
+    bus = BusStandIn(offers=("~/stop",))
     threads.start(tracker)
-    threads.start(bus.node)
-    bus.say(True, 1)
+    threads.start(bus)
+    bus.own("", True, 1)
     wait_for(lambda: tracker.control.is_stopped)
-    bus.say(False, 0)
-    wait_for(lambda: calls)
-    bus.say(True, 1)
+    bus.own("", False, 0)
+    wait_for(lambda: bus.calls == ["~/stop"])
+    bus.own("", True, 1)
 
 
 def test_a_sender_that_names_no_epoch_is_a_name():

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import select
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,26 +26,14 @@ PING = InstructionPacket.ping(1).encode()
 PONG = StatusPacket(1).encode()
 
 
-class Client:
-    """A plain program that has the port open."""
+def client_of(port_name: str) -> serial.Serial:
+    """Return a plain program that has the port open."""
+    return serial.Serial(port_name, 1_000_000, timeout=PATIENCE)
 
-    def __init__(self, port_name: str) -> None:
-        self.descriptor = os.open(port_name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
-    def ask(self, data: bytes, length: int) -> bytes:
-        os.write(self.descriptor, data)
-        return self.read(length)
-
-    def read(self, length: int) -> bytes:
-        received = b""
-        deadline = time.monotonic() + PATIENCE
-        while len(received) < length and time.monotonic() < deadline:
-            if select.select([self.descriptor], [], [], 0.1)[0]:
-                received += os.read(self.descriptor, length - len(received))
-        return received
-
-    def close(self) -> None:
-        os.close(self.descriptor)
+def ask(client: serial.Serial, data: bytes, length: int) -> bytes:
+    client.write(data)
+    return client.read(length)
 
 
 @pytest.fixture
@@ -58,22 +44,22 @@ def port() -> Iterator[SimulatedPort]:
 
 def test_bytes_pass_unchanged(port: SimulatedPort) -> None:
     """Line disciplines like to change 0x0A, 0x0D, 0x11, 0x13, 0x03, 0x04, 0x7F."""
-    client = Client(port.port_name)
+    client = client_of(port.port_name)
     for value in (0x03, 0x04, 0x0A, 0x0D, 0x11, 0x13, 0x1A, 0x7F, 0xFF):
         write = InstructionPacket.write(1, 34, bytes((value, 3))).encode()
-        assert client.ask(write, 6) == PONG
+        assert ask(client, write, 6) == PONG
         read = InstructionPacket.read(1, 34, 2).encode()
-        assert client.ask(read, 8) == StatusPacket(1, data=bytes((value, 3))).encode()
+        assert ask(client, read, 8) == StatusPacket(1, data=bytes((value, 3))).encode()
     client.close()
 
 
 def test_unread_answers_do_not_block_the_bus(port: SimulatedPort) -> None:
-    client = Client(port.port_name)
+    client = client_of(port.port_name)
     read = InstructionPacket.read(1, 0, 50).encode()
     for _ in range(500):  # 28 kB of answers that nobody reads
-        os.write(client.descriptor, read)
+        client.write(read)
     led = InstructionPacket.write(2, 25, b"\x01").encode()
-    os.write(client.descriptor, led)
+    client.write(led)
     wait_for(lambda: port.use(lambda bus: bus[2].register("LED")) == 1)
     client.close()
 
@@ -85,8 +71,8 @@ def test_link_names_the_port(tmp_path: Path, stale: str | None) -> None:
         link.symlink_to(stale)
     with SimulatedPort([SimulatedServo(1)], link=link) as port:
         assert port.port_name == str(link)
-        client = Client(str(link))
-        assert client.ask(PING, 6) == PONG
+        client = client_of(str(link))
+        assert ask(client, PING, 6) == PONG
         client.close()
     assert not os.path.lexists(link)
 
@@ -117,13 +103,13 @@ def test_unplugged_adapter_returns_with_the_same_link_and_leaves_nothing(tmp_pat
     for _ in range(5):
         port.open()
         port.open()
-        client = Client(str(link))
-        assert client.ask(PING, 6) == PONG
+        client = client_of(str(link))
+        assert ask(client, PING, 6) == PONG
         port.close()
         assert not os.path.lexists(link)
         assert port.port_name == ""
         with pytest.raises(OSError):
-            os.write(client.descriptor, PING)
+            client.write(PING)
         client.close()
         port.close()
     assert resources() == before
@@ -151,13 +137,13 @@ def test_an_internal_error_removes_the_port() -> None:
 
     bus = SimulatedBus([SimulatedServo(1)], faults=OnAnswers(fail))
     with SimulatedPort(bus, on_failure=failed.set) as port:
-        client = Client(port.port_name)
-        os.write(client.descriptor, PING)
+        client = client_of(port.port_name)
+        client.write(PING)
         assert failed.wait(PATIENCE)
         assert isinstance(port.failure, ZeroDivisionError)
         assert port.port_name == ""
         with pytest.raises(OSError):
-            os.write(client.descriptor, PING)
+            client.write(PING)
         client.close()
         port.close()
         port.open()

@@ -26,6 +26,7 @@ class BusStandIn(Node):
         calls: the services that were called, oldest first.
         confirms: joints that confirm that they are relaxed.
         commands: messages on joint_commands.
+        claims: messages on joint_claims.
         message: of the servos' diagnostics.
     """
 
@@ -36,11 +37,13 @@ class BusStandIn(Node):
         self.calls: list[str] = []
         self.confirms = set(JOINTS)
         self.commands: list[JointState] = []
+        self.claims: list[JointState] = []
         self.message = "torque on"
         self._stopped = self.create_publisher(Bool, "stopped", LATCHED)
         self._control = self.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(JointState, "joint_commands", self.commands.append, 10)
+        self.create_subscription(JointState, "joint_claims", self.claims.append, 10)
         for name in offers:
             self.create_service(Trigger, name, self._callback(name))
         for joint in JOINTS:
@@ -50,9 +53,10 @@ class BusStandIn(Node):
         self.say_stopped(False)
         self.own("")
 
-    def own(self, owner: str) -> None:
-        """Who has the joints from now on."""
-        fields = {"stopped": "false", "epoch": "0", "node": self.get_fully_qualified_name()}
+    def own(self, owner: str, stopped: bool = False, epoch: int = 0) -> None:
+        """Who has the joints from now on, in a program that heeds the epochs of STOP."""
+        fields = {"stopped": str(stopped).lower(), "epoch": str(epoch)}
+        fields["node"] = self.get_fully_qualified_name()
         fields |= {f"owner of {joint}": owner for joint in JOINTS}
         values = [KeyValue(key=key, value=value) for key, value in fields.items()]
         self._control.publish(DiagnosticStatus(name="joint_control", values=values))
