@@ -500,9 +500,9 @@ class Tracking(TargetMotion):
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
         self.miss, control.held = step.error, None
-        if tracker.fault and control.off is None:
+        if tracker.camera.fault and control.off is None:
             control.send(step.command)
-            control.disable(Blocked.FAULT, tracker.fault)
+            control.disable(Blocked.FAULT, tracker.camera.fault)
             return None
         return step.command
 

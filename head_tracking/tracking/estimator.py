@@ -135,10 +135,6 @@ class TargetEstimate:
     leads: tuple[float, float]
     reach: float
 
-    def bearing(self, time: float) -> tuple[float, float]:
-        """Return pan and tilt that look at the target [rad] at a time [s], as predicted."""
-        return self._position(0, time), self._position(1, time)
-
     def ray_at(self, time: float, tilt_time: float | None = None) -> Ray:
         """Return the predicted ray at a time [s]; its tilt, if given, at another."""
         pan = self._position(0, time)
@@ -326,7 +322,7 @@ class TargetEstimator:
         estimate = self.estimate
         if estimate is None or estimate.stamp != self._stamps[index - 1]:
             estimate = self._described(index - 1)
-        away = self._angle(ray, Ray(*estimate.bearing(stamp), ray.distance))
+        away = self._angle(ray, estimate.ray_at(stamp))
         threshold = self.parameters.jump_threshold
         spread = max(estimate.deviation(0, stamp), estimate.deviation(1, stamp))
         usual = self._stamps[index - 1] - self._stamps[index - 2] if index > 1 else math.inf

@@ -406,9 +406,9 @@ class Bearings(NamedTuple):
                     for (x, v, a), (k, kv, ka, _, _, _) in zip(moved, covariances, strict=True)
                 ]
             )
-            expected = _positions(before.states, near_ahead, near_swing)
+            expected = [x for x, _, _ in _moved(before.states, near_swing, near_ahead)]
             soon = bearing.near.judged(before.near, expected, point, shares)
-            expected = _positions(long_before.states, far_ahead, far_swing)
+            expected = [x for x, _, _ in _moved(long_before.states, far_swing, far_ahead)]
             late = bearing.far.judged(long_before.far, expected, point, shares)
             joints.append(
                 _described(
@@ -482,15 +482,6 @@ def _moved(states: Sequence[State], swing: Transition, dt: float) -> list[State]
         (x + s * v + r * a, c * v + s * a, c * a - b * v)
         if model.order == 3
         else (x + dt * v, v, a)
-        for (x, v, a), model in zip(states, MODELS, strict=True)
-    ]
-
-
-def _positions(states: Sequence[State], dt: float, swing: Transition) -> list[float]:
-    """Return the positions a time `dt` [s] later."""
-    s, _, r, _ = swing
-    return [
-        x + s * v + r * a if model.order == 3 else x + dt * v
         for (x, v, a), model in zip(states, MODELS, strict=True)
     ]
 

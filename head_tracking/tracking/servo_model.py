@@ -311,24 +311,17 @@ class ShaftModel:
 
     def _fill(self, now: float) -> None:
         """Continue the path of the shaft for each dead band up to a time [s]."""
-        grid = self._grid
+        grid, shafts = self._grid, self._shafts
         while (time := self._grid_start + self._filled * _CELL) <= now:
             if self._filled == _ROOM:
                 grid[:, :_KEPT] = grid[:, _ROOM - _KEPT :]
                 self._grid_start += (_ROOM - _KEPT) * _CELL
                 self._filled = _KEPT
-            self._move_shafts(self._sum(time))
-            grid[:, self._filled] = self._shafts
+            setpoint = self._sum(time)
+            for row, band in enumerate(_BANDS):
+                shafts[row] = min(max(shafts[row], setpoint - band), setpoint + band)
+            grid[:, self._filled] = shafts
             self._filled += 1
-
-    def _move_shafts(self, setpoint: float) -> None:
-        """Move the shaft of each dead band for a cell, at whose end the set-point is `setpoint`."""
-        shafts = self._shafts
-        for row, band in enumerate(_BANDS):
-            if shafts[row] < setpoint - band:
-                shafts[row] = setpoint - band
-            elif shafts[row] > setpoint + band:
-                shafts[row] = setpoint + band
 
     def _judge(self) -> None:
         """Compare the displacement in a window with that of every hypothesis."""

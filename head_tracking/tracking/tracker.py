@@ -66,7 +66,7 @@ class Tracker:
         head: as given.
         law: may be replaced at any time.
         machine: the state machine.
-        camera: the estimates of a camera on the head.
+        camera: the estimates of a camera on the head; its `fault` disables the tracker.
         message_age: mean age of a point at arrival [s].
         interval: mean time between points [s].
         reading_age: mean age of a joint reading when it is used [s].
@@ -95,11 +95,6 @@ class Tracker:
         self.message_age = self.interval = self.reading_age = 0.0
         self._jumps = 0
         self._came: float | None = None
-
-    @property
-    def fault(self) -> str:
-        """Description of a wrong mounting, which disables the tracker; empty: none was found."""
-        return self.camera.fault
 
     @property
     def state(self) -> TargetState:

@@ -39,7 +39,7 @@ class Watched:
     def step(self, now):
         done = self.tracker.step(now)
         self.commands.append((now, done.command))
-        if self.tracker.fault and self.named is None:
+        if self.tracker.camera.fault and self.named is None:
             self.named = now
         return done
 
@@ -85,9 +85,9 @@ def test_it_goes_on_when_it_is_enabled_anew_and_says_it_again(head):
     def enabling(now):
         done = step(now)
         if watched.tracker.state is TargetState.DISABLED and now > 1_001.5 and len(faults) < 2:
-            faults.append(watched.tracker.fault)
+            faults.append(watched.tracker.camera.fault)
             watched.tracker.enable(True, now)
-            assert watched.tracker.fault == ""
+            assert watched.tracker.camera.fault == ""
             assert watched.tracker.state is TargetState.IDLE
         return done
 
@@ -116,7 +116,7 @@ def test_a_target_that_runs_from_the_head_is_not_taken_for_that(head, gain, spel
 
 def test_wrong_stamps_hide_it_from_nobody(head):
     conditions = replace(ON_HEAD, field=(2.0, 2.0), stamp_error=0.09)
-    assert run(head, circle, ((0, 1), (1, 0)), Watched(head), conditions).tracker.fault
+    assert run(head, circle, ((0, 1), (1, 0)), Watched(head), conditions).tracker.camera.fault
 
 
 @pytest.fixture

@@ -47,7 +47,7 @@ def miss(estimator, path, ahead):
     """The angle by which the target is expected beside where it is."""
     estimate = estimator.estimate
     time = estimate.stamp + ahead
-    pan, tilt = estimate.bearing(time)
+    pan, tilt, _ = estimate.ray_at(time)
     there = seen(path(time))
     return math.hypot((pan - there.pan) * math.cos(tilt), tilt - there.tilt)
 
@@ -64,7 +64,7 @@ def test_a_swing_is_predicted_where_a_straight_line_is_far_off():
     estimator = fed(path, 6.0, noise=0.004, lead_time=0.17)
     assert miss(estimator, path, 0.17) < 0.01
     estimate = estimator.estimate
-    pan, tilt = estimate.bearing(estimate.stamp)
+    pan, tilt, _ = estimate.ray_at(estimate.stamp)
     speed = estimate.bearings[0].near.motion.speed
     straight = place(Ray(pan + 0.17 * speed, tilt, 2.0))
     assert math.dist(straight, path(estimate.stamp + 0.17)) > 0.03
@@ -77,7 +77,7 @@ def test_a_jump_is_believed_at_every_rate(rate):
         t = k / rate
         estimator.add(t, Ray(0.0 if t < 1.0 else 0.5, 0.0, 2.0), t)
         if t > 1.035 + 1 / rate:
-            assert estimator.estimate.bearing(t)[0] == pytest.approx(0.5, abs=0.02)
+            assert estimator.estimate.ray_at(t).pan == pytest.approx(0.5, abs=0.02)
 
 
 def test_the_order_in_which_points_come_makes_no_difference():
@@ -142,7 +142,7 @@ def test_a_slow_detector_with_an_outlier_crashes_nothing():
         t = 1.2 * k
         off = 0.05 if k % 10 == 9 else 0.0
         assert estimator.add(t, Ray(0.3 + off, 0.0, 2.0), t).used
-        assert estimator.estimate.bearing(t)[0] == pytest.approx(0.3, abs=0.06)
+        assert estimator.estimate.ray_at(t).pan == pytest.approx(0.3, abs=0.06)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -160,7 +160,7 @@ def test_two_points_are_trusted_no_longer_than_they_are_apart(apart):
     estimator.add(0.0, Ray(0.0, 0.0, 2.0), 0.0)
     estimator.add(1 / RATE, Ray(apart, 0.0, 2.0), 1 / RATE)
     for ahead in (0.1, 0.3, 0.5, 5.0):
-        pan, _ = estimator.estimate.bearing(1 / RATE + ahead)
+        pan = estimator.estimate.ray_at(1 / RATE + ahead).pan
         assert -0.01 < pan < 2.5 * apart
 
 
@@ -216,7 +216,7 @@ def test_stated_deviations_are_those_of_the_predictions(frequency):
         estimator.add(t, Ray(pan, tilt, 2.0), t)
         if t > 2.0:
             there, estimate = seen(path(t + ahead)), estimator.estimate
-            expected = estimate.bearing(t + ahead)
+            expected = estimate.ray_at(t + ahead)
             for joint in (0, 1):
                 off = expected[joint] - there[joint]
                 squares.append((off / estimate.deviation(joint, t + ahead)) ** 2)
@@ -258,7 +258,7 @@ def test_a_false_detection_that_recurs_throws_the_head_once():
         t = k / RATE
         poster = t < 1.0 or (t > 3.0 and k % 20 == 0)
         estimator.add(t, Ray(0.5 if poster else -0.5, 0.0, 2.0), t)
-        pan, _ = estimator.estimate.bearing(t)
+        pan = estimator.estimate.ray_at(t).pan
         thrown += t > 3.0 and pan > -0.4
     assert thrown <= 1
 
@@ -282,14 +282,14 @@ def test_after_a_gap_the_second_point_is_the_target(gap, first, second):
     verdicts, estimator, now = after_a_gap(first, second, gap=gap)
     assert verdicts == [Verdict.JUMP, Verdict.NEW_TARGET]
     assert not estimator.settle(now + 1.0)
-    assert estimator.estimate.bearing(now)[0] == pytest.approx(second, abs=1e-3)
+    assert estimator.estimate.ray_at(now).pan == pytest.approx(second, abs=1e-3)
 
 
 def test_a_lone_point_after_a_gap_is_believed_if_nothing_contradicts_it():
     _, estimator, now = after_a_gap(0.5)
     assert not estimator.settle(now + 0.1)
     assert estimator.settle(now + 0.25)
-    assert estimator.estimate.bearing(now)[0] == pytest.approx(0.5, abs=1e-3)
+    assert estimator.estimate.ray_at(now).pan == pytest.approx(0.5, abs=1e-3)
 
 
 @pytest.mark.parametrize("rate", [15, 30])
@@ -299,7 +299,7 @@ def test_a_fast_start_is_followed_without_a_stop(rate):
     for k in range(4 * rate):
         t = k / rate
         estimator.add(t, Ray(path(t) + rnd.gauss(0.0, 0.005), 0.0, 2.0), t)
-        assert abs(estimator.estimate.bearing(t)[0] - path(t)) < 0.45
+        assert abs(estimator.estimate.ray_at(t).pan - path(t)) < 0.45
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -311,7 +311,7 @@ def test_a_target_that_stops_is_not_predicted_on(seed):
         t = k / 60.0
         estimator.add(t, Ray(min(t, 2.0) + rnd.gauss(0.0, 0.003), 0.0, 2.0), t)
         if t >= 2.0:
-            missed.append(abs(estimator.estimate.bearing(t + 0.1)[0] - 2.0))
+            missed.append(abs(estimator.estimate.ray_at(t + 0.1).pan - 2.0))
     assert sum(missed) / len(missed) < 0.0163
 
 
@@ -322,7 +322,7 @@ def test_two_false_detections_in_a_gap_are_no_motion(gap):
         estimator.add(k / 15.0, Ray(0.7, -0.06, 2.0), k / 15.0 + 0.1)
     for t, pan, tilt in ((2.0, 0.87, -0.3), (2.0 + gap, 0.8, -0.3 + 1.2 * gap)):
         assert estimator.add(t, Ray(pan, tilt, 2.0), t + 0.1) is Verdict.JUMP
-    pan, tilt = estimator.estimate.bearing(2.5 + gap)
+    pan, tilt, _ = estimator.estimate.ray_at(2.5 + gap)
     assert abs(pan - 0.7) < 0.02
     assert abs(tilt + 0.06) < 0.02
 

@@ -107,6 +107,6 @@ class HeadTrackerNode(HeadNode):
             state, text = control.state()
         has_problem = control.trouble is not None or state == TargetState.STALLED
         level = Level.WARN if has_problem else Level.OK
-        if tracker is not None and tracker.fault:
+        if tracker is not None and tracker.camera.fault:
             level = Level.ERROR
         self._diagnostics.publish(report(self, "target", level, text, values))

@@ -111,7 +111,7 @@ class _Watch:
         time = now + _AHEAD
         if time + START - estimate.stamp > 0.5:
             return
-        truth, expected = angles(self._loop.truth(time)), estimate.bearing(time + START)
+        truth, expected = angles(self._loop.truth(time)), estimate.ray_at(time + START)[:2]
         deviations = [estimate.deviation(joint, time + START) for joint in (0, 1)]
         self.nees.append(
             sum(
