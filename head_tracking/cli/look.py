@@ -18,19 +18,23 @@ from head_tracking.command_line import (
     with_negative_values,
 )
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.gaze import Arrival, PanTiltHead
+from head_tracking.gaze import Arrival
+from head_tracking.gaze.head_parameters import HeadParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_message
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException
 
 _PERIOD = 0.05  # s
 _SETTLE_TIME = 0.3  # s
+_TOLERANCE = math.radians(2.0)  # largest miss that counts as arrived
 
 
 def look(client: Client, options: argparse.Namespace) -> int:
     """Turn the head, wait until it has arrived, and print the miss."""
-    joints, frames = (options.pan_joint, options.tilt_joint), client.frames
-    head = PanTiltHead(client.model(options.wait), *joints, options.pointing_frame)
+    parameters, frames = NodeParameters(client.node, HeadParameters).value, client.frames
+    joints = parameters.head_pan_joint, parameters.head_tilt_joint
+    head = parameters.head(client.model(options.wait))
     client.wait_for(
         lambda: all(frames.latest_joint_position(joint) for joint in joints),
         options.wait,
@@ -80,14 +84,14 @@ def _wait(
     others: Callable[[], str] = str,
 ) -> int:
     """Call `miss` until the head has arrived; with --follow until Ctrl-C."""
-    arrival = Arrival(options.tolerance, _SETTLE_TIME)
+    arrival = Arrival(_TOLERANCE, _SETTLE_TIME)
     end = math.inf if options.follow else time.monotonic() + options.timeout
     while True:
         angle = miss()
         if client.stop() and not options.follow:
             raise KeyboardInterrupt
         text = f"the head misses the target by {math.degrees(angle):.2f} degrees"
-        is_stopped = options.follow and client.stop() and angle <= options.tolerance
+        is_stopped = options.follow and client.stop() and angle <= _TOLERANCE
         if is_stopped or (not options.follow and arrival.step(angle, time.monotonic())):
             print(f"{'stopped' if is_stopped else 'arrived'}: {text}")
             return 0
@@ -103,7 +107,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         prog="look",
         description="Turns a running head to a target and reports the miss.",
         epilog="exit codes: 0 arrived; 1 not arrived; 2 wrong command line; 130 Ctrl-C. "
-        "ROS arguments follow --ros-args.",
+        "ROS arguments follow --ros-args, such as -p head_pan_joint:=pan -p head_tilt_joint:=tilt.",
     )
     add = parser.add_argument
     add(
@@ -113,18 +117,8 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--frame", help="the frame, if the point is given as X Y Z, or without a point")
     add("--follow", action="store_true", help="follow the target until Ctrl-C")
     add("--centre", "--center", action="store_true", help="look straight ahead")
-    add(
-        "--tolerance", type=_degrees, default=math.radians(2.0), metavar="DEG",
-        help="largest miss that counts as arrived (default: 2)",
-    )  # fmt: skip
     add("--timeout", type=positive, default=8.0, metavar="S", help="of the turn (%(default)s s)")
     add("--wait", type=positive, default=10.0, metavar="S", help="for a head (%(default)s s)")
-    add(
-        "--pointing-frame", "--camera", default="camera_link",
-        help="the frame that is pointed (%(default)s)",
-    )  # fmt: skip
-    add("--pan-joint", default="head_pan_joint", help="default: %(default)s")
-    add("--tilt-joint", default="head_tilt_joint", help="default: %(default)s")
     options = parser.parse_intermixed_args(with_negative_values(arguments))
     frame = [] if options.frame is None else [options.frame]
     text = "@".join([",".join(options.where), *frame])
@@ -147,7 +141,3 @@ def _place(text: str) -> PointInFrame:
     """Convert a point in a frame; @frame is the origin of the frame."""
     is_frame = text.startswith("@") and text != "@"
     return PointInFrame((0.0, 0.0, 0.0), text[1:]) if is_frame else point_in_frame(text)
-
-
-def _degrees(text: str) -> float:
-    return math.radians(positive(text))

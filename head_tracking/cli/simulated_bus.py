@@ -83,10 +83,6 @@ def _parser() -> argparse.ArgumentParser:
         "--servo", type=_named_servo, action="append", metavar="MODEL:ID",
         help="one more servo, such as XL430-W250:3; may be repeated, models can be mixed",
     )  # fmt: skip
-    add(
-        "--firmware", type=between(1, 255, "", int), metavar="N",
-        help="version of their firmware, and so of their registers (default: a recent one)",
-    )  # fmt: skip
     add("--link", metavar="PATH", help="also make a link to the port here")
     add("--baud", type=baud_rate, metavar="RATE", help="of the servos (default: they accept any)")
     add("--paced", action="store_true", help="simulate the transmission time of bytes")
@@ -116,7 +112,6 @@ def _servo(
     servo = SimulatedServo(
         number,
         model,
-        firmware=options.firmware,
         start_delay=0.03 if options.realistic else 0.0,
         position_noise=0.3 if options.realistic else 0.0,
         eeprom_time=0.006 if options.realistic else 0.0,

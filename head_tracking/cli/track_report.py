@@ -111,7 +111,7 @@ def _report(client: Client, options: argparse.Namespace) -> int:
             f"joints and target were known at {len(trace)} moments only, {_FEWEST_SAMPLES} are "
             "needed; is target_point published?"
         )
-    print(table(trace, recording.ages, recording.rate, markdown=options.markdown))
+    print(table(trace, recording.ages, recording.rate))
     title = f"{recording.head.pointing_frame} and its target"
     options.output.write_text(picture(trace, title))
     print(f"\nplot: {options.output}")
@@ -131,5 +131,4 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         "--output", type=writable_file, default="track_report.svg", metavar="FILE",
         help="the plot (default: %(default)s)",
     )  # fmt: skip
-    add("--markdown", action="store_true", help="print the table in Markdown")
     return parser.parse_args(arguments)

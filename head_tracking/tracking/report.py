@@ -15,16 +15,13 @@ _TARGET, _HEAD, _GRID = "#d9480f", "#1864ab", "#dddddd"
 _MOST_POINTS = 1500  # of a curve
 
 
-def table(
-    trace: Trace, ages: Sequence[float], target_rate: float, *, markdown: bool = False
-) -> str:
+def table(trace: Trace, ages: Sequence[float], target_rate: float) -> str:
     """Return the figures of a run as a table.
 
     Args:
         trace: of the run.
         ages: of the points when they arrived [s].
         target_rate: points a second.
-        markdown: for a document; else for a terminal.
     """
     wanted = trace.velocities(trace.wanted)
     done = trace.velocities(trace.positions)
@@ -46,8 +43,6 @@ def table(
         ),
         ("mean jerk of pan", f"{trace.jerk():.0f} rad/s³"),
     ]
-    if markdown:
-        return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 

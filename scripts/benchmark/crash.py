@@ -39,7 +39,7 @@ def _torque_off_after(name: str, seed: int) -> float:
         run = bench.run("--target", "smooth")
         _wait(lambda: bench.servos.torque == [1, 1])
         time.sleep(random.Random(seed).uniform(0.0, 0.5))
-        pid = run.process.pid if name == "supervisor" else child(run, name)
+        pid = run.process.pid if name == "supervisor" else child(run.process.pid, name)
         start = time.monotonic()
         os.kill(pid, signal.SIGKILL)
         _wait(lambda: bench.servos.torque == [0, 0])
@@ -51,15 +51,16 @@ def _again_after(name: str, seed: int) -> float:
     with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
         ros = ("-p", "viewer:port:=0")
         run = bench.run("--target", "face" if name == "vision" else "smooth", "--viewer", ros=ros)
-        pid = _wait(lambda: child(run, name))
+        pid = _wait(lambda: child(run.process.pid, name))
         if name == "page":
             _wait(lambda: bench.servos.torque == [1, 1])
         time.sleep(2.0 + random.Random(seed).uniform(0.0, 1.0))
         start = time.monotonic()
-        control, before = child(run, "control"), bench.servos.torque
+        control, before = child(run.process.pid, "control"), bench.servos.torque
         os.kill(pid, signal.SIGKILL)
-        _wait(lambda: child(run, name) not in (0, pid))
-        assert (child(run, "control"), bench.servos.torque) == (control, before), run.output
+        _wait(lambda: child(run.process.pid, name) not in (0, pid))
+        assert child(run.process.pid, "control") == control, run.output
+        assert bench.servos.torque == before, run.output
         return time.monotonic() - start
 
 
