@@ -14,7 +14,6 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     check_configuration,
 )
-from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.cycle import Cycle, advice
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
@@ -95,12 +94,11 @@ class ServoBus:
             for servo in joint.servos:
                 servo.others = others
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
-        self._bus = BusContext(
-            port, self._joints, self.requests, settings, version, clock, monotonic, pause
+        self._procedures = Procedures(
+            port, self._joints, self.requests, settings, version, clock, monotonic
         )
-        self.port, self._pause, self._each_servo = port, pause, self._bus.each_servo
-        self._procedures = Procedures(self._bus)
-        self.cycle = Cycle(self._bus, self._procedures)
+        self.port, self._pause, self._each_servo = port, pause, self._procedures.each_servo
+        self.cycle = Cycle(self._procedures)
         self._connected = False
         self._refused = self._clamped = 0
 
@@ -386,12 +384,12 @@ class ServoBus:
         if epoch is None:
             self.requests.epoch.advance()
         self.requests.obeyed = self.requests.epoch.value
-        deadline = self._bus.monotonic() + round(timeout * 1e9)
+        deadline = self._procedures.monotonic() + round(timeout * 1e9)
         self.requests.discard_older()
         steps = self._procedures.relax(self._all)
         try:
             self._pause(next(steps))  # also without any time
-            while self._bus.monotonic() <= deadline:
+            while self._procedures.monotonic() <= deadline:
                 self._pause(next(steps))
             steps.close()
         except StopIteration as end:
@@ -412,9 +410,9 @@ class ServoBus:
         """
         faulted = [joint for joint in self._require_connection(joints) if joint.faulted]
         _raise((yield from self._procedures.for_each(faulted, self._procedures.recovering)))
-        deadline = self._bus.monotonic() + round(patience * 1e9)
+        deadline = self._procedures.monotonic() + round(patience * 1e9)
         while patience and (waiting := [joint.name for joint in faulted if joint.faulted]):
-            if self._bus.monotonic() > deadline:
+            if self._procedures.monotonic() > deadline:
                 raise ServoError(f"{', '.join(waiting)}: does not recover; see /diagnostics")
             yield 0.02
         return tuple([joint.name for joint in faulted])

@@ -16,7 +16,6 @@ import sys
 from contextlib import suppress
 from typing import Final, NamedTuple
 
-from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.diagnosis import Diagnosis
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
@@ -54,14 +53,14 @@ class Cycle:
         diagnosis: Symptoms of each servo.
     """
 
-    def __init__(self, bus: BusContext, procedures: Procedures) -> None:
+    def __init__(self, bus: Procedures) -> None:
         self.cycles = self.port_losses = 0
         self.incomplete: tuple[str, ...] = ()
         self._bus, self._port, self._joints, self._version = bus, bus.port, bus.joints, bus.version
-        self._requests, self._procedures, self._settings = bus.requests, procedures, bus.settings
+        self._requests, self._settings = bus.requests, bus.settings
         self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
         self._all = tuple(bus.joints.values())
-        self.diagnosis = Diagnosis(bus, procedures)
+        self.diagnosis = Diagnosis(bus)
         self._rest = bus.settings.temperature.rest
         self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
@@ -93,7 +92,7 @@ class Cycle:
         self._connected = self._unusual = False
         self._poll_time = 0
         if self._requests.obeyed != self._requests.epoch.value:
-            self._procedures.obey_stop()
+            self._bus.obey_stop()
         try:
             if (self._search_at is None and self._port.is_open) or self._find_port():
                 if start - self._last > _RESTART:
@@ -219,7 +218,7 @@ class Cycle:
     def _write(self) -> None:
         requests = self._requests
         if requests.obeyed != requests.epoch.value:
-            self._procedures.obey_stop()
+            self._bus.obey_stop()
         if requests.goals:
             self._accept_goals()
         if requests.under_way:
@@ -239,7 +238,7 @@ class Cycle:
                 continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
             if joint.writable and not joint.busy:  # its position is known
-                self._procedures.begin(joint, self._procedures.switching_on_for_goal(joint))
+                self._bus.begin(joint, self._bus.switching_on_for_goal(joint))
 
     def _write_goals(self) -> None:
         usual = not (self._unusual or self.incomplete)
@@ -251,7 +250,7 @@ class Cycle:
                 if usual or joint.writable:
                     ready.append(joint)
         if ready:
-            self._procedures.write_goals(ready)
+            self._bus.write_goals(ready)
 
     # Steps of procedures
 
@@ -310,7 +309,7 @@ class Cycle:
             tripped = watched and 0.0 < self._settings.watchdog * 1e9 < gap
             if tripped and joint.on and joint.complete:
                 why = f"the bus stood still for {gap * 1e-9:.1f} s"
-                self._procedures.clear_watchdog(joint, why)
+                self._bus.clear_watchdog(joint, why)
 
     def _lose(self, joint: BusJoint, servo: Servo) -> None:
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
@@ -336,7 +335,7 @@ class Cycle:
                         servo.damaged_cycles = 0
                     else:
                         servo.ping()
-                    self._procedures.begin(joint, self._procedures.returning(joint, servo))
+                    self._bus.begin(joint, self._bus.returning(joint, servo))
                 return self._monotonic() - now
         return 0
 

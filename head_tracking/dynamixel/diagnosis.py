@@ -15,7 +15,6 @@ from contextlib import suppress
 from enum import IntFlag
 from typing import Final
 
-from head_tracking.dynamixel.context import BusContext
 from head_tracking.dynamixel.exceptions import CommunicationError
 from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.procedures import Procedures
@@ -301,12 +300,11 @@ class Diagnosis:
     """Examines all servos once a cycle, after they were read.
 
     Args:
-        bus: What the parts of the bus share.
-        procedures: Relaxes joints, clears watchdogs.
+        bus: Relaxes joints, clears watchdogs.
     """
 
-    def __init__(self, bus: BusContext, procedures: Procedures) -> None:
-        self._bus, self._procedures, self._settings = bus, procedures, bus.settings
+    def __init__(self, bus: Procedures) -> None:
+        self._bus, self._settings = bus, bus.settings
         self._joints = [
             (joint, [_Watch(joint, servo, i) for i, servo in enumerate(joint.servos)])
             for joint in bus.joints.values()
@@ -409,9 +407,9 @@ class Diagnosis:
             return
         self._report(watch, symptom, why)
         if symptom is Symptom.MODE:
-            self._procedures.cut(joint)
+            self._bus.cut(joint)
         elif symptom is Symptom.TRIPPED:
-            self._procedures.clear_watchdog(joint)
+            self._bus.clear_watchdog(joint)
 
     def _find(self, watch: _Watch, symptom: Symptom, find: Callable[[_Watch], str]) -> None:
         if text := find(watch):
@@ -468,7 +466,7 @@ class Diagnosis:
         if servo.identity is not None and errors & servo.identity.shutdown:
             if not servo.faulted:
                 servo.faulted = True
-                self._procedures.cut(joint)
+                self._bus.cut(joint)
                 self._bus.note(
                     EventKind.FAULTED,
                     joint,
@@ -506,12 +504,12 @@ class Diagnosis:
         elif not joint.resumes:  # until its other servo returns
             servo.confirmed = not torque
             if torque:
-                self._procedures.cut(joint)
+                self._bus.cut(joint)
         servo.note_torque()
 
     def _lose_torque(self, watch: _Watch) -> None:
         """Relax the whole joint of a servo whose torque was found off."""
-        self._procedures.cut(watch.joint)
+        self._bus.cut(watch.joint)
         self._report(watch, Symptom.TORQUE_LOST, _TORQUE_LOST)
 
     def _judge_heat(self, joint: BusJoint) -> None:
@@ -520,7 +518,7 @@ class Diagnosis:
         if temperature >= limits.rest:
             if joint.on:
                 joint.resting = True
-                self._procedures.cut(joint)
+                self._bus.cut(joint)
                 self._bus.note(
                     EventKind.RESTING,
                     joint,

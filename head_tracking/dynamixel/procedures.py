@@ -1,16 +1,17 @@
-"""Procedures: what takes several transactions with the servos of a joint; see `requests.Steps`.
+"""What the parts of one bus share, its log of events, and its procedures.
 
-A joint is busy while a procedure runs for it, except those that relax it.
+A procedure takes several transactions with the servos of a joint; see `requests.Steps`. A joint is
+busy while one runs for it, except those that relax it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any, Final, TypeVar
 
-from head_tracking.dynamixel.configuration import EepromSettings
-from head_tracking.dynamixel.context import BusContext
+from head_tracking.dynamixel.configuration import BusSettings, EepromSettings
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -19,9 +20,10 @@ from head_tracking.dynamixel.exceptions import (
     TorqueError,
 )
 from head_tracking.dynamixel.joint import BusJoint
-from head_tracking.dynamixel.requests import Steps
-from head_tracking.dynamixel.servo import Servo
-from head_tracking.dynamixel.state import EventKind
+from head_tracking.dynamixel.port import DynamixelPort
+from head_tracking.dynamixel.requests import RequestQueue, Steps
+from head_tracking.dynamixel.servo import Servo, Version
+from head_tracking.dynamixel.state import BusEvent, EventKind
 from head_tracking.dynamixel.torque import pin, relaxing, release, while_held_by
 
 _T = TypeVar("_T")
@@ -30,17 +32,68 @@ _BRAKING: Final = 0.6  # s that a joint may take to stop
 _STANDS: Final = 0.1  # rad/s
 _POLL: Final = 0.002  # s
 _LONGEST_WAIT: Final = 10.0  # s for another procedure of the same joint
+_REPEATS: Final = 30_000_000_000  # ns; an event that returns sooner is repeated
+_STUCK: Final = (EventKind.TORQUE_FAILED, EventKind.FAULTED, EventKind.RESTING)
 
 
+@dataclass(eq=False)
 class Procedures:
-    """The procedures of one bus."""
+    """What the parts of one bus share, its log of events, and its procedures."""
 
-    def __init__(self, bus: BusContext) -> None:
-        self._bus, self._requests, self._note = bus, bus.requests, bus.note
+    port: DynamixelPort
+    joints: dict[str, BusJoint]  # by name
+    requests: RequestQueue
+    settings: BusSettings
+    version: Version  # changes with the set of servos that are read
+    clock: Callable[[], int]  # of the stamps, ns
+    monotonic: Callable[[], int]  # ns
+    events: list[BusEvent] = field(default_factory=list)  # that have not been reported
+    _recent: dict[tuple[EventKind, str, Hashable], tuple[int, int]] = field(default_factory=dict)
+
+    def each_servo(self) -> Iterator[tuple[BusJoint, Servo]]:
+        """Yield each servo with its joint."""
+        return ((joint, servo) for joint in self.joints.values() for servo in joint.servos)
+
+    def note(
+        self,
+        kind: EventKind,
+        joint: BusJoint,
+        text: str,
+        stuck: bool = False,
+        about: Hashable = None,
+    ) -> None:
+        """Add an event.
+
+        The second event of a kind says that it repeats; later ones are marked as repeated, until
+        there was none for 30 s.
+
+        Args:
+            kind: What happened.
+            joint: To which joint.
+            text: The same for the log.
+            stuck: Whether the joint cannot reach its goals.
+            about: Distinguishes events of one kind.
+        """
+        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
+        now, key = self.monotonic(), (kind, joint.name, about)
+        count, last = self._recent.get(key, (0, 0))
+        count = count + 1 if now - last < _REPEATS else 1
+        self._recent[key] = count, now
+        if count == 2:
+            text += "; it repeats, and is not logged again while it does"
+        stuck = stuck or kind in _STUCK
+        self.events.append(BusEvent(kind, joint.name, text, stuck, repeated=count > 2))
+
+    def take_events(self) -> tuple[BusEvent, ...]:
+        """Return and remove the events."""
+        events, self.events = tuple(self.events), []
+        return events
+
+    # Steps
 
     def begin(self, joint: BusJoint, steps: Steps[Any]) -> None:
         """Take the first step now and the others in the next cycles."""
-        self._requests.advance(self._requests.start(self.exclusively(joint, steps)))
+        self.requests.advance(self.requests.start(self.exclusively(joint, steps)))
 
     def exclusively(self, joint: BusJoint, steps: Steps[_T]) -> Steps[_T]:
         """Take steps while no other procedure runs for this joint.
@@ -84,25 +137,25 @@ class Procedures:
                 else:
                     packets[key] = {servo.id: data}
         for (protocol, address, _), goals in packets.items():
-            self._bus.port.sync_write(address, goals, protocol)
+            self.port.sync_write(address, goals, protocol)
 
     # Torque off
 
     def braking(self) -> Steps[None]:
         """Make the present position the goal of every joint with torque on; wait until it stops."""
         moving: list[Servo] = []
-        for joint in [joint for joint in self._bus.joints.values() if joint.on]:
+        for joint in [joint for joint in self.joints.values() if joint.on]:
             for servo in joint.servos:  # a silent one gets the position read last
                 with suppress(CommunicationError):
                     if servo.answers:
                         servo.read_feedback(2)
             joint.hold()
             moving += joint.servos
-        self.write_goals([joint for joint in self._bus.joints.values() if joint.on])
-        deadline = self._bus.monotonic() + round(_BRAKING * 1e9)
+        self.write_goals([joint for joint in self.joints.values() if joint.on])
+        deadline = self.monotonic() + round(_BRAKING * 1e9)
         for _ in range(round(_BRAKING / _POLL)):  # in case the clock stands still
             moving = [servo for servo in moving if not (servo.lost or _stands(servo))]
-            if not moving or self._bus.monotonic() > deadline:
+            if not moving or self.monotonic() > deadline:
                 return
             yield _POLL
 
@@ -117,13 +170,13 @@ class Procedures:
         """
         sure = [s for each in joints if each.stopped and each.confirmed for s in each.servos]
         for joint in joints:
-            self._requests.drop_goals(joint.name)
+            self.requests.drop_goals(joint.name)
             joint.relax()
             if stop:
                 joint.set_stopped(True)
         servos = [servo for joint in joints for servo in joint.servos]
         try:
-            found = yield from relaxing(self._bus.port, servos, disarm=disarm, sure=sure)
+            found = yield from relaxing(self.port, servos, disarm=disarm, sure=sure)
         finally:
             for joint in joints:
                 for servo in joint.servos:
@@ -146,9 +199,9 @@ class Procedures:
         kind = EventKind.STOPPED if stop else EventKind.TORQUE_OFF
         for joint in joints:
             if problem := found[joint.name]:
-                self._note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
+                self.note(EventKind.TORQUE_FAILED, joint, f"not confirmed relaxed: {problem}")
             elif not quiet:
-                self._note(kind, joint, joint.torque.value)
+                self.note(kind, joint, joint.torque.value)
         problems = {name: problem for name, problem in found.items() if problem}
         if problems:
             raise TorqueError(False, problems)
@@ -156,13 +209,13 @@ class Procedures:
     def cut(self, *joints: BusJoint) -> None:
         """Switch torque off now, and read it back in the next cycles."""
         steps = self.relaxing(joints, quiet=True)
-        self._requests.advance(self._requests.start(steps, despite_stop=True))
+        self.requests.advance(self.requests.start(steps, despite_stop=True))
 
     def obey_stop(self) -> None:
         """Carry out a STOP that did not get the port."""
-        self._requests.obeyed = self._requests.epoch.value
-        self._requests.discard_older()
-        self.cut(*self._bus.joints.values())
+        self.requests.obeyed = self.requests.epoch.value
+        self.requests.discard_older()
+        self.cut(*self.joints.values())
 
     # Torque on. All raise ServoError or CommunicationError, and then leave the joint relaxed.
 
@@ -174,14 +227,14 @@ class Procedures:
             if not joint.complete:
                 raise ServoError("the servo does not answer")
             yield from self._pinning(joint)
-        self._note(EventKind.TORQUE_ON, joint, joint.torque.value)
+        self.note(EventKind.TORQUE_ON, joint, joint.torque.value)
 
     def switching_on_for_goal(self, joint: BusJoint) -> Steps[None]:
         """Switch the torque of a joint with a goal on; if that fails, relaxing drops the goal."""
         try:
             yield from self.switching_on(joint)
         except (CommunicationError, ServoError) as cause:
-            self._note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {cause}")
+            self.note(EventKind.TORQUE_FAILED, joint, f"goal dropped: {cause}")
 
     def clear_watchdog(self, joint: BusJoint, why: str = "its Bus Watchdog tripped") -> None:
         """Hold a joint at its present position, with the watchdogs of its servos armed anew."""
@@ -194,7 +247,7 @@ class Procedures:
             yield from self._pinning(joint, powered=True)
         except (CommunicationError, ServoError) as cause:
             result = str(cause)
-        self._note(EventKind.HELD, joint, f"{why}; {result}")
+        self.note(EventKind.HELD, joint, f"{why}; {result}")
 
     def _pinning(self, joint: BusJoint, powered: bool = False) -> Steps[None]:
         """Switch torque on, or require it to be on (`powered`), at the present position."""
@@ -226,7 +279,7 @@ class Procedures:
             if servo.faulted and not servo.lost:
                 if servo.model.restarts:
                     servo.reboot()
-                    servo.lose(self._bus.monotonic())
+                    servo.lose(self.monotonic())
                     continue
                 if not servo.confirmed:  # it would drive on to its old goal
                     raise ServoError(f"not confirmed relaxed: {problems[joint.name]}")
@@ -235,7 +288,7 @@ class Procedures:
                 yield from servo.verify(servo.model.control_table.block("Torque Limit"), limit)
                 servo.faulted = False
         result = "it restarts" if joint.lost else joint.torque.value
-        self._note(EventKind.RECOVERED, joint, result)
+        self.note(EventKind.RECOVERED, joint, result)
 
     def starting(self, joint: BusJoint) -> Steps[None]:
         """Take a stopped joint back into the cycle, relaxed."""
@@ -253,7 +306,7 @@ class Procedures:
             joint.set_stopped(False)
             raise
         joint.set_stopped(False)
-        self._note(EventKind.STARTED, joint, joint.torque.value)
+        self.note(EventKind.STARTED, joint, joint.torque.value)
         for servo in joint.servos:
             self.note_shortcomings(joint, servo)
 
@@ -262,12 +315,12 @@ class Procedures:
         try:
             result = yield from self._take_back(joint, servo)
         except (CommunicationError, ServoError, ConfigurationError) as cause:
-            servo.lose(self._bus.monotonic() + POLL_INTERVAL)
+            servo.lose(self.monotonic() + POLL_INTERVAL)
             if not isinstance(cause, CommunicationError):
-                release(self._bus.port, (servo,))
-                self._note(EventKind.UNUSABLE, joint, str(cause), about=str(cause))
+                release(self.port, (servo,))
+                self.note(EventKind.UNUSABLE, joint, str(cause), about=str(cause))
             return
-        self._note(EventKind.RETURNED, joint, f"answers again; {result}")
+        self.note(EventKind.RETURNED, joint, f"answers again; {result}")
         self.note_shortcomings(joint, servo)
 
     def _take_back(self, joint: BusJoint, servo: Servo) -> Steps[str]:
@@ -302,14 +355,14 @@ class Procedures:
         if identity is None or servo.lost:
             return
         if identity.faulted:
-            self._note(
+            self.note(
                 EventKind.FAULTED,
                 joint,
                 f"servo {servo.id} has shut itself down before; it takes no commands until "
                 "recover is called",
             )
-        if first is not None and self._bus.settings.watchdog and not servo.has_watchdog:
-            self._note(
+        if first is not None and self.settings.watchdog and not servo.has_watchdog:
+            self.note(
                 EventKind.ALARM,
                 joint,
                 f"servo {servo.id} has firmware {identity.firmware_version}, which has no Bus "
@@ -326,7 +379,7 @@ class Procedures:
             for servo in joint.servos
         }
         changed = {}
-        self._requests.drop_goals(joint.name)
+        self.requests.drop_goals(joint.name)
         joint.writing = True
         try:
             for servo, registers in wanted.items():
