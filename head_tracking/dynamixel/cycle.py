@@ -244,11 +244,8 @@ class Cycle:
         usual = not (self._unusual or self.incomplete)
         ready: list[BusJoint] = []
         for joint in self._all:
-            if joint.goal_ticks and not joint.busy:
-                if joint.stale:
-                    joint.encode()
-                if usual or joint.writable:
-                    ready.append(joint)
+            if joint.goal_ticks and not joint.busy and (usual or joint.writable):
+                ready.append(joint)
         if ready:
             self._bus.write_goals(ready)
 

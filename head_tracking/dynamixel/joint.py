@@ -49,8 +49,6 @@ class BusJoint:
         self.goal_position = 0.0  # of the joint, rad
         self.goal_speed: float | None = None  # rad/s; None: the default, 0: the slowest
         self.commanded_at: int | None = None  # monotonic, ns; None: no goal, or a held position
-        self.goal_bytes: tuple[bytes, ...] = ()  # position and speed for each servo, as registers
-        self.stale = False  # `goal_bytes` must be made anew
         self._limit_speed()
 
     @property
@@ -151,6 +149,11 @@ class BusJoint:
             )
         return inside
 
+    @property
+    def asked_speed(self) -> float:
+        """Speed of the goal, rad/s; 0: the slowest."""
+        return self.default_speed if self.goal_speed is None else self.goal_speed
+
     def state(self) -> ServoState:
         """Return the joint's state, by its first servo that answered in this cycle."""
         first = self.servos[0]
@@ -171,19 +174,8 @@ class BusJoint:
         lower, upper = self.limits  # they may have been narrowed since the goal was admitted
         position = min(max(position, lower), upper)
         self.goal_ticks = tuple([servo.calibration.ticks(position) for servo in self.servos])
+        self.goal_position = self.servos[0].calibration.position(self.goal_ticks[0])
         self.goal_speed, self.commanded_at = speed, now
-        self.encode()
-
-    def encode(self) -> None:
-        """Make the bytes of goal position and speed."""
-        self.stale = False
-        speed = self.default_speed if self.goal_speed is None else self.goal_speed
-        servos, goals = self.servos, self.goal_ticks
-        first = servos[0]
-        self.goal_bytes = (first.encode_goal(goals[0], speed),)
-        if len(servos) > 1:
-            self.goal_bytes += (servos[1].encode_goal(goals[1], speed),)
-        self.goal_position = first.calibration.position(goals[0])
 
     def _limit_speed(self) -> None:
         for servo in self.servos:
@@ -197,7 +189,6 @@ class BusJoint:
         """
         check_speed(self.name, speed)
         self.default_speed = speed
-        self.stale = True
 
     def hold(self) -> None:
         """Make the measured position the goal, at the speed of the previous goal."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 import re
-import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -68,10 +68,11 @@ class ServoModel:
     protocol: int  # of Dynamixel, 1 or 2; Feetech servos use the packets of 1
     control_table: ControlTable
     feedback: Block  # registers that are read in each cycle
-    feedback_order: tuple[int, int, int, int, int]  # of position, speed, load, voltage, temperature
+    # Picks position, speed, load, voltage and temperature from the values of `feedback`.
+    measured: Callable[[tuple[int, ...]], tuple[int, ...]]
     goal: Block  # registers that one write sets: position, speed, and others that are 0
-    goal_packer: struct.Struct  # packs them from position and speed, or from speed and position
-    speed_first: bool  # whether from speed and position
+    # Puts position, speed and 0 in the order of `goal`.
+    goal_values: Callable[[tuple[int, int, int]], tuple[int, ...]]
     goal_speed: str  # register of the goal speed
     position_limits: tuple[str, str]  # registers of the lowest and highest goal position
     ticks: int  # number of positions
@@ -116,8 +117,7 @@ class ServoModel:
 
     def encode_goal(self, ticks: int, speed: int) -> bytes:
         """Return the bytes of the goal block for a position and a speed, in counts."""
-        pack = self.goal_packer.pack
-        return pack(speed, ticks) if self.speed_first else pack(ticks, speed)
+        return self.goal.layout.pack(*self.goal_values((ticks, speed, 0)))
 
 
 @cache
@@ -201,11 +201,7 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     wanted = [feedback[key] for key in _FEEDBACK]
     read = sorted(wanted, key=lambda name: table[name].address)
     written = table.block(*sorted(goal.values(), key=lambda name: table[name].address))
-    speed_first = table[goal["speed"]].address < table[goal["position"]].address
-    first, second = ("speed", "position") if speed_first else ("position", "speed")
-    pair = table.block(goal[first], goal[second])
-    form, ahead = pair.layout.format, pair.address - written.address
-    a, b, c, d, e = map(read.index, wanted)
+    places = {goal["position"]: 0, goal["speed"]: 1}
     lowest, highest = facts.pop("position_limits")
     position_sign, speed_sign, load_sign = (_sign_value(table[name]) for name in wanted[:3])
     modes = {n: RequiredMode(**row) for n, row in facts.pop("modes", {}).items() if n in table}
@@ -215,10 +211,9 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         model_number=number,
         control_table=table,
         feedback=table.block(*read),
-        feedback_order=(a, b, c, d, e),
+        measured=itemgetter(*map(read.index, wanted)),
         goal=written,
-        goal_packer=struct.Struct(f"{form[0]}{ahead}x{form[1:]}"),
-        speed_first=speed_first,
+        goal_values=itemgetter(*[places.get(each.name, 2) for each in written.registers]),
         goal_speed=goal["speed"],
         position_limits=(lowest, highest),
         center=int(units["position"].zero),

@@ -130,12 +130,10 @@ class Procedures:
         """Write the goals of joints, in one packet for each protocol and kind of goal."""
         packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
         for joint in joints:
-            for servo, data in zip(joint.servos, joint.goal_bytes, strict=True):
-                key = servo.goal_key
-                if key in packets:
-                    packets[key][servo.id] = data
-                else:
-                    packets[key] = {servo.id: data}
+            speed = joint.asked_speed
+            for servo, ticks in zip(joint.servos, joint.goal_ticks, strict=True):
+                data = servo.encode_goal(ticks, speed)
+                packets.setdefault(servo.goal_key, {})[servo.id] = data
         for (protocol, address, _), goals in packets.items():
             self.port.sync_write(address, goals, protocol)
 

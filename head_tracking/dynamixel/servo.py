@@ -122,7 +122,7 @@ class Servo:
     ) -> None:
         self._port, self._protocol = port, model.protocol
         self._version, self._watchdog = version or Version(), watchdog
-        self._unpack, self._order = model.feedback.layout.unpack, model.feedback_order
+        self._unpack, self._measured = model.feedback.layout.unpack, model.measured
         self.id = servo_id
         self.model = model
         self.others: Collection[int] = ()  # ids of the servos of other joints
@@ -489,9 +489,7 @@ class Servo:
             reply: The reading.
             clock_offset: Clock of the stamps minus the port's clock, ns; None: keep the stamp.
         """
-        values = self._unpack(reply.data)
-        a, b, c, d, e = self._order
-        ticks, speed, load = values[a], values[b], values[c]
+        ticks, speed, load, volts, celsius = self._measured(self._unpack(reply.data))
         model, calibration = self.model, self.calibration
         position_sign, speed_sign, load_sign = model.signs
         if speed_sign:
@@ -514,8 +512,8 @@ class Servo:
         self.position = calibration.position(ticks)
         self.velocity = speed * self._velocity_scale
         self.load = load * self._load_scale
-        self.voltage = values[d] * 0.1
-        self.temperature = float(values[e])
+        self.voltage = volts * 0.1
+        self.temperature = float(celsius)
         self.error = reply.error
         if clock_offset is not None:
             self.stamp = clock_offset + int(reply.stamp * 1e9)
