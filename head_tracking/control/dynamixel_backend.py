@@ -103,28 +103,24 @@ class DynamixelBackend(JointBackend):
         for thread in self.threads:
             thread.start()
 
-    def close(self) -> tuple[str, ...]:
+    def close(self) -> list[str]:
         """Brake and relax the servos and close the ports of all buses, even if one fails.
 
         Returns:
-            Joints that did not confirm that they are relaxed.
-
-        Raises:
-            BusStoppedError: a thread did not end, with its name and the state of its servos.
+            A sentence for each thread that did not end, and for each joint that did not confirm
+            that it is relaxed.
         """
         for thread in self.threads:
             thread.ask_to_stop()
-        failures: list[str] = []
+        problems: list[str] = []
         for thread in self.threads:
             try:
                 thread.stop()
             except BusStoppedError as failure:
-                failures.append(str(failure))
-        unconfirmed = tuple(joint for thread in self.threads for joint in thread.unconfirmed)
-        if failures:
-            failures += [f"{joint} did not confirm that it is relaxed" for joint in unconfirmed]
-            raise BusStoppedError("; ".join(failures))
-        return unconfirmed
+                problems.append(str(failure))
+            for joint in thread.unconfirmed:
+                problems.append(f"{joint} did not confirm that it is relaxed")
+        return problems
 
     # Goals
 

@@ -758,11 +758,11 @@ class Head:
         atexit.unregister(self._close)
         self._control.disable(Blocked.CLOSED)
         try:
-            unconfirmed = self._servos.close()
+            problems = self._servos.close()
         finally:
             self._control.save()
-        if unconfirmed:
-            raise BusStoppedError(f"{', '.join(unconfirmed)} did not confirm that it is relaxed")
+        if problems:
+            raise BusStoppedError("; ".join(problems))
 
 
 def _load_robot(

@@ -17,7 +17,6 @@ from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     BusEvent,
     BusReading,
-    BusStoppedError,
     BusThread,
     ConfigurationError,
     EventKind,
@@ -222,8 +221,7 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs(
             return hanging.is_set() and bool(benches[1].bus[2].register("Torque Enable"))
 
         wait_for(hangs)
-        with pytest.raises(BusStoppedError):
-            buses.close()
+        assert len(buses.close()) == 1
         assert [bench.torque for bench in benches] == [[0], [0]]
         assert not any(bench.port.is_open for bench in benches)
     finally:

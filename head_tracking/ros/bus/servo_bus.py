@@ -26,7 +26,6 @@ from head_tracking.dynamixel import (
     BusEvent,
     BusReading,
     BusSettings,
-    BusStoppedError,
     DynamixelError,
     DynamixelPort,
     EepromSettings,
@@ -162,14 +161,8 @@ class ServoBusNode(ClosingNode):
         Waits for no callback; may be called by any thread, and twice.
         """
         if self._safe is None:
-            try:
-                unconfirmed = self.backend.close()
-            except BusStoppedError as failure:
-                problems = [str(failure)]
-            else:
-                problems = [f"{joint} did not confirm that it is relaxed" for joint in unconfirmed]
-            self._safe = problems
-            for problem in problems:
+            self._safe = self.backend.close()
+            for problem in self._safe:
                 self.get_logger().error(problem)
         return self._safe
 
