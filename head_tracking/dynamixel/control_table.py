@@ -9,7 +9,7 @@ import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
-from head_tracking.dynamixel.exceptions import RangeError, UnknownRegisterError
+from head_tracking.dynamixel.exceptions import RangeError
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +171,7 @@ class ControlTable:
         try:
             return self._by_name[name]
         except KeyError:
-            raise UnknownRegisterError(
+            raise RangeError(
                 f"{self.name} has no register {name!r}; it has: {', '.join(self._by_name)}"
             ) from None
 

@@ -24,10 +24,6 @@ class RangeError(DynamixelError, ValueError):
     """A value does not fit its register or unit."""
 
 
-class UnknownRegisterError(DynamixelError, LookupError):
-    """A control table has no register of that name."""
-
-
 class NotConnectedError(DynamixelError):
     """The bus was used before `connect()` or after `close()`."""
 
@@ -145,14 +141,6 @@ class ServoNotFoundError(ServoError):
 
 class ServoSetupError(ServoError):
     """A servo is another model than configured, or its settings do not fit its joint."""
-
-
-class RegisterRefusedError(ServoError):
-    """A servo refused a write, or did not keep the value."""
-
-
-class PositionError(ServoError):
-    """A servo could turn in the wrong direction from its position, so torque stays off."""
 
 
 class TorqueError(ServoError):

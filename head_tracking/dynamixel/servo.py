@@ -17,7 +17,6 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
-    RegisterRefusedError,
     ReplyTimeoutError,
     ServoError,
     ServoSetupError,
@@ -208,7 +207,7 @@ class Servo:
         """Write registers.
 
         Raises:
-            RegisterRefusedError: The servo refuses the values.
+            ServoError: The servo refuses the values.
         """
         data, address = block.encode(*values), block.address
         if not self.acknowledges_writes:
@@ -226,7 +225,7 @@ class Servo:
             names = ", ".join(f"{register.name} = {value}" for register, value in pairs)
             one = self._protocol == 1
             why = describe_errors(ErrorBits(refusal)) if one else describe_status(refusal)
-            raise RegisterRefusedError(f"servo {self.id} refused {names}: {why}")
+            raise ServoError(f"servo {self.id} refused {names}: {why}")
 
     def set(self, name: str, value: int) -> None:
         """Write one register and read it back; raises as `verify` does."""
@@ -265,7 +264,7 @@ class Servo:
         """Write registers and read them back, up to three times.
 
         Raises:
-            RegisterRefusedError: The servo refuses the values, or keeps others.
+            ServoError: The servo refuses the values, or keeps others.
         """
         kept: tuple[int, ...] = ()
         for _ in range(_TRIES):
@@ -276,7 +275,7 @@ class Servo:
             if kept == values:
                 return
         names = ", ".join(register.name for register in block.registers)
-        raise RegisterRefusedError(
+        raise ServoError(
             f"servo {self.id} keeps {kept} in {names} instead of {values}; it may have shut down: "
             "look at its error bits (overload, overheating), let it cool, or cycle its power"
         )
@@ -294,7 +293,7 @@ class Servo:
         Raises:
             ServoSetupError: It is another model, does not answer reads, or is set up in a way that
                 its joint cannot use.
-            RegisterRefusedError: It does not switch torque off.
+            ServoError: It does not switch torque off.
             ConfigurationError: Its own angle limits leave the joint no range.
         """
         memory: dict[str, int] = {}
@@ -432,9 +431,7 @@ class Servo:
             finally:  # also if the bus is closed meanwhile
                 run(self.lock_eeprom(True))
             if after != value:
-                raise RegisterRefusedError(
-                    f"servo {self.id} keeps {after} in {name} instead of {value}"
-                )
+                raise ServoError(f"servo {self.id} keeps {after} in {name} instead of {value}")
             changed[name] = (before, value)
         return changed
 

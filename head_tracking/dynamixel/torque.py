@@ -15,7 +15,6 @@ from head_tracking.dynamixel.exceptions import (
     LineBusyError,
     NotConnectedError,
     PortLostError,
-    PositionError,
     ServoError,
     ServoSetupError,
 )
@@ -44,10 +43,9 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
         powered: Whether its torque must be on already; a relaxed servo stays relaxed.
 
     Raises:
-        ServoError: Its torque was to be on, and is off.
+        ServoError: Its torque was to be on, and is off; or the way to its range could lead in the
+            wrong direction; or it refuses the goal or the torque.
         ServoSetupError: It is not in position mode any more, or has another offset or direction.
-        PositionError: The way to its range could lead in the wrong direction.
-        RegisterRefusedError: The servo refuses the goal or the torque.
     """
     if powered and not servo.get("Torque Enable"):
         raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
@@ -67,7 +65,7 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
         if abs(now - before) <= 1:
             break
         if servo.model.endless and not powered and abs(now - before) > servo.model.ticks // 4:
-            raise PositionError(
+            raise ServoError(
                 f"servo {servo.id} was turned over the end of its scale while its torque came "
                 "on; hold it still and try again"
             )
@@ -97,7 +95,7 @@ def require_straight_path(servo: Servo, ticks: int) -> None:
     scale.
 
     Raises:
-        PositionError: It is such a position.
+        ServoError: It is such a position.
     """
     lowest, highest = servo.range
     last = servo.model.ticks - 1
@@ -108,7 +106,7 @@ def require_straight_path(servo: Servo, ticks: int) -> None:
             return
     elif not (far or ticks <= 0 < lowest or ticks >= last > highest):
         return
-    raise PositionError(
+    raise ServoError(
         f"servo {servo.id} is at tick {ticks}, outside its range {lowest} to {highest}: its way "
         "back could lead over the end of its scale or through its dead angle, in the other "
         "direction. Torque stays off; turn it back into its range by hand, then try again"

@@ -19,7 +19,6 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
-    PositionError,
     ReplyTimeoutError,
     ServoError,
     ServoSetupError,
@@ -154,7 +153,7 @@ def _switch_torque_on(session: Session, servo: Servo) -> None:
     position = servo.get("Present Position")
     try:
         require_straight_path(servo, position)
-    except PositionError as refusal:
+    except ServoError as refusal:
         raise RefusedError(f"{refusal}, or cycle its power") from refusal
     if not low <= position <= high:
         session.terminal.confirm(
