@@ -185,22 +185,18 @@ class ControlTable:
         """Return the block of these registers, named in rising order of address."""
         return Block(tuple(self[name] for name in names), self._byte_order)
 
-    def spans(
-        self, longest: int, names: Collection[str] | None = None, *, gaps: bool = True
-    ) -> Iterator[Block]:
+    def spans(self, longest: int, names: Collection[str] | None = None) -> Iterator[Block]:
         """Yield blocks of the registers with these names.
 
         Args:
             longest: Highest number of bytes of a block.
             names: In any order, also of registers that do not exist; None: all.
-            gaps: Whether a block may have bytes between its registers.
         """
         span: list[Register] = []
         for register in self._registers:
             if names is not None and register.name not in names:
                 continue
-            apart = bool(span) and not gaps and register.address != span[-1].end
-            if span and (apart or register.end - span[0].address > longest):
+            if span and register.end - span[0].address > longest:
                 yield Block(tuple(span), self._byte_order)
                 span = []
             span.append(register)

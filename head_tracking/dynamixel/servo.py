@@ -189,7 +189,7 @@ class Servo:
     def registers(self) -> list[tuple[Register, int]]:
         """Read all registers."""
         table = self.model.control_table
-        values = run(self.read_named(table.spans(_LONGEST_READ, gaps=False), MOST_TRIES))
+        values = run(self.read_named(table.spans(_LONGEST_READ), MOST_TRIES))
         return [(register, values[register.name]) for register in table]
 
     def read_feedback(self, tries: int = 1, clock_offset: int | None = None) -> None:
