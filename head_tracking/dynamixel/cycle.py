@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import suppress
-from typing import Final, NamedTuple
+from typing import Final
 
 from head_tracking.dynamixel.diagnosis import Diagnosis
 from head_tracking.dynamixel.exceptions import (
@@ -36,12 +36,8 @@ _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; detectors need 60 ms and more
 _RESTART: Final = 200_000_000  # ns between two cycles in which a servo may have restarted
 _MOST_STEPS: Final = 100  # in a cycle, in case a clock stands still
 
-
-class _Part(NamedTuple):
-    """One instruction of a cycle, and the servos that it reads."""
-
-    group: ReadGroup
-    members: list[tuple[BusJoint, Servo]]
+Members = list[tuple[BusJoint, Servo]]
+"""Servos that one instruction reads, with their joints."""
 
 
 class Cycle:
@@ -69,7 +65,7 @@ class Cycle:
         self._diagnose_at = 0  # ns
         self._longest_step = 0  # of this cycle, ns
         self._connected = self._unusual = False  # in this cycle
-        self._plan: list[_Part] = []
+        self._plan: list[tuple[ReadGroup, Members]] = []
         self._planned = -1  # version of the plan
 
     def begin(self) -> None:
@@ -175,7 +171,7 @@ class Cycle:
 
     def _settle(self, states: dict[str, ServoState], now: int) -> None:
         """Handle what was unusual."""
-        asked = {servo.id for part in self._plan for _, servo in part.members}
+        asked = {servo.id for _, members in self._plan for _, servo in members}
         for joint in self._all:
             there = [servo for servo in joint.servos if servo.id in asked]
             answered = [servo for servo in there if not servo.failed_cycles]
@@ -197,19 +193,14 @@ class Cycle:
         A servo that did not answer the last time is asked alone, and last, because others would
         wait for it.
         """
-        together: dict[tuple[object, ...], list[tuple[BusJoint, Servo]]] = {}
-        alone: list[_Part] = []
-        for joint, servo in self._each_servo():
-            if joint.stopped or servo.lost:
-                continue
+        together: dict[tuple[object, ...], Members] = {}
+        read = [each for each in self._each_servo() if not (each[0].stopped or each[1].lost)]
+        for joint, servo in sorted(read, key=lambda each: each[1].failed_cycles):
             model, block = servo.model, servo.model.feedback
-            if servo.failed_cycles:
-                alone.append(_part([(joint, servo)]))
-                continue
-            own = None if model.sync_read or model.bulk_read else servo.id
-            key = (own, model.protocol, block.address, block.length)
+            alone = servo.failed_cycles or not (model.sync_read or model.bulk_read)
+            key = (servo.id if alone else None, model.protocol, block.address, block.length)
             together.setdefault(key, []).append((joint, servo))
-        self._plan = [*map(_part, together.values()), *alone]
+        self._plan = [(_read_group(members), members) for members in together.values()]
         self._planned = self._version.number
         self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
 
@@ -397,9 +388,7 @@ def advice(servo: Servo) -> str:
     )
 
 
-def _part(members: list[tuple[BusJoint, Servo]]) -> _Part:
-    model = members[0][1].model
-    ids = tuple([servo.id for _, servo in members])
+def _read_group(members: Members) -> ReadGroup:
+    model, ids = members[0][1].model, tuple([servo.id for _, servo in members])
     block = model.feedback
-    group = ReadGroup(model.protocol, block.address, block.length, ids, model.bulk_read)
-    return _Part(group, members)
+    return ReadGroup(model.protocol, block.address, block.length, ids, model.bulk_read)

@@ -166,27 +166,13 @@ class RequestQueue:
             if not self._waiting:
                 return
             request = self._waiting.popleft()
-        if request.future.cancelled():
-            return
-        if self._is_over(request):
-            request.answer(StoppedError(_STOPPED))
-            return
-        try:
-            result = request.function()
-        except Exception as error:  # the next cycle notices a lost port
-            request.answer(error)
-            return
-        if isinstance(result, Generator):
-            request.steps = result
-            self.under_way.append(request)
-            with suppress(PortLostError):
-                self.advance(request)
-        else:
-            request.answer(None, result)
+        self.under_way.append(request)
+        with suppress(PortLostError):  # the next cycle notices it
+            self.advance(request)
 
     def start(self, steps: Steps[Any], *, despite_stop: bool = False) -> Request:
         """Add steps without taking the first one; see `Request`."""
-        request = Request(lambda: None, self.obeyed, despite_stop, steps=steps)
+        request = Request(lambda: steps, self.obeyed, despite_stop)
         self.under_way.append(request)
         return request
 
@@ -201,7 +187,6 @@ class RequestQueue:
 
     def advance(self, request: Request) -> None:
         """Take one step of a request; raise PortLostError if the port was lost."""
-        assert request.steps is not None
         if request.future.cancelled():
             self.end(request, None)
             return
@@ -209,6 +194,12 @@ class RequestQueue:
             self.end(request, StoppedError(_STOPPED))
             return
         try:
+            if request.steps is None:
+                result = request.function()
+                if not isinstance(result, Generator):
+                    self.end(request, None, result)
+                    return
+                request.steps = result
             wait = next(request.steps)
         except StopIteration as end:
             self.end(request, None, end.value)
