@@ -40,8 +40,6 @@ _GAIN_SLOPE: Final = math.radians(160.0)
 (TheRobotStudio/SO-ARM100 issue 134: 1.8 to 2.6)."""
 
 _POSITION: Final = 0  # of Operating Mode
-_CURRENT_UNIT: Final = 0.0065  # A
-_STALL_CURRENT: Final = 2.7  # A
 
 
 class FeetechRegisters(Registers):
@@ -121,10 +119,6 @@ class FeetechRegisters(Registers):
         self["Present Speed"] = to_sign_magnitude(speed, 15)
         self["Present Load"] = to_sign_magnitude(round(drive.output * model.load_maximum), 10)
         self["Moving"] = int(drive.moving)
-        if self._is_sts:
-            current = abs(drive.current) * _STALL_CURRENT / _CURRENT_UNIT
-            self["Present Current"] = round(current)
-            self["Goal in Effect"] = to_sign_magnitude(self._goal(), 15)
 
     @property
     def _offset(self) -> int:

@@ -32,7 +32,6 @@ MX_ACCELERATION: Final = math.radians(8.583)
 X_ACCELERATION: Final = 214.577 * RPM / 60.0
 X_SPEED: Final = 0.229 * RPM
 _SIGN: Final = 10  # bit of the sign of speed and load
-_STALL: Final = 911  # counts of the MX Current register at stall: 4.1 A
 _MX_GAIN_SLOPE: Final = 1024.0 * math.radians(300.0 / 1024.0)
 """Slope of a P Gain of 1, rad: slope 32 of an AX equals gain 32 of an MX (e-manual)."""
 
@@ -274,8 +273,6 @@ class JointRegisters(Registers):
             round(sign * drive.output * model.load_maximum), _SIGN
         )
         self["Moving"] = int(drive.moving)
-        if "Current" in self:
-            self["Current"] = 2048 + round(sign * drive.current * _STALL)
 
     @property
     def _is_wheel(self) -> bool:
@@ -366,17 +363,12 @@ class XRegisters(Registers):
         velocity = round(sign * drive.speed / X_SPEED)
         self["Present Position"] = round(self.ticks(drive.angle) + noise)
         self["Present Velocity"] = velocity
-        self["Present PWM"] = round(sign * drive.output * _FULL_PWM)
         if "Present Current" in self:
             self["Present Current"] = round(sign * drive.current * model.load_maximum)
         else:
             self["Present Load"] = round(sign * drive.output * model.load_maximum)
         self["Velocity Trajectory"] = round(sign * drive.reference_speed / X_SPEED)
-        self["Position Trajectory"] = round(self.ticks(drive.reference))
-        approaching = drive.approaching
-        self["Moving"] = int(approaching or abs(velocity) > self["Moving Threshold"])
-        form = 0 if not self["Profile Velocity"] else 3 if self["Profile Acceleration"] else 1
-        self["Moving Status"] = (not drive.moving) | approaching << 1 | form << 4
+        self["Moving"] = int(drive.approaching or abs(velocity) > self["Moving Threshold"])
 
     def reset_turns(self, drive: Drive) -> None:
         """See `Registers`."""

@@ -320,8 +320,6 @@ class SimulatedServo:
         wide = "Present Input Voltage" in registers
         registers["Present Input Voltage" if wide else "Present Voltage"] = volts
         registers["Present Temperature"] = max(0, min(255, round(self.temperature)))
-        if "Realtime Tick" in registers:
-            registers["Realtime Tick"] = self._now // 1_000_000 % 32_768
 
     def _configure(self) -> None:
         self.drive.configure(self._registers.settings())
