@@ -76,7 +76,7 @@ class DynamixelBackend(JointBackend):
         self.measured = threading.Event()
         self._loop, self._report = loop, report
         self._on_reading = on_reading
-        self._read: dict[ServoBus, tuple[int, Mapping[str, Any]]] = {}
+        self._read: dict[ServoBus, Mapping[str, Any]] = {}
         self._names = {bus: tuple(joint.joint_name for joint in bus.joints) for bus in buses}
         self._by_joint = {
             name: thread for thread in self.threads for name in self._names[thread.bus]
@@ -269,11 +269,10 @@ class DynamixelBackend(JointBackend):
     # The cycle, in the thread of a bus
 
     def _update(self, bus: ServoBus, reading: BusReading) -> None:
-        states = reading.states
-        self._read[bus] = 0, {}
+        states: Mapping[str, Any] = reading.states
         if states:
-            stamp = sum([state.stamp for state in states.values()]) // len(states)
-            self._read[bus] = stamp, self._loop.joints_read(stamp, states)
+            states = self._loop.joints_read(reading.stamp, states)
+        self._read[bus] = states
         self._loop.update(self._names[bus])
 
     def _after_write(self, bus: ServoBus, reading: BusReading) -> None:
@@ -281,7 +280,7 @@ class DynamixelBackend(JointBackend):
             if event.stuck:
                 self._loop.stuck[event.joint_name] = event.text
         self._on_reading(bus, reading)
-        self._loop.publish(self._names[bus], *self._read[bus])
+        self._loop.publish(self._names[bus], reading.stamp, self._read[bus])
         if self._unmeasured:
             self._unmeasured.difference_update(reading.states)
             if not self._unmeasured:

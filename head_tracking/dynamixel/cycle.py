@@ -110,7 +110,8 @@ class Cycle:
         except PortLostError as cause:
             self._lose_port(cause)
         self._read_time = self._monotonic() - start - self._poll_time
-        return BusReading(states, ())
+        stamps = [state.stamp for state in states.values()]
+        return BusReading(states, (), sum(stamps) // len(stamps) if stamps else 0)
 
     def write(self, reading: BusReading) -> BusReading:
         """End a cycle: write all goals, take steps of procedures; return the reading with events.

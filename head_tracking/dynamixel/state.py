@@ -155,6 +155,7 @@ class BusReading(NamedTuple):
     # Measurements of this cycle by joint name; joints that did not answer are absent.
     states: Mapping[str, ServoState]
     events: tuple[BusEvent, ...]  # events since the previous reading, in order
+    stamp: int  # mean of the stamps of the states, ns; 0: there are none
 
 
 @dataclass(frozen=True, slots=True)

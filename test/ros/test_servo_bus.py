@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool, Trigger
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
-from head_tracking.dynamixel import ServoState, servo_model
+from head_tracking.dynamixel import BusReading, ServoState, servo_model
 from head_tracking.ros.bus import bus_services
 from head_tracking.ros.bus.servo_bus import ServoBusNode, StatesMessage
 from head_tracking.simulation import SimulatedPort, SimulatedServo
@@ -99,7 +99,7 @@ def test_joint_names_do_not_depend_on_the_order_of_replies():
     tilt = pan._replace(position=-0.3)
     message = StatesMessage({"pan": pan, "tilt": tilt})
     for states in ({"pan": pan, "tilt": tilt}, {"tilt": tilt, "pan": pan}):
-        filled = message.filled(states)
+        filled = message.filled(BusReading(states, (), 10))
         assert dict(zip(filled.name, filled.position, strict=True)) == {"pan": 0.5, "tilt": -0.3}
 
 

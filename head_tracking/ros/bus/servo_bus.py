@@ -247,7 +247,7 @@ class ServoBusNode(ClosingNode):
                 message = self._messages.get(bus)
                 if message is None or message.joints != states.keys():
                     message = self._messages[bus] = StatesMessage(states)
-                self._states_topic.publish(message.filled(states))
+                self._states_topic.publish(message.filled(reading))
             if self._goals_topic.get_subscription_count():
                 self._publish_goals(states)
 
@@ -370,20 +370,14 @@ class StatesMessage:
         self.joints = set(states)
         self._message = JointState(name=list(states))
 
-    def filled(self, states: Mapping[str, ServoState]) -> JointState:
-        """Return the message with these states."""
+    def filled(self, reading: BusReading) -> JointState:
+        """Return the message with the states of a reading."""
         message = self._message
         stamp = message.header.stamp
-        each = [states[name] for name in message.name]  # in the order of the message
-        total = 0
-        positions, velocities = [], []
-        for state in each:
-            total += state.stamp
-            positions.append(state.position)
-            velocities.append(state.velocity)
-        stamp.sec, stamp.nanosec = divmod(total // len(positions), _SECOND)
-        message.position = array.array("d", positions)
-        message.velocity = array.array("d", velocities)
+        stamp.sec, stamp.nanosec = divmod(reading.stamp, _SECOND)
+        each = [reading.states[name] for name in message.name]  # in the order of the message
+        message.position = array.array("d", [state.position for state in each])
+        message.velocity = array.array("d", [state.velocity for state in each])
         return message
 
 
