@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
 from operator import itemgetter
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from head_tracking.compatibility import tomllib
@@ -59,7 +58,7 @@ class RequiredMode(NamedTuple):
         return value & self.mask == self.value
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ServoModel:
     """Properties of a servo model."""
 
@@ -77,25 +76,25 @@ class ServoModel:
     position_limits: tuple[str, str]  # registers of the lowest and highest goal position
     ticks: int  # number of positions
     endless: bool  # whether the ticks go round a whole turn
-    goal_margin: int  # ticks between an end of the scale and the goals next to it
+    goal_margin: int = 0  # ticks between an end of the scale and the goals next to it
     center: int  # tick in the middle of the range
     radians_per_tick: float
     speed_unit: float  # one count, rad/s
     speed_maximum: int  # highest goal speed in joint mode, counts
-    speed_minimum: int  # lowest goal speed above 0, which would be full speed, counts
+    speed_minimum: int = 1  # lowest goal speed above 0, which would be full speed, counts
     load_maximum: int  # register value of full load (of stall current, where current is measured)
     no_load_speed: float  # at the nominal voltage, rad/s
     nominal_voltage: float  # recommended supply, V
     baud_rates: Mapping[int, int]  # bit/s by value of the Baud Rate register
     errors: type[IntFlag]  # bits of its error state and of its Shutdown register
     signs: tuple[int, int, int]  # sign bits of position, speed, load; 0: two's complement or none
-    bulk_read: bool  # MX with protocol 1.0
-    sync_read: bool  # protocol 2.0, Feetech STS
-    family: str  # "Dynamixel", "STS" or "SCS"; families cannot share a line
+    bulk_read: bool = False  # MX with protocol 1.0
+    sync_read: bool = False  # protocol 2.0, Feetech STS
+    family: str = "Dynamixel"  # "Dynamixel", "STS" or "SCS"; families cannot share a line
     modes: Mapping[str, RequiredMode]  # required values by register name
     offset: Register | None  # that is added to the position; None: there is none
-    watchdog: int | None  # first firmware with a Bus Watchdog; None: none
-    aliases: tuple[str, ...]  # other names of the model
+    watchdog: int | None = None  # first firmware with a Bus Watchdog; None: none
+    aliases: Sequence[str] = ()  # other names of the model
 
     @property
     def restarts(self) -> bool:
@@ -188,11 +187,10 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     facts = dict(document)  # what is left of it are attributes of the model
     units = {key: _unit(**row) for key, row in facts.pop("units").items()}
     rows = facts.pop("registers").items()
-    family = facts.pop("family", "Dynamixel")
     table = ControlTable(
         facts["name"],
         tuple(each for key, row in rows for each in _registers(key, row, units)),
-        BYTE_ORDERS.get(family, "little"),
+        BYTE_ORDERS.get(facts.get("family"), "little"),
     )
     number = table["Model Number"].initial
     if number is None:
@@ -206,7 +204,6 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     position_sign, speed_sign, load_sign = (_sign_value(table[name]) for name in wanted[:3])
     modes = {n: RequiredMode(**row) for n, row in facts.pop("modes", {}).items() if n in table}
     offset = facts.pop("offset", None)
-    baud_rates = {int(code): rate for code, rate in facts.pop("baud_rates").items()}
     return ServoModel(
         model_number=number,
         control_table=table,
@@ -220,18 +217,11 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         radians_per_tick=units["position"].scale,
         speed_unit=units["speed"].scale,
         no_load_speed=facts.pop("no_load_rpm") * _RPM,
-        baud_rates=MappingProxyType(baud_rates),
+        baud_rates={int(code): rate for code, rate in facts.pop("baud_rates").items()},
         errors=_ERROR_BITS[facts.pop("error_bits")],
         signs=(position_sign, speed_sign, load_sign),
-        speed_minimum=facts.pop("speed_minimum", 1),
-        goal_margin=facts.pop("goal_margin", 0),
-        bulk_read=facts.pop("bulk_read", False),
-        sync_read=facts.pop("sync_read", facts["protocol"] == 2),
-        family=family,
-        modes=MappingProxyType(modes),
+        modes=modes,
         offset=None if offset is None else table[offset],
-        watchdog=facts.pop("watchdog", None) or None,
-        aliases=tuple(facts.pop("aliases", ())),
         **facts,
     )
 
