@@ -194,15 +194,15 @@ class DynamixelPort:
         instructions: tuple[InstructionPacket, ...] = ()
         try:
             if self._buffer or self._suspect_until or self._late.due:
-                self._clear()
+                self._clear(line)
                 asked = self._late.unambiguous(group)
             else:
                 line.discard_input()
-            received_at = self._send(asked.replies[0].packet)
+            received_at = self._send(line, asked.replies[0].packet)
             instructions = asked.replies
             for instruction in instructions:
                 try:
-                    status = self._receive(instruction, received_at)
+                    status = self._receive(line, instruction, received_at)
                     if status.error or len(status.data) != asked.length:
                         self._check(status, instruction)
                     found.append(status)
@@ -290,8 +290,8 @@ class DynamixelPort:
         line = self._line or self._open_line()
         try:
             if patience and (self._suspect_until or line.read(_CHUNK, self.clock())):
-                self._wait_for_gap(patience)
-            self._send(sync_write_packet(protocol, address, data))
+                self._wait_for_gap(line, patience)
+            self._send(line, sync_write_packet(protocol, address, data))
         except LOST as cause:
             raise self._lost(cause) from cause
 
@@ -303,8 +303,8 @@ class DynamixelPort:
         seconds = 253 * (14 * self._seconds_per_byte + 0.003) + 0.016
         try:
             with suppress(LineBusyError):
-                self._clear()
-            self._send(encode_packet(2, BROADCAST_ID, Instruction.PING))
+                self._clear(line)
+            self._send(line, encode_packet(2, BROADCAST_ID, Instruction.PING))
             deadline = self.clock() + seconds
             while self.clock() < deadline and (data := line.read(_CHUNK, deadline)):
                 self._buffer += data
@@ -320,22 +320,21 @@ class DynamixelPort:
 
     def _command(self, instruction: InstructionPacket, acknowledged: bool = True) -> int:
         """Send an instruction to one servo; return the error byte of its reply, 0 if none comes."""
-        self._open_line()
+        line = self._open_line()
         try:
             if acknowledged:
-                self._clear()
-            sent = self._send(instruction.packet)
+                self._clear(line)
+            sent = self._send(line, instruction.packet)
             if not acknowledged:
                 return 0
-            status = self._receive(instruction, sent)
+            status = self._receive(line, instruction, sent)
         except LOST as cause:
             raise self._lost(cause) from cause
         self._check(status, instruction)
         return status.error
 
-    def _send(self, packet: bytes) -> float:
+    def _send(self, line: SerialDevice, packet: bytes) -> float:
         """Write a packet; return when its last byte will have been sent, s."""
-        line = self._line or self._open_line()
         self._sent.append(packet)
         line.write(packet)
         free, now = self._wire_free, self.clock()
@@ -343,9 +342,10 @@ class DynamixelPort:
         self._wire_free = free
         return free
 
-    def _receive(self, instruction: InstructionPacket, received_at: float) -> Status:
+    def _receive(
+        self, line: SerialDevice, instruction: InstructionPacket, received_at: float
+    ) -> Status:
         """Wait for the reply of a servo; `received_at`: when it had the instruction, s."""
-        line = self._line or self._open_line()
         _, protocol, _, _, size, prefix, _ = instruction
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
@@ -372,12 +372,13 @@ class DynamixelPort:
                 self._timeout.learn(now - due)
                 return status
         self._buffer = buffer
-        status = self._search(instruction, due, deadline)
+        status = self._search(line, instruction, due, deadline)
         return status._replace(stamp=min(received_at, self._wire_free))
 
-    def _search(self, instruction: InstructionPacket, due: float, deadline: float) -> Status:
+    def _search(
+        self, line: SerialDevice, instruction: InstructionPacket, due: float, deadline: float
+    ) -> Status:
         """Wait for the reply of a servo among echoes, noise and unexpected packets."""
-        line = self._line or self._open_line()
         protocol, length = instruction.protocol, instruction.length
         end = max(deadline, due + LONGEST)
         received = len(self._buffer)
@@ -472,13 +473,12 @@ class DynamixelPort:
         self.surplus[servo_id] += 1
         self._suspect_until = self.clock() + _SUSPECT
 
-    def _clear(self) -> None:
+    def _clear(self, line: SerialDevice) -> None:
         """Discard what was received; after unexpected packets, wait until the line is free.
 
         Raises:
             LineBusyError: Another program sends without a pause.
         """
-        line = self._line or self._open_line()
         if self._late.due:
             received = self._buffer + line.read(_CHUNK, self.clock())
             for protocol in (1, 2):
@@ -490,17 +490,16 @@ class DynamixelPort:
             if self.clock() > self._suspect_until:
                 self._suspect_until = 0.0
             else:
-                self._wait_for_gap(_GAP)
+                self._wait_for_gap(line, _GAP)
         line.discard_input()
         self._buffer = b""
 
-    def _wait_for_gap(self, patience: float) -> None:
+    def _wait_for_gap(self, line: SerialDevice, patience: float) -> None:
         """Wait until the line is quiet, or a reply to another program has just ended.
 
         Raises:
             LineBusyError: There was no gap within `patience` seconds.
         """
-        line = self._line or self._open_line()
         deadline = self.clock() + patience
         line.discard_input()  # it is not known when old bytes ended
         self._buffer = b""
