@@ -19,14 +19,14 @@ _SECOND = 1_000_000_000
 _CLOSING = 10.0  # s that braking, and asking every servo several times, may take in addition
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class BusTiming:
     """Timing of the cycle."""
 
     update_rate: float  # configured cycles per second
-    reached_rate: float  # cycles per second in the last second; 0 before it has passed
-    longest_cycle: float  # longest cycle so far, s
-    missed: int  # cycles left out because an earlier one took too long
+    reached_rate: float = 0.0  # cycles per second in the last second; 0 before it has passed
+    longest_cycle: float = 0.0  # longest cycle so far, s
+    missed: int = 0  # cycles left out because an earlier one took too long
 
 
 class BusThread:
@@ -45,6 +45,7 @@ class BusThread:
             the bus. Other threads can use the bus meanwhile.
 
     Attributes:
+        timing: Timing of the cycle.
         error: The exception that ended the thread, if one did.
         unconfirmed: Joints that did not confirm at the end that they are relaxed.
 
@@ -65,7 +66,6 @@ class BusThread:
                 f"update_rate {update_rate} is not possible; allowed are 1 to 1000 cycles/s"
             )
         self.bus = bus
-        self._update_rate = update_rate
         self._on_reading = on_reading
         self._on_error = on_error
         self._update = update
@@ -76,15 +76,8 @@ class BusThread:
         self._closing = False
         self.error: BaseException | None = None
         self.unconfirmed: tuple[str, ...] = ()
-        self._longest = 0
-        self._reached = 0.0
-        self._missed = 0
+        self.timing = BusTiming(update_rate)
         self._thread = threading.Thread(target=self._run, name="servo bus", daemon=True)
-
-    @property
-    def timing(self) -> BusTiming:
-        """Timing of the cycle."""
-        return BusTiming(self._update_rate, self._reached, self._longest * 1e-9, self._missed)
 
     def start(self) -> None:
         """Start the cycles."""
@@ -193,7 +186,8 @@ class BusThread:
                 self._requests.close()
 
     def _run_cycles(self) -> None:
-        period, due = round(_SECOND / self._update_rate), time.monotonic_ns()
+        timing, due = self.timing, time.monotonic_ns()
+        period = round(_SECOND / timing.update_rate)
         window_start, window_cycles = due, 0
         while self._wait(due):
             begin = time.monotonic_ns()
@@ -207,15 +201,15 @@ class BusThread:
                     return
                 reading = self.bus.cycle.write(reading)
             end = time.monotonic_ns()
-            self._longest = max(self._longest, end - begin)
+            timing.longest_cycle = max(timing.longest_cycle, (end - begin) * 1e-9)
             window_cycles += 1
             if end - window_start >= _SECOND:
-                self._reached = window_cycles * _SECOND / (end - window_start)
+                timing.reached_rate = window_cycles * _SECOND / (end - window_start)
                 window_start, window_cycles = end, 0
             self._on_reading(reading)
             # On a fixed grid, so that cycles do not drift.
             late = max(0, time.monotonic_ns() - due - 1) // period
-            self._missed += late
+            timing.missed += late
             due += (late + 1) * period
 
     def _wait(self, due: int) -> bool:

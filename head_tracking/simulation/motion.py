@@ -134,10 +134,10 @@ class Mechanics:
     stiction: float
     sliding: float
     scale_end: float
-    link_play: float = 0.0
+    link_play: float
 
     @classmethod
-    def of(cls, model: SimulatedModel) -> Mechanics:
+    def of(cls, model: SimulatedModel, link_play: float) -> Mechanics:
         """Return the constants for the no-load speed and stall torque of a model."""
         counts_turns = model.control == "profile"
         stiction = _STICTION if model.control == "compliance" else _FINE * _STICTION
@@ -148,6 +148,7 @@ class Mechanics:
             stiction=stiction * model.stall_torque,
             sliding=_SLIDING * model.stall_torque,
             scale_end=math.inf if counts_turns else model.center * model.radians_per_tick,
+            link_play=link_play,
         )
 
 
@@ -219,11 +220,10 @@ class Drive:
     does not jump when it is released. With play, the driven part follows at the edge of the play.
 
     Args:
-        model: Model of the servo.
+        mechanics: Motor and gear.
         angle: Initial angle of the shaft, rad, counter-clockwise.
         settings: Initial settings.
         start_delay: Time from a new goal to the start of the motion, ns.
-        mechanics: Motor and gear; None: those of the model.
 
     Attributes:
         angle: Angle of the shaft at the encoder, rad, counter-clockwise; 0 in the middle of the
@@ -241,19 +241,18 @@ class Drive:
 
     def __init__(
         self,
-        model: SimulatedModel,
+        mechanics: Mechanics,
         angle: float,
         settings: DriveSettings,
         start_delay: int = 0,
-        mechanics: Mechanics | None = None,
     ) -> None:
         self.angle = self.reference = self.link = angle
         self.speed = self.reference_speed = 0.0
         self.output = self.current = 0.0
         self.strain = 0
         self.at_rest = False
-        self.mechanics = mechanics or Mechanics.of(model)
-        self._built = replace(self.mechanics)
+        self.mechanics = mechanics
+        self._built = replace(mechanics)
         self._settings = settings
         self._start_delay = start_delay
         self._coming: deque[tuple[int, DriveSettings]] = deque()

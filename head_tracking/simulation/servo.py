@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from random import Random
 from typing import Final
 
@@ -147,7 +146,6 @@ class SimulatedServo:
             )
         if not 0.0 <= link_play < math.inf:
             raise SimulationError(f"link_play of servo {servo_id} is {link_play}; the minimum is 0")
-        mechanics = replace(Mechanics.of(own), link_play=link_play)
         self.supply_voltage = own.nominal_voltage if supply_voltage is None else supply_voltage
         self.temperature = 30.0
         self.alarms = Alarms(own)
@@ -166,11 +164,10 @@ class SimulatedServo:
         self._registers.start(ticks)
         self._measured = self._registers.first_measured
         self.drive = Drive(
-            own,
+            Mechanics.of(own, link_play),
             (ticks - own.center) * own.radians_per_tick,
             self._registers.settings(),
             round(start_delay * 1e9),
-            mechanics,
         )
         self._powered = True
         self._now = self._last_packet = self._silent_until = 0
