@@ -328,12 +328,12 @@ class Procedures:
         Otherwise it is relaxed.
         """
         keep = joint.on or joint.resumes
-        identity = yield from servo.identify(keep_torque=keep)
+        yield from servo.identify(keep_torque=keep)
         joint.require_range()
         keep = keep and (joint.on or joint.resumes)  # unless it was relaxed meanwhile
-        if keep and identity.faulted:
+        if keep and servo.faulted:
             self.cut(joint)
-        elif keep and identity.powered:
+        elif keep and not servo.confirmed:
             if not joint.complete:
                 return "its other servo does not answer"
             try:
@@ -352,7 +352,7 @@ class Procedures:
         identity, first = servo.identity, servo.model.watchdog
         if identity is None or servo.lost:
             return
-        if identity.faulted:
+        if servo.faulted:
             self.note(
                 EventKind.FAULTED,
                 joint,

@@ -95,8 +95,6 @@ class ServoIdentity:
     shutdown: IntFlag  # errors that make the servo switch itself off
     temperature_limit: float  # it shuts down above this temperature, degrees Celsius
     lowest_voltage: float  # lower limit of its supply, V
-    powered: bool  # whether its torque was on when it was found
-    faulted: bool  # whether it had shut itself down when it was found
     reverse: bool | None = None  # whether Drive Mode reverses its ticks; None: it has none
     offset: int | None = None  # register value that is added to its position; None: it has none
 
@@ -327,8 +325,6 @@ class Servo:
             shutdown,
             float(memory["Temperature Limit"]),
             memory["Min Voltage Limit"] * 0.1,
-            memory["Torque Enable"] == 1,
-            _has_shut_down(memory, shutdown),
             bool(memory["Drive Mode"] & _REVERSE) if "Drive Mode" in memory else None,
             None if model.offset is None else memory[model.offset.name],
         )
@@ -340,11 +336,11 @@ class Servo:
             problem = cause
         else:  # it can be read from now on
             self.identity = identity
-            self.faulted = identity.faulted
+            self.faulted = _has_shut_down(memory, shutdown)
             self.failed_cycles = 0
             self._enter(LinkState.INTERRUPTED if self.lost else LinkState.PRESENT)
         if keep_torque:
-            self.confirmed = not identity.powered
+            self.confirmed = memory["Torque Enable"] != 1
         else:
             yield from self.switch_torque(False)
             self.confirmed = True

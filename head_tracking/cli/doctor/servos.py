@@ -106,8 +106,8 @@ def _check_servo(
     if port.surplus[servo.id]:
         text = "two servos have this id, or the line is disturbed: connect one of them alone and "
         problems.append((Grade.RED, f"{text}use `servo set-id`"))
-    if errors or identity.faulted:
-        state = "has shut itself down" if identity.faulted else "reports"
+    if errors or servo.faulted:
+        state = "has shut itself down" if servo.faulted else "reports"
         text = f"it {state}: {describe_errors(errors)}; let it cool, call `recover` or cycle its "
         problems.append((Grade.RED, f"{text}power"))
     if identity.firmware_version in _INTERRUPTED_UPDATE:
