@@ -1,7 +1,7 @@
 """Timing of the half-duplex serial line between master and servos, with collisions.
 
-Bytes that start at the same time are combined by AND; bytes that overlap partly are corrupted. So
-equal packets of servos with the same id, sent at the same time, are received correctly.
+Bytes that overlap are corrupted, but not those of equal packets that are sent at the same time, by
+servos with the same id.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Final, TypeVar
 from head_tracking.simulation.bus import Answer, SimulatedBus
 
 _T = TypeVar("_T")
-_GARBLED: Final = 0x55  # bits that change in a byte that another one overlaps partly
+_GARBLED: Final = 0x55  # what is received instead of a byte that another one overlaps
 _NOMINAL: Final = 10_000  # ns for a byte on a line without transmission times
 
 
@@ -59,21 +59,12 @@ class _Transmission:
 
     def absorb(self, other: _Transmission) -> bool:
         """Merge a later transmission into this one; return whether bytes were corrupted."""
-        offset = other.start - self.start
-        first = offset // self.byte_time
-        changed = False
-        if offset % self.byte_time:
+        changed = (self.start, self.data) != (other.start, other.data)
+        if changed:
             for number in self.covered(other.start, other.end):
-                self.data[number] ^= _GARBLED
+                self.data[number] = _GARBLED
+            first = (other.start - self.start) // self.byte_time
             self.data += other.data[len(self.data) - first :]
-            changed = True
-        else:
-            for number, byte in enumerate(other.data, first):
-                if number < len(self.data):
-                    changed |= self.data[number] != byte
-                    self.data[number] &= byte
-                else:
-                    self.data.append(byte)
         self.late = max(self.late, other.late)
         self.fault |= other.fault
         return changed
@@ -129,7 +120,7 @@ class SerialLine:
             self.overlaps[Overlap.FAULT if status.fault else Overlap.REQUEST] += 1
             for spoken, other in ((heard, status), (status, heard)):
                 for number in spoken.covered(other.start, other.end):
-                    spoken.data[number] ^= _GARBLED
+                    spoken.data[number] = _GARBLED
         return bytes(heard.data)
 
     def _answer(self, answers: list[Answer], byte_time: int) -> None:
