@@ -184,15 +184,13 @@ def bulk_read_packet(ids: Sequence[int], address: int, length: int) -> bytes:
 
 
 def sync_write_packet(protocol: int, address: int, data: Mapping[int, bytes]) -> bytes:
-    """Return the instruction to write the same registers of several servos.
+    """Return the instruction to write the same registers of several servos; all data are as long.
 
     Raises:
-        CommunicationError: The data differ in length, or there are too many.
+        CommunicationError: There are too many.
     """
-    lengths = set(map(len, data.values()))
-    if len(lengths) != 1:
-        raise CommunicationError("a sync write needs the same number of bytes for every servo")
-    head = address.to_bytes(protocol, "little") + lengths.pop().to_bytes(protocol, "little")
+    length = len(next(iter(data.values())))
+    head = address.to_bytes(protocol, "little") + length.to_bytes(protocol, "little")
     shares = b"".join([bytes((servo_id,)) + share for servo_id, share in data.items()])
     return encode_packet(protocol, BROADCAST_ID, Instruction.SYNC_WRITE, head + shares)
 
