@@ -143,12 +143,9 @@ class ServoBus:
         try:
             for name, goal in goals.items():
                 joint = self._joints.get(name) or self.joint(name)
-                if clamp and not joint.goal_ticks and joint.torque.refuses:
-                    left_out[name] = joint.torque.value
-                    continue
                 position = joint.admit(goal, clamp)
-                if name in self.cycle.incomplete:
-                    left_out[name] = "a servo of it does not answer; the bus keeps asking it"
+                if reason := joint.refusal:
+                    left_out[name] = reason
                     continue
                 positions[name] = position
                 if position == goal.position:
@@ -158,8 +155,7 @@ class ServoBus:
                 if abs(position - goal.position) > joint.configuration.resolution:
                     clamped[name] = position - goal.position
             if left_out and not (clamp and positions):
-                reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
-                raise GoalError(f"command refused: {reasons}")
+                raise GoalError("; ".join(f"{name}: {why}" for name, why in left_out.items()))
         except GoalError:
             self._refused += 1
             raise

@@ -115,11 +115,21 @@ class BusJoint:
         first, last = sorted(map(servo.calibration.ticks, self.limits))
         return first, last
 
+    @property
+    def refusal(self) -> str:
+        """Why it accepts no goals now; empty: it does."""
+        if not self.goal_ticks:
+            if self.writing:
+                return "the memory of its servo is being written; command it again after that"
+            if self.torque.refuses:
+                return self.torque.value
+        return "" if self.complete else "a servo of it does not answer; the bus keeps asking it"
+
     def admit(self, goal: Goal, clamp: bool) -> float:
         """Return the position of an admissible goal, rad.
 
         Raises:
-            GoalError: The goal is not finite or outside the limits, or the joint accepts none.
+            GoalError: The goal is not finite or outside the limits.
         """
         position, speed = goal.position, goal.speed
         if not -1e9 < position < 1e9:
@@ -129,15 +139,6 @@ class BusJoint:
             )
         if speed is not None and not 0.0 < speed < 1e9:
             check_speed(self.name, speed)
-        if not self.goal_ticks:
-            if self.writing:
-                raise GoalError(
-                    f"{self.name}: command refused, the memory of its servo is being written; "
-                    "command it again once that is done"
-                )
-            if self.torque.refuses:
-                controller = self.configuration.controller
-                raise GoalError(f"{self.name} ({controller}): {self.torque.value}")
         lower, upper = self.limits
         if lower <= position <= upper:
             return position

@@ -220,10 +220,8 @@ class Procedures:
     def switching_on(self, joint: BusJoint) -> Steps[None]:
         """Hold a joint at its present position, unless it must stay relaxed."""
         if not joint.on:
-            if joint.stopped or joint.faulted or joint.resting or joint.relaxed:
-                raise ServoError(joint.torque.value)
-            if not joint.complete:
-                raise ServoError("the servo does not answer")
+            if joint.refusal:
+                raise ServoError(joint.refusal)
             yield from self._pinning(joint)
         self.note(EventKind.TORQUE_ON, joint, joint.torque.value)
 
