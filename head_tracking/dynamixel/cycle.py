@@ -174,15 +174,11 @@ class Cycle:
         asked = {servo.id for _, members in self._plan for _, servo in members}
         for joint in self._all:
             there = [servo for servo in joint.servos if servo.id in asked]
-            answered = [servo for servo in there if not servo.failed_cycles]
-            if answered:
-                for servo in answered:
-                    if servo.model.protocol == 1:
-                        servo.errors = servo.read_errors()
+            if all([servo.failed_cycles for servo in there]):
+                states.pop(joint.name, None)
+            else:
                 state = states[joint.name] = joint.state()
                 self.diagnosis.protect(joint, state, now)
-            else:
-                states.pop(joint.name, None)
             for servo in there:
                 if servo.failed_cycles >= _LOST_AFTER:
                     self._lose(joint, servo)

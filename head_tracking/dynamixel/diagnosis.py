@@ -454,12 +454,11 @@ class Diagnosis:
 
     def _judge_errors(self, watch: _Watch, now: int) -> None:
         joint, servo = watch.joint, watch.servo
-        if servo.model.protocol == 2:
-            new = bool(servo.error) != bool(servo.errors)
-            if new or now - watch.errors_read >= _AGAIN * 1e9:
-                watch.errors_read = now
-                with suppress(CommunicationError):
-                    servo.errors = servo.read_errors()
+        at_once = servo.model.protocol == 1 or bool(servo.error) != bool(servo.errors)
+        if at_once or now - watch.errors_read >= _AGAIN * 1e9:
+            watch.errors_read = now
+            with suppress(CommunicationError):
+                servo.errors = servo.read_errors()
         errors = servo.errors
         if isinstance(errors, ErrorBits):
             errors &= ~REFUSALS
