@@ -139,10 +139,6 @@ class ServoNotFoundError(ServoError):
         self.answered = tuple(answered)
 
 
-class ServoSetupError(ServoError):
-    """A servo is another model than configured, or its settings do not fit its joint."""
-
-
 class TorqueError(ServoError):
     """Torque could not be switched, or not be confirmed, on the joints of `problems`."""
 

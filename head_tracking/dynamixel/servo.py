@@ -19,7 +19,6 @@ from head_tracking.dynamixel.exceptions import (
     CorruptReplyError,
     ReplyTimeoutError,
     ServoError,
-    ServoSetupError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
@@ -289,9 +288,8 @@ class Servo:
             keep_torque: Leave its torque, and its EEPROM lock, as they are.
 
         Raises:
-            ServoSetupError: It is another model, does not answer reads, or is set up in a way that
-                its joint cannot use.
-            ServoError: It does not switch torque off.
+            ServoError: It is another model, does not answer reads or switch torque off, or is set
+                up in a way that its joint cannot use.
             ConfigurationError: Its own angle limits leave the joint no range.
         """
         memory: dict[str, int] = {}
@@ -302,7 +300,7 @@ class Servo:
                 values = self.read(span, MOST_TRIES)
             except ReplyTimeoutError as cause:
                 level = model.control_table["Status Return Level"].address
-                raise ServoSetupError(
+                raise ServoError(
                     f"servo {self.id} ({joint_name}) answers pings but no reads: its Status Return "
                     f"Level (register {level}) is probably 0; set it to 2, for example with "
                     f"`servo set {self.id} 'Status Return Level' 2`"
@@ -310,7 +308,7 @@ class Servo:
             memory.update((r.name, value) for r, value in zip(span.registers, values, strict=True))
             number = memory.get("Model Number", model.model_number)
             if number != model.model_number:
-                raise ServoSetupError(
+                raise ServoError(
                     f"servo {self.id} ({joint_name}) is {model_name(number)}, but the "
                     f"configuration says {model.name} ({model.model_number}); correct the "
                     "configuration's model or id"
@@ -351,7 +349,7 @@ class Servo:
         return identity
 
     def check_settings(self) -> Steps[None]:
-        """Read the settings that its joint needs; raise ServoSetupError if one is wrong."""
+        """Read the settings that its joint needs; raise ServoError if one is wrong."""
         model = self.model
         names = {*model.modes, *model.position_limits, "Drive Mode", "Secondary ID"}
         if model.offset is not None:
@@ -362,7 +360,7 @@ class Servo:
     def _check_settings(self, memory: Mapping[str, int]) -> None:
         who = f"servo {self.id} ({self.calibration.joint_name})"
         for name, right, why in self._wrong_settings(memory):
-            raise ServoSetupError(
+            raise ServoError(
                 f"{who} {why}: {name} (register {self.model.control_table[name].address}) is "
                 f"{memory[name]}; set it to {right}, for example with `servo set {self.id} "
                 f"'{name}' {right}`"

@@ -16,7 +16,6 @@ from head_tracking.dynamixel.exceptions import (
     NotConnectedError,
     PortLostError,
     ServoError,
-    ServoSetupError,
 )
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.port import DynamixelPort
@@ -44,8 +43,8 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
 
     Raises:
         ServoError: Its torque was to be on, and is off; or the way to its range could lead in the
-            wrong direction; or it refuses the goal or the torque.
-        ServoSetupError: It is not in position mode any more, or has another offset or direction.
+            wrong direction; or it refuses the goal or the torque; or it is not in position mode any
+            more, or has another offset or direction.
     """
     if powered and not servo.get("Torque Enable"):
         raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
@@ -137,7 +136,7 @@ def relaxing(
         for servo in servos:
             try:
                 if servo.lost and not servo.is_same():
-                    raise ServoSetupError(f"another servo answers as servo {servo.id}")
+                    raise ServoError(f"another servo answers as servo {servo.id}")
                 yield from while_held_by(None, [servo], _confirming(servo, disarm))
             except DynamixelError as cause:
                 servo.confirmed = servo in sure and not isinstance(cause, ServoError)

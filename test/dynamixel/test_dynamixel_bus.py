@@ -19,7 +19,6 @@ from head_tracking.dynamixel.exceptions import (
     NotConnectedError,
     ServoError,
     ServoNotFoundError,
-    ServoSetupError,
 )
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.servo import run
@@ -60,10 +59,10 @@ def test_connect_names_missing_ids_after_a_second_try() -> None:
 @pytest.mark.parametrize(
     ("registers", "ignored", "error", "message"),
     [
-        ({"Model Number": 29}, set(), ServoSetupError, r"servo 1 .*29.*AX-12 \(12\)"),
-        ({"Model Number": 4711}, set(), ServoSetupError, "4711.*correct the configuration"),
-        ({"CCW Angle Limit": 0}, set(), ServoSetupError, "wheel mode.*CW Angle Limit"),
-        ({"Status Return Level": 0}, set(), ServoSetupError, "register 16.*set it to 2"),
+        ({"Model Number": 29}, set(), ServoError, r"servo 1 .*29.*AX-12 \(12\)"),
+        ({"Model Number": 4711}, set(), ServoError, "4711.*correct the configuration"),
+        ({"CCW Angle Limit": 0}, set(), ServoError, "wheel mode.*CW Angle Limit"),
+        ({"Status Return Level": 0}, set(), ServoError, "register 16.*set it to 2"),
         ({}, {24}, ServoError, "Torque Enable"),
     ],
 )

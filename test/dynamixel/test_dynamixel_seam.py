@@ -19,7 +19,7 @@ from head_tracking.dynamixel import (
     TorqueError,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import ServoSetupError
+from head_tracking.dynamixel.exceptions import ServoError
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -257,7 +257,7 @@ def test_a_servo_with_another_mode_than_configured_is_refused(
     )
     bus = Bench([servo]).servo_bus([joint])
     if refused:
-        with pytest.raises(ServoSetupError):
+        with pytest.raises(ServoError):
             bus.connect()
     else:
         bus.connect()
@@ -283,7 +283,7 @@ def test_a_servo_that_obeys_packets_for_another_joint_is_refused(
     ]
     bus = bench.servo_bus(joints)
     if refused:
-        with pytest.raises(ServoSetupError):
+        with pytest.raises(ServoError):
             bus.connect()
     else:
         bus.connect()

@@ -27,7 +27,7 @@ from head_tracking.dynamixel import (
     check_configuration,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import ServoSetupError
+from head_tracking.dynamixel.exceptions import ServoError
 from head_tracking.dynamixel.servo import run
 from head_tracking.feetech import FeetechErrors
 from head_tracking.simulation import SimulatedServo
@@ -97,7 +97,7 @@ def test_a_servo_that_counts_turns_or_coarse_speeds_is_refused_and_relaxed(
     servo = SimulatedServo(1, STS)
     servo.set_register(register, value)
     servo.set_register("Torque Enable", 1)
-    with pytest.raises(ServoSetupError):
+    with pytest.raises(ServoError):
         rig_of(servo)
     assert servo.register("Torque Enable") == 0
 
@@ -109,7 +109,7 @@ def test_a_servo_that_counts_turns_or_coarse_speeds_is_refused_and_relaxed(
 def test_a_calibration_is_checked_against_the_memory_at_the_start(offset: int) -> None:
     servo = SimulatedServo(1, STS)
     servo.set_offset(offset)
-    with pytest.raises(ServoSetupError):
+    with pytest.raises(ServoError):
         rig_of(servo, replace(JOINT, offset=0))
     assert servo.register("Torque Enable") == 0
 

@@ -21,7 +21,6 @@ from head_tracking.dynamixel.exceptions import (
     CorruptReplyError,
     ReplyTimeoutError,
     ServoError,
-    ServoSetupError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
@@ -168,7 +167,7 @@ def _range(servo: Servo) -> tuple[int, int]:
     """Return the limits of a servo in position mode; refuse other modes."""
     try:
         run(servo.identify(keep_torque=True))
-    except ServoSetupError as refusal:
+    except ServoError as refusal:
         raise RefusedError(str(refusal)) from refusal
     return servo.range
 
