@@ -144,7 +144,10 @@ class ServoBus:
             for name, goal in goals.items():
                 joint = self._joints.get(name) or self.joint(name)
                 position = joint.admit(goal, clamp)
-                if reason := joint.refusal:
+                reason = "" if joint.goal_ticks else joint.refusal
+                if name in self.cycle.incomplete:
+                    reason = "a servo of it does not answer; the bus keeps asking it"
+                if reason:
                     left_out[name] = reason
                     continue
                 positions[name] = position

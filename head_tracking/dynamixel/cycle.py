@@ -45,11 +45,13 @@ class Cycle:
 
     Attributes:
         port_losses: How often the port was lost.
+        incomplete: Joints of which some servo does not answer.
         diagnosis: Symptoms of each servo.
     """
 
     def __init__(self, bus: Procedures) -> None:
         self.cycles = self.port_losses = 0
+        self.incomplete: tuple[str, ...] = ()
         self._bus, self._port, self._joints, self._version = bus, bus.port, bus.joints, bus.version
         self._requests, self._settings = bus.requests, bus.settings
         self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
@@ -63,7 +65,6 @@ class Cycle:
         self._diagnose_at = 0  # ns
         self._longest_step = 0  # of this cycle, ns
         self._connected = self._unusual = False  # in this cycle
-        self._incomplete = False  # whether a servo does not answer
         self._plan: list[tuple[ReadGroup, Members]] = []
         self._planned = -1  # version of the plan
 
@@ -103,7 +104,7 @@ class Cycle:
                     self.diagnosis.examine(start)
                 if self._planned != self._version.number:
                     self._make_plan()
-                if self._incomplete:
+                if self.incomplete:
                     self._poll_time = self._poll_one_lost()
                 self._connected = True
         except PortLostError as cause:
@@ -184,7 +185,7 @@ class Cycle:
                     self._lose(joint, servo)
 
     def _make_plan(self) -> None:
-        """Compute the instructions of a cycle, and whether a servo does not answer.
+        """Compute the instructions of a cycle, and which joints are incomplete.
 
         A servo that did not answer the last time is asked alone, and last, because others would
         wait for it.
@@ -198,7 +199,7 @@ class Cycle:
             together.setdefault(key, []).append((joint, servo))
         self._plan = [(_read_group(members), members) for members in together.values()]
         self._planned = self._version.number
-        self._incomplete = not all([joint.complete for joint in self._all])
+        self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
 
     # Writing
 
@@ -221,14 +222,14 @@ class Cycle:
             if joint.goal_ticks and not joint.busy:
                 joint.aim(goal.position, goal.speed, self._last)
                 continue
-            if joint.refusal:  # since the command was accepted
-                continue
+            if joint.refusal or not joint.complete:
+                continue  # since the command was accepted
             self._requests.keep_goal(name, goal)  # until its torque is on
             if joint.writable and not joint.busy:  # its position is known
                 self._bus.begin(joint, self._bus.switching_on_for_goal(joint))
 
     def _write_goals(self) -> None:
-        usual = not (self._unusual or self._incomplete)
+        usual = not (self._unusual or self.incomplete)
         ready: list[BusJoint] = []
         for joint in self._all:
             if joint.goal_ticks and not joint.busy and (usual or joint.writable):

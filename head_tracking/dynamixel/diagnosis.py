@@ -364,7 +364,7 @@ class Diagnosis:
             watch.forget_motion()
             return
         watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
-        watch.asked = joint.asked_speed
+        watch.asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
         for symptom, find in FOLLOWING:
             if text := find(watch):
                 self._suspect(watch, symptom, text)

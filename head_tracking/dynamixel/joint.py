@@ -117,13 +117,10 @@ class BusJoint:
 
     @property
     def refusal(self) -> str:
-        """Why it accepts no goals now; empty: it does."""
-        if not self.goal_ticks:
-            if self.writing:
-                return "the memory of its servo is being written; command it again after that"
-            if self.torque.refuses:
-                return self.torque.value
-        return "" if self.complete else "a servo of it does not answer; the bus keeps asking it"
+        """Why its torque must stay off, so that it accepts no goals; empty: it need not."""
+        if self.writing:
+            return "the memory of its servo is being written; command it again after that"
+        return self.torque.value if self.torque.refuses else ""
 
     def admit(self, goal: Goal, clamp: bool) -> float:
         """Return the position of an admissible goal, rad.
@@ -149,11 +146,6 @@ class BusJoint:
                 f"to {upper:.4f} rad"
             )
         return inside
-
-    @property
-    def asked_speed(self) -> float:
-        """Speed of the goal, rad/s; 0: the slowest."""
-        return self.default_speed if self.goal_speed is None else self.goal_speed
 
     def state(self) -> ServoState:
         """Return the joint's state, by its first servo that answered in this cycle."""

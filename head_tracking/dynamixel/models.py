@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
@@ -94,7 +94,7 @@ class ServoModel:
     modes: Mapping[str, RequiredMode]  # required values by register name
     offset: Register | None  # that is added to the position; None: there is none
     watchdog: int | None = None  # first firmware with a Bus Watchdog; None: none
-    aliases: Sequence[str] = ()  # other names of the model
+    aliases: tuple[str, ...] = ()  # other names of the model
 
     @property
     def restarts(self) -> bool:
@@ -190,7 +190,7 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     table = ControlTable(
         facts["name"],
         tuple(each for key, row in rows for each in _registers(key, row, units)),
-        BYTE_ORDERS.get(facts.get("family"), "little"),
+        BYTE_ORDERS.get(facts.get("family", ""), "little"),
     )
     number = table["Model Number"].initial
     if number is None:
@@ -222,6 +222,8 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         signs=(position_sign, speed_sign, load_sign),
         modes=modes,
         offset=None if offset is None else table[offset],
+        watchdog=facts.pop("watchdog", None) or None,
+        aliases=tuple(facts.pop("aliases", ())),
         **facts,
     )
 

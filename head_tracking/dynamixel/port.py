@@ -285,8 +285,6 @@ class DynamixelPort:
         Raises:
             LineBusyError: There was no gap; nothing was sent.
         """
-        if not data:
-            return
         line = self._line or self._open_line()
         try:
             if patience and (self._suspect_until or line.read(_CHUNK, self.clock())):

@@ -130,7 +130,7 @@ class Procedures:
         """Write the goals of joints, in one packet for each protocol and kind of goal."""
         packets: dict[tuple[int, int, int], dict[int, bytes]] = {}
         for joint in joints:
-            speed = joint.asked_speed
+            speed = joint.default_speed if joint.goal_speed is None else joint.goal_speed
             for servo, ticks in zip(joint.servos, joint.goal_ticks, strict=True):
                 data = servo.encode_goal(ticks, speed)
                 packets.setdefault(servo.goal_key, {})[servo.id] = data
@@ -222,6 +222,8 @@ class Procedures:
         if not joint.on:
             if joint.refusal:
                 raise ServoError(joint.refusal)
+            if not joint.complete:
+                raise ServoError("the servo does not answer")
             yield from self._pinning(joint)
         self.note(EventKind.TORQUE_ON, joint, joint.torque.value)
 

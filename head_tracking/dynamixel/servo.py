@@ -42,7 +42,6 @@ MOST_TRIES: Final = 6  # where a servo is identified or shown: a busy machine ma
 _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
 _REVERSE: Final = 1  # bit of Drive Mode
 _WATCHDOG_UNIT: Final = 0.02  # s
-_LONGEST_READ: Final = 64  # bytes
 _LONGEST_SPAN: Final = 25  # bytes; takes about as long as a usual cycle
 
 
@@ -186,7 +185,7 @@ class Servo:
     def registers(self) -> list[tuple[Register, int]]:
         """Read all registers."""
         table = self.model.control_table
-        values = run(self.read_named(table.spans(_LONGEST_READ), MOST_TRIES))
+        values = run(self.read_named(table.spans(_LONGEST_SPAN), MOST_TRIES))
         return [(register, values[register.name]) for register in table]
 
     def read_feedback(self, tries: int = 1, clock_offset: int | None = None) -> None:

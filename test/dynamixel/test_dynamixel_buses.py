@@ -89,7 +89,7 @@ def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
     assert future.result(PATIENCE) == ("head_tilt_joint",)
     with pytest.raises(GoalError):
         buses.call(["elbow"], lambda bus, joints: joints)
-    assert buses.close() == ()
+    assert buses.close() == []
     assert [bench.port.is_open for bench in benches] == [False, False]
 
 

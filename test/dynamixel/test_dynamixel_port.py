@@ -16,7 +16,6 @@ import serial
 from waiting import join
 
 from head_tracking.dynamixel import (
-    CommunicationError,
     ConfigurationError,
     DynamixelPort,
     PortBusyError,
@@ -110,12 +109,6 @@ def test_port_that_vanishes_while_waiting_is_lost(peer: Peer, port: DynamixelPor
     with pytest.raises(PortLostError):
         port.read(1, 36, 2)
     join(thread)
-
-
-def test_sync_write_wants_equal_shares_and_nothing_sends_nothing(port: DynamixelPort) -> None:
-    with pytest.raises(CommunicationError):
-        port.sync_write(30, {1: b"\x00", 2: b"\x00\x00"})
-    port.sync_write(30, {})
 
 
 def test_missing_port_lists_what_exists(monkeypatch: pytest.MonkeyPatch) -> None:
