@@ -148,7 +148,7 @@ class ServoBus:
                 if name in self.cycle.incomplete:
                     reason = "a servo of it does not answer; the bus keeps asking it"
                 if reason:
-                    left_out[name] = reason
+                    left_out[name] = f"{joint.configuration.controller}: {reason}"
                     continue
                 positions[name] = position
                 if position == goal.position:
