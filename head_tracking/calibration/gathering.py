@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
@@ -11,13 +10,13 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from head_tracking.calibration.geometry import HeadGeometry
+from head_tracking.calibration.geometry import PARAMETERS, HeadGeometry
 from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.calibration.targets import TARGETS, Observe, observer
 from head_tracking.exceptions import FrameError, UnreachableError
 from head_tracking.gaze import PanTiltHead
-from head_tracking.transforms import LATEST, JointLimits, TransformBuffer, Vector3
+from head_tracking.transforms import JointLimits, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.camera_follower import DEFAULT_VIEW, checked_pictures
 from head_tracking.vision.candidate import Frame
@@ -41,6 +40,8 @@ _DISTANCE: Final = 2.0  # m: distance of the points to look at
 _MARGIN: Final = 0.01  # rad: minimum distance from a limit
 _STEPS: Final = 5  # in each direction
 _CROSSED: Final = math.radians(3.0)  # motion after which the play is certainly crossed
+_AHEAD: Final = (0.0, 0.0, 1.0)
+_NO_ERRORS: Final = np.zeros(len(PARAMETERS))
 _STOOD: Final = math.radians(0.3)  # smaller motion does not change the position in the play
 
 
@@ -117,18 +118,19 @@ def calibrate_camera(
             f"{lens.height}"
         )
     head.hold()
-    still = _Observer(head, source, lens, observe, TARGETS[target])
-    views = _gather(still, head, geometry, lens, report)
+    gathering = _Gathering(head, geometry, source, lens, observe, TARGETS[target])
+    views = gathering.all_views(report)
     report(f"{len(views)} views; computing")
     size = marker.marker_size if marker and target == "marker" else None
     return solve(geometry, lens, views, size, focal_length=focal_length)
 
 
-class _Observer:
-    """Records views.
+class _Gathering:
+    """Records views of a target that does not move.
 
     Args:
         head: the head.
+        geometry: geometry of the head.
         source: images with their times [s].
         camera: the camera.
         observe: finds the target in an image.
@@ -138,16 +140,99 @@ class _Observer:
     def __init__(
         self,
         head: TurningHead,
+        geometry: HeadGeometry,
         source: Iterator[tuple[float, Pixels]],
         camera: Camera,
         observe: Observe,
         still: float,
     ) -> None:
-        self._head, self._source, self._camera = head, source, camera
+        self._head, self._geometry, self._source, self._camera = head, geometry, source, camera
         self._observe, self._still = observe, still
         self._positions, self._directions = tuple(head.joints.values()), [0, 0]
 
-    def views(self) -> list[View]:
+    def all_views(self, report: Callable[[str], object]) -> list[View]:
+        """Return views with the target at positions all over the image, in random order.
+
+        Random order distinguishes a motion of the target or the camera from a wrong mounting.
+        """
+        end = time.monotonic() + LONGEST
+        views = self._views()
+        if not views:
+            raise CalibrationError(
+                Reason.FEW_VIEWS,
+                "nothing to look at is visible while the head rests: turn the head, and check the "
+                "light; of a marker, check its family and number; of a face, whether the camera is "
+                "upright; do not move the head by hand",
+            )
+        middle = (self._camera.cx, self._camera.cy)
+        nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))
+        points = self._points(nearest)[: MOST_VIEWS - 1]
+        for number, point in enumerate(points, 1):
+            if time.monotonic() > end:
+                break
+            report(f"direction {number} of {len(points)}; views: {len(views)}")
+            if self._turn(point, end):
+                views += self._views()
+        return views
+
+    def _turn(self, point: Vector3, end: float) -> bool:
+        """Turn to a point in the base of the head [m]; return whether it is reachable.
+
+        While the joints are not measured, it is repeated until `end` [s, as time.monotonic()].
+        """
+        while True:
+            try:
+                self._head.look_at(point, self._geometry.base, max_velocity=_SPEED)
+            except UnreachableError:
+                return False
+            except FrameError:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(_RETRY)
+            else:
+                return True
+
+    def _points(self, seen: View) -> list[Vector3]:
+        """Return points to look at, in the base of the head [m].
+
+        The target moves from one side of the image to the other, as far as the joints' limits
+        allow.
+        """
+        geometry, camera = self._geometry, self._camera
+        head = PanTiltHead(
+            geometry.model, geometry.pan.name, geometry.tilt.name, geometry.optical_frame, _AHEAD
+        )
+        u, v = seen.corners.mean(axis=0).tolist()
+        x, y = camera.ray((u, v))
+        across = _REACH * camera.width / 2.0 / camera.fx
+        down = _REACH * camera.height / 2.0 / camera.fy
+        sides = [
+            head.gaze(self._seen_at(seen, x - right, y - below), seen.pan, seen.tilt)
+            for right, below in ((-across, 0.0), (across, 0.0), (0.0, -down), (0.0, down))
+        ]
+        ranges = np.array(
+            [
+                _range([gaze.pan for gaze in sides], head.pan_limits),
+                _range([gaze.tilt for gaze in sides], head.tilt_limits),
+            ]
+        )
+        first, extent = ranges[:, 0], np.ptp(ranges, axis=1)
+        # a position is never the same twice: its reading would err alike
+        scatter, rng = np.minimum(_STOOD, extent), np.random.default_rng(1)
+        steps = rng.permutation(list(product(range(_STEPS), repeat=2))) / (_STEPS - 1)
+        positions = first + steps * (extent - scatter) + scatter * rng.random(steps.shape)
+        turns, places = geometry.cameras(_NO_ERRORS, *positions.T)
+        points = places + _DISTANCE * turns[:, :, 2]
+        return [(x, y, z) for x, y, z in points.tolist()]
+
+    def _seen_at(self, view: View, x: float, y: float) -> Vector3:
+        """Return a point that the camera of a view sees at x and y, in the base [m]."""
+        pan, tilt = np.array([view.pan]), np.array([view.tilt])
+        (turn,), (place,) = self._geometry.cameras(_NO_ERRORS, pan, tilt)
+        x, y, z = (place + turn @ (_DISTANCE * np.array((x, y, 1.0)))).tolist()
+        return x, y, z
+
+    def _views(self) -> list[View]:
         """Return what is visible as soon as head and image are still; empty: nothing.
 
         The joints must be at rest from a measurement before the images to one after them, because
@@ -228,109 +313,6 @@ def _no_picture() -> CalibrationError:
         "no image from the camera: check that it is connected and that no other program uses it, "
         "and calibrate again",
     )
-
-
-def _gather(
-    observer: _Observer,
-    head: TurningHead,
-    geometry: HeadGeometry,
-    camera: Camera,
-    report: Callable[[str], object],
-) -> list[View]:
-    """Return views with the target at positions all over the image, in random order.
-
-    Random order distinguishes a motion of the target or the camera from a wrong mounting.
-    """
-    end = time.monotonic() + LONGEST
-    views = observer.views()
-    if not views:
-        raise CalibrationError(
-            Reason.FEW_VIEWS,
-            "nothing to look at is visible while the head rests: turn the head, and check the "
-            "light; of a marker, check its family and number; of a face, whether the camera is "
-            "upright; do not move the head by hand",
-        )
-    middle = (camera.cx, camera.cy)
-    nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))
-    points = _points(head.frames, geometry, camera, nearest)
-    points = points[: MOST_VIEWS - 1]
-    for number, point in enumerate(points, 1):
-        if time.monotonic() > end:
-            break
-        report(f"direction {number} of {len(points)}; views: {len(views)}")
-        if _turn(head, point, geometry.base, end):
-            views += observer.views()
-    return views
-
-
-def _turn(head: TurningHead, point: Vector3, frame: str, end: float) -> bool:
-    """Turn to a point [m]; return whether it is reachable.
-
-    While the joints are not measured, the turn is repeated until `end` [s, as time.monotonic()].
-    """
-    while True:
-        try:
-            head.look_at(point, frame, max_velocity=_SPEED)
-        except UnreachableError:
-            return False
-        except FrameError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(_RETRY)
-        else:
-            return True
-
-
-def _points(
-    frames: TransformBuffer, geometry: HeadGeometry, camera: Camera, seen: View
-) -> list[Vector3]:
-    """Return points to look at, in the base of the head [m].
-
-    The target moves from one side of the image to the other, as far as the joints' limits allow.
-
-    Args:
-        frames: the frames of the robot.
-        geometry: geometry of the head.
-        camera: the camera.
-        seen: a view of the target.
-    """
-    model, base, optical_frame = geometry.model, geometry.base, geometry.optical_frame
-    pan, tilt = geometry.pan.name, geometry.tilt.name
-
-    def ahead(positions: Sequence[float], x: float = 0.0, y: float = 0.0) -> Vector3:
-        """Return what the camera sees at x and y, at z = 1."""
-        joints = dict(zip((pan, tilt), positions, strict=True))
-        pose = frames.lookup_transform(base, optical_frame, LATEST, joint_positions=joints)
-        length = _DISTANCE / math.sqrt(1.0 + x**2 + y**2)
-        return pose.transform @ (length * x, length * y, length)
-
-    head = PanTiltHead(model, pan, tilt, optical_frame, (0.0, 0.0, 1.0))
-    u, v = seen.corners.mean(axis=0).tolist()
-    x, y = camera.ray((u, v))
-    across = _REACH * camera.width / 2.0 / camera.fx
-    down = _REACH * camera.height / 2.0 / camera.fy
-    here = seen.pan, seen.tilt
-    sides = [
-        head.gaze(ahead(here, x - right, y - below), *here)
-        for right, below in ((-across, 0.0), (across, 0.0), (0.0, -down), (0.0, down))
-    ]
-    pans = _range([gaze.pan for gaze in sides], head.pan_limits)
-    tilts = _range([gaze.tilt for gaze in sides], head.tilt_limits)
-    rng = random.Random(1)
-
-    def position(extremes: tuple[float, float], step: int) -> float:
-        """Return a position that is never the same twice: its reading would err alike."""
-        first, last = extremes
-        scatter = min(_STOOD, last - first)
-        share = step / (_STEPS - 1)
-        return first + share * (last - first - scatter) + scatter * rng.random()
-
-    points = [
-        ahead((position(pans, right), position(tilts, down)))
-        for right, down in product(range(_STEPS), repeat=2)
-    ]
-    rng.shuffle(points)
-    return points
 
 
 def _range(positions: Sequence[float], limits: JointLimits) -> tuple[float, float]:

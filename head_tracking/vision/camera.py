@@ -139,7 +139,7 @@ class Camera:
                 f"the matrix {'P' if rectified else 'K'} is {list(k)}; it needs nine finite numbers"
             )
         is_bounded = len(turn) == 9 and max(map(abs, turn)) < 2.0
-        if not is_bounded or not np.allclose(_squared(turn), np.eye(3), atol=1e-3):
+        if not (is_bounded and np.allclose(_rows(turn) @ _rows(turn).T, np.eye(3), atol=1e-3)):
             raise CameraError(f"the matrix R is {list(turn)}; it must be a rotation")
         fx, fy, cx, cy = k[0], k[4], k[2], k[5]
         if min(*size, fx, fy) <= 0:
@@ -230,11 +230,6 @@ class Camera:
 
 def _rows(turn: Sequence[float]) -> npt.NDArray[np.float64]:
     return np.reshape(turn, (3, 3))
-
-
-def _squared(turn: Sequence[float]) -> npt.NDArray[np.float64]:
-    """Return the product of a matrix and its transpose."""
-    return np.asarray(_rows(turn) @ _rows(turn).T)
 
 
 def camera_with_view(width: int, height: int, horizontal_view: float) -> Camera:

@@ -100,14 +100,9 @@ class ColourDetector(Detector):
 
 def _inside(hsv: npt.NDArray[np.uint8], p: ColourParameters) -> npt.NDArray[np.uint8]:
     """Return 255 for pixels of the colour, shape (height, width)."""
-    low, high = (p.hue - p.hue_tolerance) / 2, (p.hue + p.hue_tolerance) / 2
-    least = (round(255 * p.min_saturation), round(255 * p.min_value))
-    if high - low >= 180:
-        return np.asarray(cv2.inRange(hsv, (0, *least), (179, 255, 255)))
-    # hues are cyclic with period 180
-    mask = cv2.inRange(hsv, (max(0, low), *least), (min(179, high), 255, 255))
-    if low < 0:
-        mask |= cv2.inRange(hsv, (180 + low, *least), (179, 255, 255))
-    elif high > 179:
-        mask |= cv2.inRange(hsv, (0, *least), (high - 180, 255, 255))
-    return np.asarray(mask)
+    hues = 2.0 * np.arange(256)
+    away = np.abs((hues - p.hue + 180.0) % 360.0 - 180.0)  # hues are cyclic
+    near = np.where(away <= p.hue_tolerance, 255, 0).astype(np.uint8)
+    least = (0, round(255 * p.min_saturation), round(255 * p.min_value))
+    bright = cv2.inRange(hsv, least, (179, 255, 255))
+    return np.asarray(cv2.LUT(cv2.extractChannel(hsv, 0), near) & bright)

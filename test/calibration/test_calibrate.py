@@ -18,6 +18,7 @@ from waiting import wait_for
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.calibration import Calibration, calibrated, gathering
 from head_tracking.calibration.gathering import calibrate_camera
+from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
@@ -221,6 +222,11 @@ def test_a_view_counts_only_while_the_joints_stand(quick, unsolved, monkeypatch)
     assert_consistent(head.model, unsolved)
 
 
+def gather(head):
+    geometry = HeadGeometry(head.model, *head.true, "camera_optical_frame")
+    return gathering._Gathering(head, geometry, iter(()), None, None, 1.0)
+
+
 def test_a_turn_is_repeated_while_the_joints_are_not_measured(monkeypatch):
     head, errors = LateHead(0.0), [FrameError("base_link", "the joints are not measured")] * 2
     turn = head.look_at
@@ -232,21 +238,22 @@ def test_a_turn_is_repeated_while_the_joints_are_not_measured(monkeypatch):
 
     monkeypatch.setattr(head, "look_at", look_at)
     monkeypatch.setattr(gathering, "_RETRY", 0.0)
-    assert gathering._turn(head, PLACE, "base_link", math.inf)
+    views = gather(head)
+    assert views._turn(PLACE, math.inf)
     assert head.true["head_pan_joint"] > 0.05
     errors.append(FrameError("base_link", "the joints are not measured"))
     with pytest.raises(FrameError):
-        gathering._turn(head, PLACE, "base_link", 0.0)
+        views._turn(PLACE, 0.0)
 
 
 def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
     """Also if the last part of the motion is heard of later."""
     head, directions = LateHead(0.0), []
-    observer = gathering._Observer(head, iter(()), None, None, 1.0)
+    views = gather(head)
     for pan in (0.01, 0.2, 0.22, 0.21, 0.1, 0.09, 0.11):
         head.true = {**head.true, "head_pan_joint": pan}
-        observer._note_motion()
-        directions.append(observer._directions[0])
+        views._note_motion()
+        directions.append(views._directions[0])
     assert directions == [0, 1, 1, 0, -1, -1, 0]
 
 
