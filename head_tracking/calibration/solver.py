@@ -297,11 +297,9 @@ class _Fit:
     def with_views(self, kept: Sequence[int]) -> _Fit:
         """Return a problem with some of the views, starting at the present solution."""
         fit = copy(self)
-        positions, directions, images, markers, rays = self._seen
-        used, images = np.unique(images[kept], return_inverse=True)
-        fit._seen = _Observations(
-            positions[kept], directions[kept], images, markers[kept], rays[kept]
-        )
+        used, images = np.unique(self._seen.images[kept], return_inverse=True)
+        seen = _Observations._make(each[kept] for each in self._seen)
+        fit._seen = seen._replace(images=images)
         fit._readings = self._readings[:, used]
         fit._regroup(fit._seen.markers)
         return fit
@@ -551,18 +549,10 @@ def _first_points(geometry: HeadGeometry, seen: _Observations) -> Array:
     """Return initial guesses of points at one distance, as poses without a rotation."""
     rotations, positions = geometry.cameras(np.zeros(len(PARAMETERS)), *seen.positions.T)
     _, first = np.unique(seen.markers, return_index=True)
-    rays = _POINT_DISTANCE * _bearings(seen)[first]
+    rays = np.pad(seen.rays[first, 0], ((0, 0), (0, 1)), constant_values=1.0)
+    rays *= _POINT_DISTANCE / np.linalg.norm(rays, axis=1, keepdims=True)
     points = positions[first] + np.einsum("nij,nj->ni", rotations[first], rays)
     return np.pad(points, ((0, 0), (3, 0)))
-
-
-def _bearings(seen: _Observations) -> Array:
-    """Return the directions of the first corners, vectors of length 1, shape (N, 3)."""
-    return _unit(np.pad(seen.rays[:, 0], ((0, 0), (0, 1)), constant_values=1.0))
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def _unlikely(freedom: int) -> float:
