@@ -113,12 +113,6 @@ class ControlLoop:
         """Set the function that adds joint states which follow from the measured ones."""
         self._complete = complete
 
-    def take_over(self, owner: str, joints: Iterable[str], epoch: int) -> None:
-        """Give joints to an owner, whoever had them; see `JointOwners`."""
-        self.owners.take_over(owner, joints, epoch)
-        if self.backend is not None:
-            self.backend.claim()
-
     def stop(self) -> Mapping[str, str]:
         """STOP: relax all joints, and refuse everything until `resume`.
 

@@ -194,7 +194,9 @@ class HeadControl(Controller):
         epoch = self._owners.permit()
         if self.off is not None:
             self.result = None
-        self._loop.take_over(self.name, self.joints, epoch)
+        self._owners.take_over(self.name, self.joints, epoch)
+        if self._loop.backend is not None:
+            self._loop.backend.claim()
         self.watch()
 
     def disable(self, reason: Blocked, detail: str = "") -> None:
@@ -290,8 +292,10 @@ class HeadControl(Controller):
         if motion is not targets:
             self.frames.forget()
         command = motion.update(joints, now)
-        for joint in self.law.take_contradicted():
-            self.warn(joint, f"{joint}: the saved values of its servo do not fit any more")
+        for joint, servo in self.law.servos.items():
+            if servo.is_contradicted:
+                servo.is_contradicted = False
+                self.warn(joint, f"{joint}: the saved values of its servo do not fit any more")
         desired = None if motion.result is not None else motion.desired(now)
         if desired is not None:
             self.held = desired[0].position, desired[1].position

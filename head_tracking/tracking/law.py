@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -135,13 +135,6 @@ class TrackingLaw(ABC):
         """Start with saved estimates of the servos, by joint."""
         for name, servo in self.servos.items():
             servo.expect(saved.get(name))
-
-    def take_contradicted(self) -> Sequence[str]:
-        """Return joints whose saved values were contradicted since the last call."""
-        found = [name for name, servo in self.servos.items() if servo.is_contradicted]
-        for name in found:
-            self.servos[name].is_contradicted = False
-        return found
 
     @abstractmethod
     def follow(

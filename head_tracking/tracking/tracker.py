@@ -57,8 +57,6 @@ class Tracker:
     Args:
         head: the head to turn.
         law: the tracking law.
-        estimator: parameters of the target estimator.
-        state: parameters of the state machine.
         base: pose of the head's base frame; None: targets are given in the base frame.
         readings: history of the joints, if another object measures them; None: `joints_read` does.
 
@@ -76,16 +74,15 @@ class Tracker:
         self,
         head: PanTiltHead,
         law: TrackingLaw,
-        estimator: EstimatorParameters = EstimatorParameters(),  # noqa: B008
-        state: TargetStateParameters = TargetStateParameters(),  # noqa: B008
         base: HeadBase | None = None,
         readings: JointReadings | None = None,
     ) -> None:
         self.head = head
         self.law = law
         ahead = head.ray((_FAR_AHEAD, 0.0, 0.0), 0.0, 0.0)
-        self.estimator = TargetEstimator(estimator, 0.0 if ahead is None else ahead.tilt)
-        self.machine = TargetStateMachine(head, state)
+        level = 0.0 if ahead is None else ahead.tilt
+        self.estimator = TargetEstimator(EstimatorParameters(), level)
+        self.machine = TargetStateMachine(head, TargetStateParameters())
         self._base = base
         self._stall_watches = FollowingWatch(head.pan_joint), FollowingWatch(head.tilt_joint)
         self._readings = JointReadings() if readings is None else readings

@@ -11,9 +11,9 @@ from std_srvs.srv import SetBool, Trigger
 from waiting import wait_for
 
 from head_tracking.control import ControlLoop
-from head_tracking.dynamixel import BusReading, ServoState, servo_model
+from head_tracking.dynamixel import servo_model
 from head_tracking.ros.bus import bus_services
-from head_tracking.ros.bus.servo_bus import ServoBusNode, StatesMessage
+from head_tracking.ros.bus.servo_bus import ServoBusNode
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
@@ -91,16 +91,6 @@ def test_two_buses_in_one_node(threads):
         node.destroy_node()
         for port in ports:
             port.close()
-
-
-def test_joint_names_do_not_depend_on_the_order_of_replies():
-    """After a cycle in which one was late, they may come the other way round."""
-    pan = ServoState(10, 0.5, 0.0, 0.5)
-    tilt = pan._replace(position=-0.3)
-    message = StatesMessage({"pan": pan, "tilt": tilt})
-    for states in ({"pan": pan, "tilt": tilt}, {"tilt": tilt, "pan": pan}):
-        filled = message.filled(BusReading(states, (), 10))
-        assert dict(zip(filled.name, filled.position, strict=True)) == {"pan": 0.5, "tilt": -0.3}
 
 
 @pytest.fixture(scope="module")

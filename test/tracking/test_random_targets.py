@@ -62,11 +62,8 @@ class Rig:
         self.head = PanTiltHead(
             model, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
         )
-        self.tracker = Tracker(
-            self.head,
-            LAWS[law](self.head, PERIOD / SECOND, limits, parameters),
-            state=life,
-        )
+        self.tracker = Tracker(self.head, LAWS[law](self.head, PERIOD / SECOND, limits, parameters))
+        self.tracker.machine.parameters = life
         self.placer = TargetPlacer(self.buffer, self.head.base_frame, 1.0)
         self.now = START
         self.ideal = IdealHead(self.tracker, START / SECOND, late=2, tick=TICK)

@@ -26,11 +26,9 @@ def law(request):
 def make(head):
     def make(law="predictive", **life):
         limits = SpeedLimits(max_joint_speed=2.0)
-        return Tracker(
-            head,
-            LAWS[law](head, DT, limits),
-            state=TargetStateParameters(**life),
-        )
+        tracker = Tracker(head, LAWS[law](head, DT, limits))
+        tracker.machine.parameters = TargetStateParameters(**life)
+        return tracker
 
     return make
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -61,7 +60,7 @@ _ERRORS = (
     EventKind.SYMPTOM,
     EventKind.PORT_LOST,
 )
-_SECOND = 1_000_000_000
+_SECOND = 1_000_000_000  # ns
 _LOG_PERIOD = 5.0  # s
 _SOMEBODY = "somebody"  # the sender of commands without a name
 
@@ -99,7 +98,6 @@ class ServoBusNode(ClosingNode):
             self.create_publisher(JointState, name, 10, qos_overriding_options=OVERRIDABLE)
             for name in ("servo_states", "joint_goals")
         )
-        self._messages: dict[ServoBus, StatesMessage] = {}
         self._throttle = Throttle(_LOG_PERIOD)
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -244,10 +242,7 @@ class ServoBusNode(ClosingNode):
         self._states[bus] = states = reading.states
         if states:
             if self._states_topic.get_subscription_count():
-                message = self._messages.get(bus)
-                if message is None or message.joints != states.keys():
-                    message = self._messages[bus] = StatesMessage(states)
-                self._states_topic.publish(message.filled(reading))
+                self._states_topic.publish(states_message(reading))
             if self._goals_topic.get_subscription_count():
                 self._publish_goals(states)
 
@@ -359,26 +354,19 @@ class ServoBusNode(ClosingNode):
         self._diagnostics.publish(diagnostics(self, entries))
 
 
-class StatesMessage:
-    """A servo_states message that is reused in each cycle: a new one takes nine times as long.
+def states_message(reading: BusReading) -> JointState:
+    """Return the servo_states message of a reading.
 
-    The stamp is the mean of the servos' stamps. `effort` is empty: servos measure a ratio of their
-    full load, which is in the diagnostics.
+    `effort` is empty: servos measure a ratio of their full load, which is in the diagnostics.
     """
-
-    def __init__(self, states: Mapping[str, ServoState]) -> None:
-        self.joints = set(states)
-        self._message = JointState(name=list(states))
-
-    def filled(self, reading: BusReading) -> JointState:
-        """Return the message with the states of a reading."""
-        message = self._message
-        stamp = message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(reading.stamp, _SECOND)
-        each = [reading.states[name] for name in message.name]  # in the order of the message
-        message.position = array.array("d", [state.position for state in each])
-        message.velocity = array.array("d", [state.velocity for state in each])
-        return message
+    states = reading.states.values()
+    message = JointState(
+        name=list(reading.states),
+        position=[state.position for state in states],
+        velocity=[state.velocity for state in states],
+    )
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(reading.stamp, _SECOND)
+    return message
 
 
 def goals_from_message(message: JointState) -> dict[str, Goal]:
