@@ -15,10 +15,13 @@ from std_srvs.srv import Trigger
 
 from head_tracking.command_line import exit_code
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.gaze import PanTiltHead
+from head_tracking.gaze.head_parameters import HeadParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters, check_parameters
 from head_tracking.ros.kit.spinning import NodeThreads, start_ros, without_ros_arguments
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.tf import listening_buffer
-from head_tracking.transforms import RobotModel, TransformBuffer
+from head_tracking.transforms import TransformBuffer
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +48,14 @@ class Client:
                 raise HeadTrackingError(error)
             self.stop.wait(0.02)
 
-    def model(self, seconds: float) -> RobotModel:
-        """Wait for the robot's model and return it; raise HeadTrackingError after some seconds."""
+    def head(self, seconds: float) -> PanTiltHead:
+        """Wait some seconds for the robot's model; return its head by the node's parameters.
+
+        Raises:
+            HeadTrackingError: there is no model, no such parameter or no such head.
+        """
+        parameters = NodeParameters(self.node, HeadParameters).value
+        check_parameters([self.node])
         self.wait_for(
             lambda: self.frames.model is not None,
             seconds,
@@ -54,7 +63,7 @@ class Client:
             "(start a simulated head with: head_tracking --sim)",
         )
         assert self.frames.model is not None
-        return self.frames.model
+        return parameters.head(self.frames.model)
 
     def call(self, services: Sequence[str], seconds: float) -> str:
         """Call the first available service of type Trigger; return its message."""

@@ -19,8 +19,6 @@ from head_tracking.command_line import (
 )
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import Arrival
-from head_tracking.gaze.head_parameters import HeadParameters
-from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_message
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException
@@ -32,9 +30,8 @@ _TOLERANCE = math.radians(2.0)  # largest miss that counts as arrived
 
 def look(client: Client, options: argparse.Namespace) -> int:
     """Turn the head, wait until it has arrived, and print the miss."""
-    parameters, frames = NodeParameters(client.node, HeadParameters).value, client.frames
-    joints = parameters.head_pan_joint, parameters.head_tilt_joint
-    head = parameters.head(client.model(options.wait))
+    frames, head = client.frames, client.head(options.wait)
+    joints = head.pan_joint, head.tilt_joint
     client.wait_for(
         lambda: all(frames.latest_joint_position(joint) for joint in joints),
         options.wait,

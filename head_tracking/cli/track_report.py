@@ -15,14 +15,13 @@ from sensor_msgs.msg import JointState
 from head_tracking.cli.client import Client, run_client
 from head_tracking.command_line import DONE, positive, writable_file
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.gaze.head_parameters import HeadParameters
-from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.run.status_line import StatusLine
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, table
 
 _TIMEOUT = 10.0  # s for the robot's model, and for the first target
+_PATIENCE = 1.0  # s that a target waits for its transforms
 _FEWEST_SAMPLES = 10
 _QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -41,14 +40,12 @@ class TrackRecording:
     def __init__(self, client: Client) -> None:
         node = client.node
         self._log, self._clock = node.get_logger(), node.get_clock()
-        p = NodeParameters(node, HeadParameters).value
-        self.head = p.head(client.model(_TIMEOUT))
+        self.head = client.head(_TIMEOUT)
         self.trace = Trace()
         self.targets = 0
         self.stamps: list[float] = []
         self.ages: list[float] = []
-        self._joints = p.head_pan_joint, p.head_tilt_joint
-        self._placer = TargetPlacer(client.frames, self.head.base_frame, p.transform_timeout)
+        self._placer = TargetPlacer(client.frames, self.head.base_frame, _PATIENCE)
         self._judge = TrackingJudge(self.head, 0.0, self.trace)
         self._received: dict[int, float] = {}
         node.create_subscription(PointStamped, "target_point", self._on_target, _QOS)
@@ -69,8 +66,9 @@ class TrackRecording:
 
     def _on_joints(self, message: JointState) -> None:
         positions = dict(zip(message.name, message.position, strict=False))
-        if set(self._joints) <= positions.keys():
-            pan, tilt = (positions[joint] for joint in self._joints)
+        joints = self.head.pan_joint, self.head.tilt_joint
+        if set(joints) <= positions.keys():
+            pan, tilt = (positions[joint] for joint in joints)
             self._judge.joints_read(stamp_to_ns(message.header.stamp) * 1e-9, (pan, tilt))
             self._judge_targets(self._clock.now().nanoseconds * 1e-9)
 

@@ -100,7 +100,7 @@ def left_open(minutes: float) -> str:
     """Return a table with a row for each part of the time; a browser watches a tracking head."""
     rows = []
     with run_with_page() as (run, port), open_browser() as browser:
-        viewer, control = child(run, "page"), child(run, "control")
+        viewer, control = (child(run.process.pid, name) for name in ("page", "control"))
         page = open_page(browser, port, 600, 500)
         open_tab(page, "health")  # with the most changes
         debugger = page.context.new_cdp_session(page)

@@ -93,6 +93,7 @@ def test_a_target_node_reports_the_package_that_is_missing(bench, words, package
         ("head_tracker --ros-args -p law:=magic", 1),
         ("transforms tree --wait 0.3", 1),
         ("look 1,1,0.5@base_link --wait 0.3", 1),
+        ("look @base_link --ros-args -p head_pan:=pan", 3),
         ("check_model nobot", 1),
         ("servo --port /dev/ttyNOT0 info 1", 1),
         ("simulated_bus --baud 2000000", 1),

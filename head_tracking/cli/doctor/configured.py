@@ -10,8 +10,6 @@ from head_tracking.calibration import Calibration, CalibrationFileError, summary
 from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_parameters
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.parameter_files import ParameterFileError
-from head_tracking.parameters import ParameterError
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 
@@ -30,8 +28,6 @@ def check_configured(
     """
     try:
         buses = configured_buses(files, port_name, baud_rate)
-    except (ParameterFileError, ParameterError) as error:
-        return Finding("configuration", Grade.RED, str(error)), ()
     except HeadTrackingError as error:
         text = f"{error}; correct it in {', '.join(map(str, files))}"
         return Finding("configuration", Grade.RED, text), ()
