@@ -85,6 +85,18 @@ def with_negative_values(arguments: Sequence[str]) -> list[str]:
     return [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
 
 
+def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments that are not between `--ros-args` and `--`, as rclpy does."""
+    own, ros = [], False
+    for word in arguments:
+        if word == "--ros-args":
+            ros = True
+        elif not ros:
+            own.append(word)
+        ros = ros and word != "--"
+    return own
+
+
 def servo_id(text: str) -> int:
     """Convert the id of a servo."""
     if not text.isdigit() or int(text) > 253:

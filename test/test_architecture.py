@@ -44,7 +44,7 @@ ALLOWED: dict[str, set[str]] = {
     | {"calibration", "configuration", "parameters", "signals", "vision"},
     "share": set(),
     "tf": {"transforms", "parameters", "ros"},
-    "ros": CORE | {"tf", "share", "recording", "programs", "parameter_files"},
+    "ros": CORE | {"tf", "share", "recording", "programs", "parameter_files", "command_line"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
     "page": {
         "tracking",

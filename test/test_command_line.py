@@ -15,6 +15,7 @@ from head_tracking.command_line import (
     read_by,
     servo_id,
     with_negative_values,
+    without_ros_arguments,
     writable_file,
 )
 from head_tracking.ros.kit.spinning import run_node
@@ -68,6 +69,11 @@ def test_a_value_with_a_minus_is_not_an_option():
     given = ["--target", "-1,0,0@a", "-.5,0,0@a", "-30deg", "--sim", "-p"]
     marked = with_negative_values(given)
     assert marked == ["--target", " -1,0,0@a", " -.5,0,0@a", " -30deg", "--sim", "-p"]
+
+
+def test_arguments_of_ros_end_at_two_dashes():
+    given = ["--sim", "--ros-args", "-p", "rate:=5", "--", "--viewer", "--ros-args", "-r", "a:=b"]
+    assert without_ros_arguments(given) == ["--sim", "--viewer"]
 
 
 @pytest.mark.parametrize(

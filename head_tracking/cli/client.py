@@ -13,12 +13,12 @@ import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from head_tracking.command_line import exit_code
+from head_tracking.command_line import exit_code, without_ros_arguments
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.ros.kit.node_parameters import NodeParameters, check_parameters
-from head_tracking.ros.kit.spinning import NodeThreads, start_ros, without_ros_arguments
+from head_tracking.ros.kit.spinning import NodeThreads, start_ros
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.tf import listening_buffer
 from head_tracking.transforms import TransformBuffer
@@ -96,7 +96,7 @@ def run_client(
     """
 
     def run() -> int:
-        options = parse(without_ros_arguments(sys.argv)[1:])
+        options = parse(without_ros_arguments(sys.argv[1:]))
         with StopSignal() as stop, ExitStack() as resources:
             start_ros()
             resources.callback(rclpy.try_shutdown)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +14,7 @@ from head_tracking.command_line import (
     positive,
     read_by,
     with_negative_values,
+    without_ros_arguments,
 )
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page import MISSING, installed
@@ -149,7 +150,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     parser.add_argument(
         "--viewer", action="store_true", help="serve a page that shows and steers the head"
     )
-    options = parser.parse_args(with_negative_values(list(_without_ros_arguments(arguments))))
+    options = parser.parse_args(with_negative_values(without_ros_arguments(arguments)))
     if options.viewer and has_ros() and not installed():  # without ROS nothing runs
         parser.error(MISSING)
     if options.target is None:
@@ -189,18 +190,6 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         options.on_crash == "hold",
         options.keep_stop,
     )
-
-
-def _without_ros_arguments(arguments: Sequence[str]) -> Iterator[str]:
-    """Yield the arguments that are not between `--ros-args` and `--`, as rclpy does."""
-    ros = False
-    for word in arguments:
-        if word == "--ros-args":
-            ros = True
-        elif ros and word == "--":
-            ros = False
-        elif not ros:
-            yield word
 
 
 def _robot(text: str) -> str:

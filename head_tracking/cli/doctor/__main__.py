@@ -16,7 +16,7 @@ from head_tracking.cli.doctor.configured import (
 from head_tracking.cli.doctor.findings import Finding, Grade, show
 from head_tracking.cli.doctor.servos import check_bus
 from head_tracking.cli.servo.session import patient_port
-from head_tracking.command_line import INTERRUPTED, baud_rate, between
+from head_tracking.command_line import INTERRUPTED, baud_rate, between, without_ros_arguments
 from head_tracking.dynamixel import DynamixelPort
 from head_tracking.programs import NO_ROS
 from head_tracking.share import NotInstalledError, robot_parameters
@@ -43,11 +43,10 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None, make_port: MakePort = patient_port) -> int:
     """Check everything and return the exit code; `make_port` makes a closed port."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    ros = words.index("--ros-args") if "--ros-args" in words else len(words)
-    options = _parser().parse_args(words[:ros])
+    options = _parser().parse_args(without_ros_arguments(words))
     worst = Grade.GREEN
     try:
-        for finding in _check(options, words[ros:], make_port):
+        for finding in _check(options, words, make_port):
             show(finding)
             worst = max(worst, finding.level)
     except KeyboardInterrupt:

@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,8 @@ from rclpy.logging import get_logging_directory
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
-from rclpy.utilities import remove_ros_args
 
+from head_tracking.command_line import without_ros_arguments
 from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.ros.kit.node_parameters import check_parameters, merged
 from head_tracking.ros.kit.stop_signal import StopSignal
@@ -245,8 +245,7 @@ def run_node(make: Callable[[], Node]) -> int:
         SystemExit: there is an argument that is none of ROS.
     """
     parser = argparse.ArgumentParser(usage="%(prog)s [--ros-args ...]")
-    with suppress(HeadTrackingError):  # a malformed argument of ROS: start_ros raises it again
-        parser.parse_args(without_ros_arguments(sys.argv)[1:])
+    parser.parse_args(without_ros_arguments(sys.argv[1:]))
     threads = NodeThreads()
 
     def begin() -> None:
@@ -324,18 +323,6 @@ def _fast_dds() -> list[str]:
     except (LookupError, OSError):  # another middleware; or AMENT_PREFIX_PATH is not set
         return []
     return [name for name in _PROFILES if (share / name).is_dir()]
-
-
-def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments of the program itself; the first one is its name.
-
-    Raises:
-        HeadTrackingError: an argument of ROS is malformed.
-    """
-    try:
-        return list(remove_ros_args(list(arguments)))
-    except rclpy_implementation.RCLError as error:
-        raise HeadTrackingError(in_short(error)) from error
 
 
 def _why_no_log_file() -> str:
