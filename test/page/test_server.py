@@ -135,7 +135,7 @@ class _Link:
     """A network between a browser and the page. One that is down loses what is sent, silently."""
 
     def __init__(self, page: Page) -> None:
-        self._page, self.is_down, self._opened = page, threading.Event(), 0
+        self._page, self.is_down = page, threading.Event()
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
         threading.Thread(target=self._accept, daemon=True).start()

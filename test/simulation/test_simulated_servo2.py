@@ -14,7 +14,6 @@ MS = 1_000_000
 SECOND = 1000 * MS
 XM430 = servo_model("XM430-W350")
 XL430 = servo_model("XL430-W250")
-XL320 = servo_model("XL-320")
 
 
 def servo(model=XM430, **options) -> SimulatedServo:
@@ -52,9 +51,6 @@ def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
     assert s.execute(Packet.read(1, data + last, 1), 0) == StatusPacket2(1, StatusCode.ACCESS)
     reported = s.execute(Packet.ping(1), 0)
     assert reported is not None and reported.data[2] == (firmware or 50)
-
-
-# Errors
 
 
 # Bus watchdog

@@ -8,15 +8,6 @@ from hypothesis import strategies as st
 from head_tracking.transforms import Rotation, Transform
 
 angles = st.floats(-math.pi, math.pi)
-unit_vectors = st.tuples(angles, st.floats(-1, 1)).map(
-    lambda p: (
-        math.sqrt(1 - p[1] ** 2) * math.cos(p[0]),
-        math.sqrt(1 - p[1] ** 2) * math.sin(p[0]),
-        p[1],
-    )
-)
-rotations = st.builds(Rotation.from_axis_angle, unit_vectors, angles)
-points = st.tuples(*[st.floats(-100, 100)] * 3)
 vectors = st.tuples(*[st.floats(-10, 10)] * 3)
 transforms = st.builds(Transform.from_xyz_rpy, vectors, vectors)
 
