@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -122,7 +123,8 @@ def test_wrong_stamps_hide_it_from_nobody(head):
 @pytest.fixture
 def world(kinectbot):
     rclpy.init()
-    yield World(kinectbot)
+    with closing(World(kinectbot)) as world:
+        yield world
     rclpy.try_shutdown()
 
 
@@ -157,4 +159,3 @@ def test_the_node_says_so_and_gives_the_head_up_until_it_is_enabled(world, kinec
     world.run(2.0)
     assert enabled[-2][1].data
     assert sum(message.data.startswith("disabled: head_pan") for _, message in states) == 2
-    node.destroy_node()

@@ -8,6 +8,7 @@ os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
 import pytest
 import rclpy
+from lockstep import World
 from rclpy.signals import SignalHandlerOptions
 from robot_under_test import Robot
 
@@ -40,3 +41,9 @@ def threads() -> Iterator[NodeThreads]:
             yield threads
     finally:
         rclpy.try_shutdown()
+
+
+@pytest.fixture
+def world(kinectbot, threads) -> Iterator[World]:
+    with closing(World(kinectbot)) as world:
+        yield world

@@ -68,7 +68,7 @@ def scene(kinectbot, threads):
 
     yield make
     for made in scenes:
-        made.node.destroy_node()
+        made.world.close()
 
 
 def detection(name, u, v, width, *, score=0.9, kind="person"):

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from geometry_msgs.msg import TransformStamped
-from lockstep import World
 from random_messages import NUMBERS, TEXTS, message_with, spoiled
 from sensor_msgs.msg import CompressedImage, JointState, RegionOfInterest
 from std_msgs.msg import String
@@ -28,11 +27,6 @@ CAMERA = camera_with_view(64, 48, 1.0)
 STARTS = (b"", b"\xff\xd8\xff\xe0", b"\x89PNG\r\n\x1a\n", b"RVL")
 FORMATS = ("", "jpeg", "rgb8; jpeg compressed bgr8", "16UC1; compressedDepth png", "?")
 JOINTS = ("", "head_pan_joint", "head_tilt_joint", "left_wheel_joint", "?")
-
-
-@pytest.fixture
-def world(kinectbot, threads):
-    return World(kinectbot)
 
 
 def image(rnd):
@@ -64,7 +58,7 @@ def test_visual_target_survives_every_image(world, follow, transport):
     world.publishers.update(dict.fromkeys(topics, 1))
     parameters = {"follow": follow, "image_transport": transport}
     parameters["depth_transport"] = "raw" if raw else "compressedDepth"
-    node = world.make(VisualTargetNode, parameters, buffer=world.buffer)
+    world.make(VisualTargetNode, parameters, buffer=world.buffer)
     rnd = random.Random(3)
     for _ in range(150):
         world.publish("/camera_info", info(rnd))
@@ -74,14 +68,13 @@ def test_visual_target_survives_every_image(world, follow, transport):
         if rnd.random() < 0.1:
             world.publish("/visual_target/select", message_with(rnd, RegionOfInterest))
         world.run(0.002)
-    node.destroy_node()
 
 
 def test_detection_target_survives_every_detection(world):
     vision = pytest.importorskip("vision_msgs.msg")
     from head_tracking.ros.targets.detection_target import DetectionTargetNode
 
-    node = world.make(DetectionTargetNode, {"source": "detections_2d"}, buffer=world.buffer)
+    world.make(DetectionTargetNode, {"source": "detections_2d"}, buffer=world.buffer)
     rnd = random.Random(4)
     for _ in range(300):
         world.publish("/camera_info", info(rnd))
@@ -95,7 +88,6 @@ def test_detection_target_survives_every_detection(world):
         found.detections = [spoiled(rnd, one)]
         world.publish("/detections", spoiled(rnd, found))
         world.run(0.002)
-    node.destroy_node()
 
 
 def transform(rnd):
@@ -123,10 +115,8 @@ def description(rnd, urdf):
 def test_the_state_publishers_survive_random_messages(kinectbot, world):
     rnd, urdf = random.Random(1), kinectbot.urdf
     output = ["--ros-args", "-r", "joint_states:=completed"]
-    nodes = [
-        world.make(RobotStatePublisherNode, {"robot_description": urdf}, buffer=world.buffer),
-        world.make(JointStatePublisherNode, {}, cli_args=output),
-    ]
+    world.make(RobotStatePublisherNode, {"robot_description": urdf}, buffer=world.buffer)
+    world.make(JointStatePublisherNode, {}, cli_args=output)
     world.publish("/robot_description", String(data=urdf))
     sent = world.record("/completed")
     for _ in range(1500):
@@ -150,5 +140,3 @@ def test_the_state_publishers_survive_random_messages(kinectbot, world):
     for _, message in sent:
         assert len(message.name) == len(message.position)
         assert all(map(math.isfinite, message.position)), "a joint is nowhere"
-    for node in nodes:
-        node.destroy_node()

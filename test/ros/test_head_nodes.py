@@ -95,7 +95,7 @@ def track(kinectbot: RobotModel, threads: Any) -> Iterator[Callable[..., Tracked
 
     yield track
     for tracked in made:
-        tracked.node.destroy_node()
+        tracked.world.close()
 
 
 def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(track):

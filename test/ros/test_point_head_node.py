@@ -5,7 +5,6 @@ import random
 import threading
 
 import pytest
-from lockstep import World
 from std_srvs.srv import SetBool
 
 from head_tracking.gaze import PanTiltHead
@@ -21,7 +20,7 @@ goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
 def pointed(kinectbot, threads):
     head = goals.PointedHead(kinectbot)
     yield head
-    head.node.destroy_node()
+    head.world.close()
 
 
 def test_random_goals_report_the_miss_of_the_true_angles(pointed):
@@ -114,13 +113,10 @@ def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, ki
     assert min(speeds) > 0.5 * speeds[0]
 
 
-def test_actions_and_topic_have_the_name_of_another_controller(kinectbot, threads):
+def test_actions_and_topic_have_the_name_of_another_controller(world):
     """As clients of TIAGo and PR2 call it."""
-    world = World(kinectbot)
-    parameters = {"controller_name": "head_controller"}
-    node = world.make(PointHeadNode, parameters, loop=world.loop)
+    world.make(PointHeadNode, {"controller_name": "head_controller"}, loop=world.loop)
     assert world.listeners("/head_controller/joint_trajectory") == 1
-    node.destroy_node()
 
 
 def test_a_goal_is_refused_while_another_owns_the_joints_or_nobody_measures_them(pointed):

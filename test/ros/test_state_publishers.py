@@ -4,7 +4,6 @@ import math
 import random
 
 import pytest
-from lockstep import World
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -31,15 +30,6 @@ FOLLOWING = ARM.replace(
 )
 
 
-@pytest.fixture
-def world(kinectbot, threads):
-    world = World(kinectbot)
-    world.nodes = []
-    yield world
-    for node in world.nodes:
-        node.destroy_node()
-
-
 def joints(seconds: float, **positions: float) -> JointState:
     message = JointState(name=list(positions), position=list(positions.values()))
     message.header.stamp.sec = int(seconds)
@@ -58,7 +48,6 @@ def publish_robot(world):
         values = {"robot_description": ARM, "world_frame": ""} | values
         buffer = Buffer()
         node = world.make(RobotStatePublisherNode, values, buffer=buffer)
-        world.nodes.append(node)
         world.run(0.01)
         return node, buffer.core
 
@@ -157,7 +146,7 @@ def complete(world):
 
     def run(*measured: JointState, urdf: str = ARM, **values):
         values = {"source_list": ["hands"]} | values
-        world.nodes.append(world.make(JointStatePublisherNode, values))
+        world.make(JointStatePublisherNode, values)
         world.publish("/robot_description", String(data=urdf))
         world.run(0.002)
         found = world.record("/joint_states")
@@ -201,7 +190,7 @@ def test_in_the_loop_the_model_is_that_of_the_buffer(world):
     buffer = TransformBuffer()
     buffer.set_model(parse_robot_model(FOLLOWING))
     loop = ControlLoop(buffer)
-    world.nodes.append(world.make(JointStatePublisherNode, {}, loop=loop))
+    world.make(JointStatePublisherNode, {}, loop=loop)
     read = loop.joints_read(1, {"shoulder": Sample(0.5)})
     assert {name: joint.position for name, joint in read.items()} == {"shoulder": 0.5, "elbow": 1.2}
     buffer.set_model(parse_robot_model(FOLLOWING.replace('"upper"', '"arm"')))

@@ -13,7 +13,6 @@ if find_spec("cv2") is None:
     pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
 
 from geometry_msgs.msg import Point, PointStamped
-from lockstep import World
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
@@ -52,23 +51,11 @@ def test_closed_loop_error_of_a_detected_ball_that_is_hidden_for_a_time():
 
 
 @pytest.fixture
-def world(kinectbot):
-    rclpy.init()
-    world = World(kinectbot)
-    world.nodes = []
-    yield world
-    for node in world.nodes:
-        node.destroy_node()
-    rclpy.try_shutdown()
-
-
-@pytest.fixture
 def look(world):
     """A node that looks at what is published, with what it says."""
 
     def look(**parameters):
         node = world.make(VisualTargetNode, parameters, buffer=world.buffer)
-        world.nodes.append(node)
         node.warnings = []
         node.warn = node.warnings.append
         world.run(0.1)  # the joints become known
@@ -306,9 +293,7 @@ def test_what_else_is_seen_is_published_and_can_be_selected(world, look):
 
 
 def simulated_camera(world, **parameters):
-    node = world.make(SimulatedCameraNode, {**parameters, **SMALL}, buffer=world.buffer)
-    world.nodes.append(node)
-    return node
+    return world.make(SimulatedCameraNode, {**parameters, **SMALL}, buffer=world.buffer)
 
 
 @pytest.mark.parametrize("kind", ["16UC1", ""])

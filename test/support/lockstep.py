@@ -67,6 +67,7 @@ class World:
         self._number = itertools.count()
         self._listeners: dict[str, list[Callable[[Any], object]]] = defaultdict(list)
         self.publishers: dict[str, int] = defaultdict(int)
+        self._nodes: list[Node] = []
         self._servos = {
             joint.joint_name: (joint, SimulatedServo(joint.id, joint.model, position=joint.init))
             for joint in (PAN, TILT)
@@ -129,7 +130,19 @@ class World:
             mock.patch.object(simulated_camera, "Worker", self._worker),
             mock.patch.object(sighted_target, "Worker", self._worker),
         ):
-            return self._made(kind, parameters, **handed)
+            made = _stepped(kind, self)(
+                parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
+                start_parameter_services=False,
+                enable_rosout=False,
+                **handed,
+            )
+        self._nodes.append(made)
+        return made
+
+    def close(self) -> None:
+        """Destroy all nodes."""
+        for node in self._nodes:
+            node.destroy_node()
 
     def _worker(self, name: str, work: Callable[[Any], object]) -> Any:
         """A thread's work is done at once, and what it does later, later."""
@@ -142,14 +155,6 @@ class World:
 
     def _clock_watch(self, clock: Callable[[], float]) -> ClockWatch:
         return ClockWatch(clock, lambda: self.now * 1e-9)
-
-    def _made(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
-        return _stepped(kind, self)(
-            parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
-            start_parameter_services=False,
-            enable_rosout=False,
-            **handed,
-        )
 
     def true_position(self, joint_name: str) -> float:
         """Where a joint really is [rad]."""

@@ -76,11 +76,8 @@ def pursue(
     poses: dict[int, Transform] = {}
     rclpy.init()
     eye = world.make(SimulatedCameraNode, {"scene": scene, **(camera or {})}, buffer=world.buffer)
-    nodes = [
-        eye,
-        world.make(VisualTargetNode, target, buffer=world.buffer),
-        world.make(HeadTrackerNode, tracker, loop=world.loop),
-    ]
+    world.make(VisualTargetNode, target, buffer=world.buffer)
+    world.make(HeadTrackerNode, tracker, loop=world.loop)
     seen = eye.scene
 
     def joints() -> tuple[float, float]:
@@ -121,8 +118,7 @@ def pursue(
     try:
         world.run(duration)
     finally:
-        for node in nodes:
-            node.destroy_node()
+        world.close()
         rclpy.try_shutdown()
     return result
 
