@@ -2,7 +2,7 @@
 
 import json
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
@@ -33,6 +33,13 @@ def viewer(threads) -> ViewerNode:
     return view(threads)
 
 
+@pytest.fixture
+def stranger(viewer) -> Iterator[Node]:
+    stranger = Node("stranger")
+    yield stranger
+    stranger.destroy_node()
+
+
 def told(viewer: ViewerNode, kind: str = "about") -> dict[str, Any]:
     """The first message of a kind that a browser is sent that comes now."""
     with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
@@ -58,9 +65,9 @@ def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens"
     return heard()
 
 
-def test_no_message_ends_the_page(threads, viewer):
+def test_no_message_ends_the_page(threads, viewer, stranger):
     """Random messages on all topics; the values are as bad as their types allow."""
-    bus, rnd, stranger = BusStandIn(), random.Random(4), Node("stranger")
+    bus, rnd = BusStandIn(), random.Random(4)
     threads.start(bus)
     threads.start(ControllerStandIn("head_tracker"))
     stranger_publishers: dict[str, Callable[[], None]] = {}
@@ -87,11 +94,9 @@ def test_no_message_ends_the_page(threads, viewer):
     assert told(viewer)
     wait_for(lambda: viewer.robot.stop_everything().wait().done)
     assert "stop" in bus.calls
-    stranger.destroy_node()
 
 
-def test_pictures_that_cannot_be_shown_are_named(viewer):
-    stranger = Node("stranger")
+def test_pictures_that_cannot_be_shown_are_named(viewer, stranger):
     publishers = {
         name: stranger.create_publisher(Image, f"/{name}/image", 1) for name in ("bad", "good")
     }
@@ -107,11 +112,10 @@ def test_pictures_that_cannot_be_shown_are_named(viewer):
             return "/good/image" in pictures and "/good" not in failing.get("picture", "/good")
 
         wait_for(shown)
-    stranger.destroy_node()
 
 
-def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer):
-    stranger, topics = Node("stranger"), viewer.robot.topics
+def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer, stranger):
+    topics = viewer.robot.topics
     publisher = stranger.create_publisher(PoseArray, "/visual_target/others", 10)
     poses = [Pose(position=Point(x=x, z=2.0)) for x in (float("nan"), 0.5, float("inf"))]
     message = PoseArray(header=Header(frame_id="lens"), poses=poses)
@@ -124,7 +128,6 @@ def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer):
     wait_for(seen)
     assert [one.point for one in seen()] == [(0.5, 0.0, 2.0)]
     assert topics.others("another") == ()
-    stranger.destroy_node()
 
 
 def test_a_parameter_that_becomes_something_else_hides_no_other(threads, viewer):
@@ -174,9 +177,8 @@ def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(v
         node.destroy_node()
 
 
-def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
-    bus, stranger = BusStandIn(), Node("stranger")
-    threads.start(bus)
+def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer, stranger):
+    threads.start(BusStandIn())
     publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
     wait_for(lambda: "servo_bus" in viewer.robot.graph.nodes)
     pairs = [KeyValue(key=f"{number}", value="y" * 2000) for number in range(400)]
@@ -194,7 +196,6 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer):
     assert len(found["stranger: 0"].message) < 2000
     assert len(found["stranger: 0"].values) < 300
     assert len(json.dumps(told(viewer))) < 10**6
-    stranger.destroy_node()
 
 
 WRONG = [
