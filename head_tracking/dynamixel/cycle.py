@@ -214,7 +214,9 @@ class Cycle:
             self._take_steps()
             if requests.goals:
                 self._accept_goals()  # of a joint whose torque is on now
-        self._write_goals()
+        usual = not (self._unusual or self.incomplete)
+        on = [joint for joint in self._all if joint.goal_ticks and not joint.busy]
+        self._bus.write_goals(on if usual else [joint for joint in on if joint.writable])
 
     def _accept_goals(self) -> None:
         for name, goal in self._requests.take_goals().items():
@@ -227,15 +229,6 @@ class Cycle:
             self._requests.keep_goal(name, goal)  # until its torque is on
             if joint.writable and not joint.busy:  # its position is known
                 self._bus.begin(joint, self._bus.switching_on_for_goal(joint))
-
-    def _write_goals(self) -> None:
-        usual = not (self._unusual or self.incomplete)
-        ready: list[BusJoint] = []
-        for joint in self._all:
-            if joint.goal_ticks and not joint.busy and (usual or joint.writable):
-                ready.append(joint)
-        if ready:
-            self._bus.write_goals(ready)
 
     # Steps of procedures
 

@@ -46,7 +46,6 @@ class BusThread:
 
     Attributes:
         timing: Timing of the cycle.
-        error: The exception that ended the thread, if one did.
         unconfirmed: Joints that did not confirm at the end that they are relaxed.
 
     Raises:
@@ -58,7 +57,7 @@ class BusThread:
         bus: ServoBus,
         update_rate: float,
         on_reading: Callable[[BusReading], object],
-        on_error: Callable[[BaseException], object] | None = None,
+        on_error: Callable[[BaseException], object] = lambda _: None,
         update: Callable[[BusReading], object] = lambda _: None,
     ) -> None:
         if not 1.0 <= update_rate <= 1000.0:
@@ -74,7 +73,6 @@ class BusThread:
         self._owner = threading.Lock()  # held while the bus is used
         self._stopping = False
         self._closing = False
-        self.error: BaseException | None = None
         self.unconfirmed: tuple[str, ...] = ()
         self.timing = BusTiming(update_rate)
         self._thread = threading.Thread(target=self._run, name="servo bus", daemon=True)
@@ -165,13 +163,14 @@ class BusThread:
             self._owner.release()
 
     def _run(self) -> None:
+        failure: BaseException | None = None
         for work in (self._run_cycles, self._finish):
             try:
                 work()
             except BaseException as error:  # reported after the servos were relaxed
-                self.error = self.error or error
-        if self.error is not None and self._on_error is not None:
-            self._on_error(self.error)
+                failure = failure or error
+        if failure is not None:
+            self._on_error(failure)
 
     def _finish(self) -> None:
         """Close the bus once."""
