@@ -153,7 +153,7 @@ class DynamixelBackend(JointBackend):
                 self._report(
                     name,
                     f"the goal {goals[name].position:.3f} rad is beyond the servo's limit; "
-                    f"{result.positions[name]:.3f} rad is used",
+                    f"{result.goals[name].position:.3f} rad is used",
                 )
 
     def command(self, joint: str, goal: Goal, epoch: int, claim: Claim) -> None:

@@ -136,9 +136,8 @@ class ServoBus:
             epoch = self.requests.epoch.value
         else:
             self.requests.check(epoch)
-        positions: dict[str, float] = {}
-        clamped: dict[str, float] = {}
         admitted: dict[str, Goal] = {}
+        clamped: list[str] = []
         left_out: dict[str, str] = {}
         try:
             for name, goal in goals.items():
@@ -150,24 +149,22 @@ class ServoBus:
                 if reason:
                     left_out[name] = f"{joint.configuration.controller}: {reason}"
                     continue
-                positions[name] = position
-                if position == goal.position:
-                    admitted[name] = goal
-                    continue
-                admitted[name] = Goal(position, goal.speed)
-                if abs(position - goal.position) > joint.configuration.resolution:
-                    clamped[name] = position - goal.position
-            if left_out and not (clamp and positions):
+                admitted[name] = goal
+                if position != goal.position:
+                    admitted[name] = Goal(position, goal.speed)
+                    if abs(position - goal.position) > joint.configuration.resolution:
+                        clamped.append(name)
+            if left_out and not (clamp and admitted):
                 raise GoalError("; ".join(f"{name}: {why}" for name, why in left_out.items()))
         except GoalError:
             self._refused += 1
             raise
         if claim is not None:
-            claim(positions)
+            claim(admitted)
         self.requests.put_goals(admitted, epoch)
         if clamped:
             self._clamped += 1
-        return CommandResult(positions, clamped, left_out)
+        return CommandResult(admitted, clamped, left_out)
 
     def joint(self, name: str) -> BusJoint:
         """Return a joint; raise GoalError if it is unknown. Any thread may read it."""

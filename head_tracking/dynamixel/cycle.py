@@ -126,7 +126,10 @@ class Cycle:
                 self._take_steps()
         except PortLostError as cause:
             self._lose_port(cause)
-        return reading._replace(events=self._bus.take_events()) if self._bus.events else reading
+        if self._bus.events:
+            reading = reading._replace(events=tuple(self._bus.events))
+            self._bus.events.clear()
+        return reading
 
     # Reading
 

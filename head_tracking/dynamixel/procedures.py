@@ -84,11 +84,6 @@ class Procedures:
         stuck = stuck or kind in _STUCK
         self.events.append(BusEvent(kind, joint.name, text, stuck, repeated=count > 2))
 
-    def take_events(self) -> tuple[BusEvent, ...]:
-        """Return and remove the events."""
-        events, self.events = tuple(self.events), []
-        return events
-
     # Steps
 
     def begin(self, joint: BusJoint, steps: Steps[Any]) -> None:

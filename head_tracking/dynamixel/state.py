@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, IntFlag
 from typing import NamedTuple
@@ -41,9 +41,8 @@ class Goal:
 class CommandResult:
     """The result of an accepted command."""
 
-    positions: Mapping[str, float]  # accepted goal position by joint, rad
-    # Accepted minus commanded position, rad, of joints that were moved to a limit.
-    clamped: Mapping[str, float]
+    goals: Mapping[str, Goal]  # accepted goal by joint
+    clamped: Sequence[str]  # joints whose position was moved to a limit
     # Joints that accept no goals now, and why; their goals were dropped.
     left_out: Mapping[str, str]
 

@@ -168,8 +168,8 @@ def test_bad_command_is_refused_and_nothing_moves(goals: dict[str, Goal], clamp:
 
 def test_one_tick_beyond_the_limit_counts_as_on_the_limit(rig: FakeRig) -> None:
     result = rig.bus.command({"head_tilt_joint": Goal(TILT.upper + 0.99 * TICK)})
-    assert result.positions == {"head_tilt_joint": TILT.upper}
-    assert result.clamped == {}
+    assert result.goals == {"head_tilt_joint": Goal(TILT.upper)}
+    assert not result.clamped
     rig.step(2)
     assert rig.tilt["Goal Position"] == 800
     with pytest.raises(GoalError):
@@ -180,8 +180,8 @@ def test_one_tick_beyond_the_limit_counts_as_on_the_limit(rig: FakeRig) -> None:
 def test_clamping_is_reported(rig: FakeRig, position: float, ticks: int) -> None:
     result = rig.bus.command({"head_tilt_joint": Goal(position)}, clamp=True)
     limit = TILT.position(ticks)
-    assert result.positions == {"head_tilt_joint": limit}
-    assert result.clamped == {"head_tilt_joint": limit - position}
+    assert result.goals == {"head_tilt_joint": Goal(limit)}
+    assert result.clamped == ["head_tilt_joint"]
     assert rig.bus.statistics().clamped_commands == 1
     rig.step(2)
     assert rig.tilt["Goal Position"] == ticks
@@ -209,7 +209,7 @@ def test_lost_joint_does_not_stop_the_others(rig: FakeRig) -> None:
     rig.step(2)
     assert not rig.tilt["Torque Enable"]
     result = rig.bus.command(goals, clamp=True)
-    assert (set(result.left_out), set(result.positions)) == (
+    assert (set(result.left_out), set(result.goals)) == (
         {"head_pan_joint"},
         {"head_tilt_joint"},
     )
