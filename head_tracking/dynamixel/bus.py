@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -214,7 +215,7 @@ class ServoBus:
         )
 
     def _servo_statistics(self, joint: BusJoint, servo: Servo) -> ServoStatistics:
-        identity, counters = servo.identity, servo.counters
+        identity = servo.identity
         health = Health.FAULTED if servo.faulted else Health.PRESENT
         if joint.stopped:
             health = Health.STOPPED
@@ -227,10 +228,7 @@ class ServoBus:
         return ServoStatistics(
             joint_name=joint.name,
             id=servo.id,
-            replies=counters.replies,
-            retries=counters.retries,
-            timeouts=counters.timeouts,
-            corrupt=counters.corrupt,
+            counters=replace(servo.counters),
             controller=joint.configuration.controller,
             model=servo.model.name,
             firmware_version=None if identity is None else identity.firmware_version,

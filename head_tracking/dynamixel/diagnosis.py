@@ -175,8 +175,7 @@ def _sag(watch: _Watch) -> str:
 
 def _line(watch: _Watch) -> str:
     """Find 4 transactions that failed within 0.3 s, with a servo that answers."""
-    counters = watch.servo.counters
-    failed = counters.timeouts + counters.corrupt
+    failed = watch.servo.counters.failed
     watch.failures += [watch.now] * min(4, failed - watch.failed)
     watch.failed = failed
     watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
@@ -333,7 +332,7 @@ class Diagnosis:
                     self._clear(watch)
                 if joint.on:
                     watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
-                if servo.counters.timeouts + servo.counters.corrupt != watch.failed:
+                if servo.counters.failed != watch.failed:
                     self._find(watch, Symptom.LINE, _line)
                 if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
                     self._examine(watch)

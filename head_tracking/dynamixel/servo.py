@@ -32,6 +32,7 @@ from head_tracking.dynamixel.protocol import (
     describe_status,
 )
 from head_tracking.dynamixel.requests import Steps
+from head_tracking.dynamixel.state import Counters
 
 _T = TypeVar("_T")
 
@@ -72,16 +73,6 @@ class Version:
 
     def __init__(self) -> None:
         self.number = 0
-
-
-@dataclass(slots=True)
-class Counters:
-    """Results of the transactions with one servo."""
-
-    replies: int = 0
-    retries: int = 0
-    timeouts: int = 0
-    corrupt: int = 0
 
 
 @dataclass(frozen=True, slots=True)

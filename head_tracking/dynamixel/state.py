@@ -157,16 +157,28 @@ class BusReading(NamedTuple):
     stamp: int  # mean of the stamps of the states, ns; 0: there are none
 
 
+@dataclass(slots=True)
+class Counters:
+    """Results of the transactions with one servo."""
+
+    replies: int = 0  # successful transactions
+    retries: int = 0  # repeated transactions
+    timeouts: int = 0  # attempts without a reply
+    corrupt: int = 0  # attempts with a damaged reply
+
+    @property
+    def failed(self) -> int:
+        """Number of attempts without a usable reply."""
+        return self.timeouts + self.corrupt
+
+
 @dataclass(frozen=True, slots=True)
 class ServoStatistics:
     """Counters and state of one servo."""
 
     joint_name: str
     id: int
-    replies: int  # successful transactions
-    retries: int  # repeated transactions
-    timeouts: int  # attempts without a reply
-    corrupt: int  # attempts with a damaged reply
+    counters: Counters
     controller: str = ""  # prefix of its joint's services
     model: str = ""  # name of the configured model
     firmware_version: int | None = None  # None before the servo was found

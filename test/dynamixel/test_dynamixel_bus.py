@@ -22,6 +22,7 @@ from head_tracking.dynamixel.exceptions import (
 )
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.servo import run
+from head_tracking.dynamixel.state import Counters
 from head_tracking.simulation import SimulatedServo
 
 JOINTS = (PAN, TILT)
@@ -90,7 +91,7 @@ def test_servo_that_acknowledges_no_writes_is_not_waited_for() -> None:
     assert rig.pan["Torque Enable"] == 1
     run(rig.bus.switching_torque(None, False))
     assert rig.pan["Torque Enable"] == 0
-    assert rig.bus.statistics().servos[0].timeouts == 0
+    assert rig.bus.statistics().servos[0].counters.timeouts == 0
 
 
 def test_servos_own_angle_limits_narrow_the_range() -> None:
@@ -159,7 +160,7 @@ def test_failed_read_is_repeated_at_once(rig: FakeRig) -> None:
     assert set(reading.states) == {"head_pan_joint", "head_tilt_joint"}
     assert [request[:2] for request in rig.log] == [("read", 1), ("read", 1), ("read", 2)]
     statistics = rig.bus.statistics().servos[0]
-    assert (statistics.retries, statistics.corrupt, statistics.timeouts) == (1, 0, 1)
+    assert statistics.counters == Counters(statistics.counters.replies, 1, 1, 0)
 
 
 @pytest.mark.parametrize("register", ["Present Position", "Present Speed", "Present Load"])
@@ -167,7 +168,7 @@ def test_impossible_feedback_counts_as_corrupt(register: str) -> None:
     rig = FakeRig()
     rig.pan[register] = 0xFFFF
     assert set(rig.step().states) == {"head_tilt_joint"}
-    assert rig.bus.statistics().servos[0].corrupt == 2  # and its repetition
+    assert rig.bus.statistics().servos[0].counters.corrupt == 2  # and its repetition
 
 
 # Losing and finding servos

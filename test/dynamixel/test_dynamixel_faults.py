@@ -140,7 +140,7 @@ def test_an_adapter_that_echoes_or_is_slow_loses_nothing(echo: bool, latency: fl
         rig.step()
     assert rig.reading.states["j1"].position == pytest.approx(0.3, abs=0.02)
     assert rig.reading.states["j2"].position == pytest.approx(-0.3, abs=0.02)
-    assert sum(servo.timeouts + servo.corrupt for servo in rig.bus.statistics().servos) == 0
+    assert sum(servo.counters.failed for servo in rig.bus.statistics().servos) == 0
 
 
 def test_adapter_pulled_out_and_plugged_in_in_the_middle_of_everything() -> None:

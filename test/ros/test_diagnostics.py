@@ -16,6 +16,7 @@ from head_tracking.dynamixel import (
     Symptom,
 )
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
+from head_tracking.dynamixel.state import Counters
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.kit.diagnostics import (
     FAULT,
@@ -28,10 +29,7 @@ from head_tracking.ros.kit.diagnostics import (
 SERVO = ServoStatistics(
     "pan",
     1,
-    100,
-    2,
-    1,
-    1,
+    Counters(100, 2, 1, 1),
     model="AX-12",
     firmware_version=24,
     last_stamp=1_000_000_000,

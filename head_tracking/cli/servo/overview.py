@@ -212,7 +212,7 @@ def _add_row(table: Table, servo: Servo, measured: dict[int, list[str]]) -> None
     except CommunicationError as error:
         errors = "corrupt answer" if isinstance(error, CorruptReplyError) else "no answer"
         style = "dim"
-    failures = servo.counters.timeouts + servo.counters.corrupt
+    failures = servo.counters.failed
     failed = f"{failures}/{failures + servo.counters.replies}"
     cells = (str(servo.id), servo.model.name, *measured[servo.id], failed, errors)
     table.add_row(*map(Text, cells), style=style)

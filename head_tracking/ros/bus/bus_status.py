@@ -43,7 +43,7 @@ class BusStatus:
     @property
     def faults(self) -> int:
         """Number of transactions without a valid reply, and of lost adapters."""
-        failed = sum(servo.timeouts + servo.corrupt for servo in self.statistics.servos)
+        failed = sum(servo.counters.failed for servo in self.statistics.servos)
         return failed + self.statistics.port_losses
 
     @property
@@ -126,10 +126,10 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
         "torque": servo.torque,
         "errors": describe_errors(servo.errors),
         "age (s)": "never answered" if age is None else f"{age:.3f}",
-        "replies": str(servo.replies),
-        "retries": str(servo.retries),
-        "timeouts": str(servo.timeouts),
-        "corrupt replies": str(servo.corrupt),
+        "replies": str(servo.counters.replies),
+        "retries": str(servo.counters.retries),
+        "timeouts": str(servo.counters.timeouts),
+        "corrupt replies": str(servo.counters.corrupt),
         FAULT: fault or "none",
     }
     state = status.states.get(servo.joint_name)
