@@ -20,6 +20,9 @@ from head_tracking.output import tolerate_output_errors
 from head_tracking.ros.kit.stop_signal import ENDING, StopSignal
 from head_tracking.run.node_sets import CONTROL
 
+END: Final = {"end": True}
+"""The message that asks a process to end."""
+
 _MAX_SIZE: Final = 1 << 16  # bytes of a message
 _END_TIMEOUT: Final = 10  # s; longer than the supervisor waits before it kills the process
 
@@ -50,11 +53,6 @@ class Channel:
             data = self._connection.recv(_MAX_SIZE)
         return json.loads(data) if data else None
 
-    def end_sending(self) -> None:
-        """Let the other end receive None; it may still send."""
-        with suppress(OSError):
-            self._connection.shutdown(socket.SHUT_WR)
-
     def close(self) -> None:
         """Close this end."""
         self._connection.close()
@@ -79,7 +77,7 @@ class SupervisorLink(Channel):
 
     def _read(self) -> None:
         try:
-            while (message := self.receive()) is not None:
+            while (message := self.receive()) not in (None, END):
                 self.messages.put(message)
         finally:
             # a process that hangs while it ends would stay for ever after a killed supervisor

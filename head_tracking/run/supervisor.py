@@ -28,7 +28,7 @@ from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.programs import NO_ROS, has_ros
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.stop_signal import ENDING, EndRequestedError, StopSignal
-from head_tracking.run.child import Channel
+from head_tracking.run.child import END, Channel
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.status_line import CLEAR_LINE, StatusLine
@@ -122,11 +122,6 @@ class ChildProcess:
         else:
             self.nodes[node]["enabled"] = enabled
             self.nodes[node]["parameters"] |= parameters
-
-    def ask_to_end(self) -> None:
-        """Ask the process to end, if it runs."""
-        if self.channel is not None:
-            self.channel.end_sending()
 
     def kill(self) -> None:
         """Kill the process."""
@@ -230,7 +225,7 @@ class Supervisor:
     def _finish(self) -> int:
         """End the other processes; make the servos safe if control has not; return the code."""
         for other in self._others.values():
-            other.ask_to_end()
+            other.send(**END)
         code = self._control.end()
         if self._servos or code < 0:
             self._make_safe(code)
@@ -250,7 +245,7 @@ class Supervisor:
     def _end(self) -> None:
         """Ask control to end, and plan to kill it if it does not."""
         if not self._ending:
-            self._control.ask_to_end()
+            self._control.send(**END)
             self._kill_at = time.monotonic() + _END_TIMEOUT[CONTROL]
         self._ending = True
 
