@@ -321,6 +321,7 @@ def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_
 
 def test_with_allow_others_the_last_command_wins(bench):
     bench.run("--target", "none", "--allow-others")
+    bench.person.wait_for_joints()
     wait_for(lambda: set(bench.person.owners.values()) == {"/head_tracker"})
     bench.person.command("head_pan_controller", 0.3)
     wait_for(lambda: abs(bench.person.pan - 0.3) < DEGREE)
