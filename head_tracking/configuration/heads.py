@@ -17,7 +17,6 @@ from head_tracking.configuration.bus_parameters import (
     configured_joint,
 )
 from head_tracking.dynamixel import (
-    BusSettings,
     ConfigurationError,
     EepromSettings,
     JointConfiguration,
@@ -46,14 +45,14 @@ class ConfiguredBus:
         baud_rate: bits per second.
         update_rate: cycles per second.
         joints: the joints.
-        settings: watchdog, timeouts and temperatures.
+        temperature: the temperatures at which a servo is reported.
     """
 
     port_name: str
     baud_rate: int
     update_rate: float
     joints: tuple[JointConfiguration, ...]
-    settings: BusSettings
+    temperature: TemperatureParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +122,6 @@ def configured_buses(
     values = _Values("servo_bus", files, {"port_name": port_name, "baud_rate": baud_rate})
     p = values.read(ServoBusParameters)
     temperature = values.read(TemperatureParameters, "temperature.")
-    settings = BusSettings(p.command_timeout, p.bus_watchdog, temperature)
     values.read(EepromSettings, "eeprom.")  # only ~/write_eeprom uses them
     buses: dict[tuple[str, int], list[JointConfiguration]] = {}
     for name in p.dynamixels:
@@ -135,7 +133,7 @@ def configured_buses(
         buses.setdefault(bus, []).append(configured_joint(name, controller, motor, second))
     values.check_names()
     return tuple(
-        ConfiguredBus(port, baud, p.update_rate, check_configuration(joints), settings)
+        ConfiguredBus(port, baud, p.update_rate, check_configuration(joints), temperature)
         for (port, baud), joints in buses.items()
     )
 

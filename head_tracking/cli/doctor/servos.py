@@ -55,7 +55,7 @@ def check_bus(
                 for calibration in joint.calibrations
             ]
             for servo in servos:
-                yield from _check_servo(servo, port, bus.settings.temperature)
+                yield from _check_servo(servo, port, bus.temperature)
             yield from _check_limits(servos)
             yield from _check_line(bus, port, [each for each in servos if each.identity])
             silent = [each for each in servos if not each.counters.replies]
