@@ -380,7 +380,7 @@ class HeadControl(Controller):
             self._buffer.clear()
         self.frames.forget()
         self._end_motion(MotionEnd.ABORTED, jump)
-        self.send(self.targets.reset(jump, self.now))
+        self.send(self.targets.reset(jump))
         self.readings.clear()
         self._observer(None)
 
@@ -448,7 +448,7 @@ class HeadControl(Controller):
         self.error, self.refusal = None, ""
         self.frames.forget()
         off = self.off
-        self.targets.restart("" if off is None else str(off), self.now)
+        self.targets.restart("" if off is None else str(off))
 
     # Motions
 
@@ -465,7 +465,7 @@ class HeadControl(Controller):
                     self._loop.stuck.pop(joint, None)  # problems of earlier motions
                     watch.restart()
                 self.motion = motion
-                self.targets.restart(motion.title, self.now)
+                self.targets.restart(motion.title)
             self.frames.forget()
             self.result = None
 
@@ -535,7 +535,7 @@ class HeadControl(Controller):
             return
         self.held = None
         if self.motion is self.targets:
-            self.send(self.targets.restart("stopping", self._clock.checked))
+            self.send(self.targets.restart("stopping"))
         else:
             self.send(self.law.stop(joints))
 

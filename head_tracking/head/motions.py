@@ -390,17 +390,16 @@ class TargetMotion(Motion):
         self.control = control
 
     @abstractmethod
-    def restart(self, disabled: str, now: float) -> HeadCommand | None:
+    def restart(self, disabled: str) -> HeadCommand | None:
         """Forget the target; return the command that stops the head, if this moves it.
 
         Args:
             disabled: why targets are ignored from now on; empty: they are used.
-            now: the time [s].
         """
 
-    def reset(self, reason: str, now: float) -> HeadCommand | None:
+    def reset(self, reason: str) -> HeadCommand | None:
         """Forget everything measured, because the clock has jumped; return a command to stop."""
-        return self.restart("", now)
+        return self.restart("")
 
     @abstractmethod
     def recenter(self, joints: JointReading) -> HeadCommand | None:
@@ -459,7 +458,7 @@ class Tracking(TargetMotion):
         self.tracker = Tracker(head, law, base=control.frames.base, readings=control.readings)
         self.tune()
         if before is not None:
-            control.send(before.reset("another robot_description has come", control.now))
+            control.send(before.reset("another robot_description has come"))
 
     def tune(self) -> None:
         """Use the present settings."""
@@ -514,7 +513,7 @@ class Tracking(TargetMotion):
         (pan, tilt), (pan_velocity, tilt_velocity) = joints.positions, joints.velocities
         return JointPoint(pan, pan_velocity), JointPoint(tilt, tilt_velocity)
 
-    def restart(self, disabled: str, now: float) -> HeadCommand | None:
+    def restart(self, disabled: str) -> HeadCommand | None:
         """See `TargetMotion`."""
         self.miss = None
         tracker = self.tracker
@@ -522,12 +521,12 @@ class Tracking(TargetMotion):
             return None
         moving = tracker.state not in (TargetState.IDLE, TargetState.DISABLED)
         tracker.machine.off = disabled
-        command = tracker.enable(not disabled, now)
+        command = tracker.enable(not disabled)
         return command if moving else None
 
-    def reset(self, reason: str, now: float) -> HeadCommand | None:
+    def reset(self, reason: str) -> HeadCommand | None:
         """See `TargetMotion`."""
-        return None if self.tracker is None else self.tracker.reset(reason, now)
+        return None if self.tracker is None else self.tracker.reset(reason)
 
     def recenter(self, joints: JointReading) -> HeadCommand | None:
         """See `TargetMotion`."""
@@ -617,7 +616,7 @@ class Pointing(TargetMotion):
         motion = self._motion
         return None if motion is None or motion.result is not None else motion.desired(time)
 
-    def restart(self, disabled: str, now: float) -> HeadCommand | None:
+    def restart(self, disabled: str) -> HeadCommand | None:
         """See `TargetMotion`."""
         was_turning = self._motion is not None and self._motion.result is None
         self._forget()

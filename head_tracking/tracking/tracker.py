@@ -182,7 +182,7 @@ class Tracker:
             self.machine.seen(now, new=False)
         if self.camera.fault:
             self.machine.off = self.camera.fault
-            return TrackingStep(self.enable(False, now))
+            return TrackingStep(self.enable(False))
         if self.estimator.settle(now):
             self.machine.seen(now, new=True)
             self._came, self._jumps = now, 0
@@ -208,7 +208,7 @@ class Tracker:
         self._watch_servos(command, joints)
         return TrackingStep(command)
 
-    def enable(self, on: bool, now: float) -> HeadCommand | None:
+    def enable(self, on: bool) -> HeadCommand | None:
         """Enable or disable tracking; return the command that stops the head, or None."""
         if on and self.machine.enabled:
             return None
@@ -223,12 +223,11 @@ class Tracker:
         self._forget_target()
         self.machine.recenter()
 
-    def reset(self, reason: str, now: float) -> HeadCommand | None:
+    def reset(self, reason: str) -> HeadCommand | None:
         """Discard joint readings, target and delays, as after a jump of the clock.
 
         Args:
             reason: reason, for the state.
-            now: the time [s], on the new clock.
 
         Returns:
             The command that stops the head at the measured position; None if it does not move.

@@ -87,7 +87,7 @@ def test_it_goes_on_when_it_is_enabled_anew_and_says_it_again(head):
         done = step(now)
         if watched.tracker.state is TargetState.DISABLED and now > 1_001.5 and len(faults) < 2:
             faults.append(watched.tracker.camera.fault)
-            watched.tracker.enable(True, now)
+            watched.tracker.enable(True)
             assert watched.tracker.camera.fault == ""
             assert watched.tracker.state is TargetState.IDLE
         return done

@@ -123,7 +123,7 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
     learned = steered.learned
     assert {each.source for each in learned.values()} >= {"learned"}
     steered.learn(LearningParameters(servos, camera))
-    steered.reset("a new run", 0.0)
+    steered.reset("a new run")
     slow = PlainServo(dead_time=0.12)
     other = replace(ordinary, duration=12.0, servos=slow, stamp_error=0.09)
     ClosedLoop(swing, other).run(steered)

@@ -132,7 +132,7 @@ class Rig(IdealHead):
         self.now, self.steady = self.now + DT, self.steady + DT
         happened = self.watch.check(simulated=False)
         if happened:
-            self.obey(self.tracker.reset(happened, self.now))
+            self.obey(self.tracker.reset(happened))
         self.now -= DT
         self.run(DT, target)
 
@@ -165,7 +165,7 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(on=st.booleans())
     def switch(self, on):
         changed = on != self.rig.tracker.machine.enabled
-        self.rig.obey(self.rig.tracker.enable(on, self.rig.now))
+        self.rig.obey(self.rig.tracker.enable(on))
         self.asked = self.asked and not changed
 
     @rule()

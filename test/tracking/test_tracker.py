@@ -37,7 +37,7 @@ def test_nothing_is_commanded_before_the_joints_are_known(make):
     tracker = make()
     tracker.target_seen(1.0, TARGET, 1.0)
     assert tracker.step(1.0).command is None
-    assert tracker.enable(False, 1.0) is None
+    assert tracker.enable(False) is None
 
 
 def test_a_point_that_is_published_once_is_followed_after_another_target(make, law):

@@ -140,18 +140,11 @@ class HeadActions:
     def follow(self, goal: ActionGoal) -> None:
         """Begin a goal of FollowJointTrajectory, or abort it with the code of its mistake."""
         try:
-            if goal.request.multi_dof_trajectory.points:
-                raise TrajectoryError(
-                    TrajectoryCode.INVALID_GOAL, "multi_dof_trajectory: a head has single joints"
-                )
             self._begin(goal.request.trajectory, goal)
         except TrajectoryError as error:
             self._log.warning(f"a trajectory is rejected: {error}")
             self._control.reject(str(error))
-            result = FollowJointTrajectory.Result(
-                error_code=int(error.code), error_string=str(error)
-            )
-            goal.end(MotionEnd.ABORTED, result)
+            goal.end(MotionEnd.ABORTED, _result(error.code, str(error)))
 
     def _on_trajectory(self, message: Any) -> None:
         try:
@@ -172,10 +165,8 @@ class HeadActions:
         def notify(motion: TrajectoryMotion) -> None:
             assert goal is not None
             if motion.result is not None:
-                result = FollowJointTrajectory.Result(
-                    error_code=int(motion.result.code), error_string=motion.result.reason
-                )
-                goal.end(motion.result.end, result)
+                result = motion.result
+                goal.end(result.end, _result(result.code, result.reason))
             elif control.readings.latest is not None:
                 latest = control.readings.latest
                 goal.feedback(_feedback(motion.trajectory, latest.stamp, latest.positions))
@@ -226,6 +217,10 @@ class HeadActions:
                 raise TrajectoryError(TrajectoryCode.INVALID_GOAL, str(obstacle))
             limits = head.pan_limits, head.tilt_limits
             return joints, dict(zip(control.joints, limits, strict=True))
+
+
+def _result(code: TrajectoryCode, reason: str) -> Any:
+    return FollowJointTrajectory.Result(error_code=int(code), error_string=reason)
 
 
 def _feedback(trajectory: JointTrajectory, stamp: float, positions: tuple[float, float]) -> Any:
