@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
-from head_tracking.gaze import Gaze, HeadCommand, PanTiltHead, Ray
+from head_tracking.gaze import HeadCommand, PanTiltHead, Ray
 from head_tracking.tracking.estimator import (
     EstimatorParameters,
     TargetEstimate,
@@ -39,13 +39,11 @@ class TrackingStep:
 
     Attributes:
         command: command for the joints; None: send nothing.
-        gaze: gaze at the target; None without a target.
         error: angle between the measured pointing axis and the target at the time of that
             measurement [rad]; None without a target.
     """
 
     command: HeadCommand | None = None
-    gaze: Gaze | None = None
     error: float | None = None
 
 
@@ -199,7 +197,7 @@ class Tracker:
             ahead = self.message_age + 0.5 * self.interval + 0.5 * sum(self.law.lead_times)
             self.estimator.lead_time += _SMOOTHING * (ahead - self.estimator.lead_time)
             self._watch_servos(command, joints)
-            return TrackingStep(command, gaze, error)
+            return TrackingStep(command, error)
         goal = self.machine.goal(joints.positions, lambda: self._waiting(joints, now), now)
         if goal is None:
             return TrackingStep()
