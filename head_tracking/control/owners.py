@@ -99,6 +99,8 @@ class JointOwners:
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
         """Give joints to an owner, all or none, for `lease` seconds unless it claims them again.
 
+        What a controller claims during a STOP, it gets from `resume`, unless another one had it.
+
         Raises:
             OwnershipError: one belongs to another owner.
             StoppedError: the head is stopped.
@@ -106,6 +108,8 @@ class JointOwners:
         joints = tuple(joints)
         with self._lock:
             self._check(owner, joints, lease)
+            if self.stopped and math.isinf(lease) and not self._interrupted.keys() & set(joints):
+                self._interrupted |= dict.fromkeys(joints, owner)
             self._permit()
             before = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
             given = [
@@ -115,12 +119,6 @@ class JointOwners:
             self._owners |= dict.fromkeys(given, (owner, self._clock() + lease))
         if changed:
             self._notify()
-
-    def claim_at_resume(self, owner: str, joints: Iterable[str]) -> None:
-        """Let `resume` give joints to an owner, unless one of them has another owner then."""
-        with self._lock:
-            if self.stopped and not self._interrupted.keys() & set(joints):
-                self._interrupted |= dict.fromkeys(joints, owner)
 
     def take_over(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> None:
         """Give joints to an owner, whoever had them.

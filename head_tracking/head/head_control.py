@@ -141,7 +141,6 @@ class HeadControl(Controller):
         try:
             owners.claim(self.name, self.joints)
         except (OwnershipError, StoppedError) as error:
-            owners.claim_at_resume(self.name, self.joints)
             self._log.warning(f"{error}; until then {self.targets.title} is disabled")
         self.watch()
         self._loop.add(self)

@@ -167,6 +167,8 @@ def test_random_requests_match_a_model(requests):
                 else:
                     with pytest.raises(StoppedError if stopped else OwnershipError):
                         attempt(who, joints, *given)
+                    if how == "claim" and stopped and not before.keys() & joints:
+                        before |= dict.fromkeys(joints, (who, math.inf))
             case ("release", who):
                 owners.release(who)
                 model = {j: nobody if own[0] == who else own for j, own in model.items()}
