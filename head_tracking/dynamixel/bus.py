@@ -40,6 +40,7 @@ from head_tracking.dynamixel.state import (
     ServoStatistics,
 )
 
+_STARTING: Final = 1.5  # s that the servos of a joint that starts may take to answer
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
 
@@ -404,12 +405,19 @@ class ServoBus:
         """
         faulted = [joint for joint in self._require_connection(joints) if joint.faulted]
         _raise((yield from self._procedures.for_each(faulted, self._procedures.recovering)))
-        deadline = self._procedures.monotonic() + round(patience * 1e9)
-        while patience and (waiting := [joint.name for joint in faulted if joint.faulted]):
-            if self._procedures.monotonic() > deadline:
-                raise ServoError(f"{', '.join(waiting)}: does not recover; see /diagnostics")
-            yield 0.02
+        if patience:
+            yield from self._until(faulted, lambda joint: not joint.faulted, patience)
         return tuple([joint.name for joint in faulted])
+
+    def _until(
+        self, joints: Iterable[BusJoint], is_done: Callable[[BusJoint], bool], patience: float
+    ) -> Steps[None]:
+        """Wait until a condition holds for all joints; raise ServoError after `patience`, s."""
+        deadline = self._procedures.monotonic() + round(patience * 1e9)
+        while waiting := [joint.name for joint in joints if not is_done(joint)]:
+            if self._procedures.monotonic() > deadline:
+                raise ServoError(f"{', '.join(waiting)}: cannot be used yet; see /diagnostics")
+            yield 0.02
 
     def stopping(self, joints: Iterable[str] | None) -> Steps[None]:
         """Relax joints, or all (None), and take them out of the cycle until `starting`.
@@ -420,13 +428,17 @@ class ServoBus:
         return self._procedures.relaxing(self._require_connection(joints), stop=True)
 
     def starting(self, joints: Iterable[str] | None) -> Steps[None]:
-        """Take stopped joints, or all (None), back into the cycle, relaxed.
+        """Take stopped joints, or all (None), back into the cycle, relaxed, as if they returned.
 
         Raises:
             ServoError: A servo is missing or cannot be used; the bus keeps asking it.
         """
-        chosen = self._require_connection(joints)
-        _raise((yield from self._procedures.for_each(chosen, self._procedures.starting)))
+        chosen = [joint for joint in self._require_connection(joints) if joint.stopped]
+        for joint in chosen:
+            for servo in joint.servos:
+                servo.lose(0)
+            joint.set_stopped(False)
+        yield from self._until(chosen, lambda joint: joint.complete, _STARTING)
 
     def writing_eeprom(
         self, joint: str, settings: EepromSettings

@@ -283,26 +283,6 @@ class Procedures:
         result = "it restarts" if joint.lost else joint.torque.value
         self.note(EventKind.RECOVERED, joint, result)
 
-    def starting(self, joint: BusJoint) -> Steps[None]:
-        """Take a stopped joint back into the cycle, relaxed."""
-        if not joint.stopped:
-            return
-        try:
-            for servo in joint.servos:
-                servo.ping(3)
-                yield 0.0
-                yield from servo.identify()
-            joint.require_range()
-        except DynamixelError:
-            for servo in joint.servos:
-                servo.lose(0)
-            joint.set_stopped(False)
-            raise
-        joint.set_stopped(False)
-        self.note(EventKind.STARTED, joint, joint.torque.value)
-        for servo in joint.servos:
-            self.note_shortcomings(joint, servo)
-
     def returning(self, joint: BusJoint, servo: Servo) -> Steps[None]:
         """Take a servo that answers again back into the cycle."""
         try:

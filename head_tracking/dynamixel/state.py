@@ -99,7 +99,6 @@ class EventKind(Enum):
     HELD = "held"
     SYMPTOM = "symptom"
     CLEARED = "cleared"
-    STARTED = "started"
     STOPPED = "stopped"
     PORT_LOST = "port lost"
     PORT_RETURNED = "port returned"

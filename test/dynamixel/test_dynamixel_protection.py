@@ -194,7 +194,7 @@ def test_joint_whose_servo_cannot_be_used_when_it_is_started_is_looked_for(
     rig.pan.answers = not missing
     rig.pan["CCW Angle Limit"] = 0  # wheel mode
     with pytest.raises(ServoError):
-        run(rig.bus.starting(["head_pan_joint"]))
+        run(rig.bus.starting(["head_pan_joint"]), rig.bench.pass_time)
     assert "head_pan_joint" not in rig.step(5).states
     rig.pan.answers = True
     rig.pan["CCW Angle Limit"] = 1023

@@ -49,8 +49,9 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     if "stop" in between:
         run(rig.bus.stopping(None))
         rig.step(3)
-        run(rig.bus.starting(None))
-        rig.step(3)
+        starting = submit(rig.bus, rig.bus.starting(None))
+        rig.step(10)
+        starting.result(0.0)
     if between == "torque on":
         with pytest.raises(ServoError, match="shut down"):
             run(rig.bus.switching_torque(None, True))
@@ -135,7 +136,7 @@ def test_torque_stays_off_in_a_servo_that_another_program_has_set_up_anew(
         run(rig.bus.switching_torque(None, True))
     run(rig.bus.stopping(None))
     with pytest.raises(ServoError):
-        run(rig.bus.starting(None))
+        run(rig.bus.starting(None), rig.bench.pass_time)
     servo.set_register(register, right)
     rig.step(20)
     assert rig.go(0.3).states["j1"].position == pytest.approx(0.3, abs=0.03)
