@@ -186,7 +186,7 @@ class DynamixelBackend(JointBackend):
         Args:
             joints: their names; None: all.
             function: called with a bus and the names of its joints.
-            epoch: in which the request was made; None: now. See `BusThread.call`.
+            epoch: in which the request was made; None: now. See `RequestQueue.add`.
             despite_stop: run it also if STOP came after the request.
 
         Raises:
@@ -195,11 +195,11 @@ class DynamixelBackend(JointBackend):
         if epoch is None:
             epoch = self._loop.owners.epoch.value
 
-        def ask(thread: BusThread, names: tuple[str, ...]) -> Future[_T]:
-            return thread.call(lambda bus: function(bus, names), epoch, despite_stop=despite_stop)
-
         shares = self._by_bus(self._by_joint if joints is None else joints)
-        return [ask(thread, names) for thread, names in shares.items()]
+        return [
+            thread.bus.requests.add(partial(function, thread.bus, names), epoch, despite_stop)
+            for thread, names in shares.items()
+        ]
 
     def switch_torque(
         self, joints: Iterable[str] | None, on: bool, epoch: int | None = None

@@ -56,7 +56,7 @@ class ServoBus:
 
     Servos and the adapter may be unplugged and return at any time.
 
-    Methods that return `Steps` need several transactions: pass them to `BusThread.call`.
+    Methods that return `Steps` need several transactions: pass them to `requests.add`.
 
     Args:
         clock: Clock of the stamps of measurements, ns.

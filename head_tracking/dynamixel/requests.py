@@ -97,7 +97,18 @@ class RequestQueue:
     def add(
         self, function: Callable[[], Any], epoch: int | None = None, despite_stop: bool = False
     ) -> Future[Any]:
-        """Add a request; see `Request`. `epoch` None: the present one."""
+        """Add a request; it is carried out between two cycles.
+
+        Args:
+            function: Carries it out, or returns steps: they are taken in the next cycles, the first
+                at once. Cancelling the future ends them.
+            epoch: In which the request was made; None: the present one.
+            despite_stop: See `Request`.
+
+        Returns:
+            Its result or exception: StoppedError if STOP came after it was made, BusStoppedError if
+            the thread does not run.
+        """
         request = Request(function, self.epoch.value if epoch is None else epoch, despite_stop)
         with self.arrived:
             if not self.closed:

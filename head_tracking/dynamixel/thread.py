@@ -5,13 +5,11 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TypeVar
 
 from head_tracking.dynamixel.bus import ServoBus
 from head_tracking.dynamixel.exceptions import BusStoppedError, ConfigurationError
-from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.state import BusReading
 
 _T = TypeVar("_T")
@@ -39,7 +37,7 @@ class BusThread:
         bus: The bus, already connected.
         update_rate: Cycles per second.
         on_reading: Called with every reading, in this thread. It must return soon, and must not
-            wait for a future of `call`.
+            wait for the future of a request.
         on_error: Called with the exception that ended the thread, after the servos were relaxed.
         update: Called with every reading before the goals are written, in this thread, to command
             the bus. Other threads can use the bus meanwhile.
@@ -118,30 +116,6 @@ class BusThread:
                     f"the servo bus on {self.bus.port.name} did not end within {timeout} s; a "
                     "callback does not return. The servos were relaxed without it"
                 )
-
-    def call(
-        self,
-        function: Callable[[ServoBus], Steps[_T] | _T],
-        epoch: int | None = None,
-        *,
-        despite_stop: bool = False,
-    ) -> Future[_T]:
-        """Run a function in this thread between two cycles.
-
-        Steps that it returns are taken in the next cycles, the first at once. Cancelling the future
-        ends them.
-
-        Args:
-            function: Called with the bus; e.g. `lambda bus: bus.switching_torque(None, False)`.
-            epoch: In which the request was made; None: the present one.
-            despite_stop: Whether to carry it out although STOP came after it; for requests that
-                relax, or that move nothing.
-
-        Returns:
-            Its result or exception: StoppedError if STOP came after it was made, BusStoppedError if
-            the thread does not run.
-        """
-        return self._requests.add(lambda: function(self.bus), epoch, despite_stop)
 
     def at_once(self, function: Callable[[ServoBus], _T], timeout: float) -> _T:
         """Run a function in the calling thread as soon as the port is free.

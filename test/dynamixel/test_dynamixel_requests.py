@@ -12,7 +12,6 @@ from simulated_device import Bench
 from waiting import join
 
 from head_tracking.dynamixel import (
-    BusThread,
     DynamixelError,
     EepromSettings,
     Epoch,
@@ -83,7 +82,6 @@ class Interleavings:
         self.random = Random(seed)
         rig = FakeRig(PAN)
         self.servo, self.log, self.bus = rig.pan, rig.log, rig.bus
-        self.thread = BusThread(self.bus, 50.0, lambda _: None)
         self.epoch = self.bus.requests.epoch
         self.made: list[tuple[int | None, int]] = []  # goal in ticks or None: torque on; its epoch
         self.goals: set[int] = set()  # of this epoch
@@ -112,7 +110,7 @@ class Interleavings:
             except DynamixelError:  # relaxed on request
                 assert epoch == self.epoch.value
             return
-        future = self.thread.call(lambda bus: bus.switching_torque(None, True), epoch)
+        future = self.bus.requests.add(lambda: self.bus.switching_torque(None, True), epoch)
         self.delivered.append((epoch, future))
 
     def serve(self) -> None:
@@ -138,8 +136,8 @@ class Interleavings:
     def relax(self) -> None:
         """Relax as a service does: it is carried out also if STOP overtakes it."""
         epoch = max(0, self.epoch.value - self.random.randrange(2))
-        relaxing = self.thread.call(
-            lambda bus: bus.switching_torque(None, False), epoch, despite_stop=True
+        relaxing = self.bus.requests.add(
+            lambda: self.bus.switching_torque(None, False), epoch, despite_stop=True
         )
         self.settle()
         assert relaxing.result(0.0) is None
@@ -150,7 +148,7 @@ class Interleavings:
         self.made.clear()
         self.stop()
         self.settle()
-        on = self.thread.call(lambda bus: bus.switching_torque(None, True))
+        on = self.bus.requests.add(lambda: self.bus.switching_torque(None, True))
         self.may_move = True
         self.goals.add(700)
         self.settle()

@@ -67,13 +67,13 @@ def test_stop_holds_relaxes_and_closes() -> None:
 def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
     bench = fake_bench()
     thread = made(bench)
-    waiting = thread.call(lambda bus: None)
+    waiting = thread.bus.requests.add(lambda: None)
     if started:
         thread.start()
         waiting.result(PATIENCE)
     thread.stop()
     assert not bench.port.is_open
-    late = thread.call(lambda bus: None)
+    late = thread.bus.requests.add(lambda: None)
     for future in {late} if started else {late, waiting}:
         assert isinstance(future.exception(PATIENCE), BusStoppedError)
 
@@ -148,7 +148,8 @@ def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
     first.bus.connect()
     thread = BusThread(first.bus, 100.0, lambda _: None)
     thread.start()
-    thread.call(lambda bus: bus.switching_torque(None, True)).result(PATIENCE)
+    bus = thread.bus
+    bus.requests.add(lambda: bus.switching_torque(None, True)).result(PATIENCE)
     thread.stop()
     assert bench.torque == [0, 0]
     assert not bench.port.is_open

@@ -116,15 +116,15 @@ def bus_thread(robot):
 
 def test_a_request_that_timed_out_is_not_executed_later(robot, monkeypatch):
     monkeypatch.setattr(bus_services, "_TIMEOUT", 0.2)
-    blocked = bus_thread(robot).call(lambda bus: time.sleep(1.0))
+    blocked = bus_thread(robot).bus.requests.add(lambda: time.sleep(1.0))
     answer = robot.call("torque_enable", True)
     assert not answer.success
     wait_for(blocked.done)
-    done = bus_thread(robot).call(lambda bus: bus.summary)
+    done = bus_thread(robot).bus.requests.add(lambda: None)
     wait_for(done.done)
     for _ in range(10):
         assert register(robot, 1, "Torque Enable") == 0
-        wait_for(bus_thread(robot).call(lambda bus: None).done)
+        wait_for(bus_thread(robot).bus.requests.add(lambda: None).done)
 
 
 def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot, monkeypatch):
