@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 from head_tracking.control.loop import ControlLoop, JointBackend
@@ -164,7 +165,10 @@ class DynamixelBackend(JointBackend):
     def servo(self, joint: str) -> str:
         """Return the adapter's serial number, the model and the id; see `JointBackend`."""
         thread = self._by_joint.get(joint)
-        return "" if thread is None else thread.bus.servo_name(joint)
+        if thread is None or not thread.bus.port.stable_name:
+            return ""
+        servo = thread.bus.joint(joint).configuration
+        return f"{Path(thread.bus.port.stable_name).name} {servo.model.name} {servo.id}"
 
     # Torque
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 from head_tracking.dynamixel.configuration import (
@@ -197,11 +196,6 @@ class ServoBus:
             f"{len(ids)} {model} {'servos: ids' if len(ids) > 1 else 'servo: id'} {', '.join(ids)}"
             for model, ids in by_model.items()
         )
-
-    def servo_name(self, joint_name: str) -> str:
-        """Return adapter (by serial number), model and id of a joint's servo; "" if not known."""
-        adapter, servo = self.port.stable_name, self.joint(joint_name).configuration
-        return f"{Path(adapter).name} {servo.model.name} {servo.id}" if adapter else ""
 
     def statistics(self) -> BusStatistics:
         """Return the counters."""
