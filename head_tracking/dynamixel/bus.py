@@ -398,7 +398,9 @@ class ServoBus:
             ServoError: A servo does not recover.
         """
         faulted = [joint for joint in self._require_connection(joints) if joint.faulted]
-        _raise((yield from self._procedures.for_each(faulted, self._procedures.recovering)))
+        problems = yield from self._procedures.for_each(faulted, self._procedures.recovering)
+        if problems:
+            raise ServoError("; ".join(f"{joint}: {why}" for joint, why in problems.items()))
         if patience:
             yield from self._until(faulted, lambda joint: not joint.faulted, patience)
         return tuple([joint.name for joint in faulted])
@@ -458,8 +460,3 @@ class ServoBus:
         if joints is None:
             return list(self._all)
         return [self.joint(name) for name in dict.fromkeys(joints)]
-
-
-def _raise(problems: Mapping[str, DynamixelError]) -> None:
-    if problems:
-        raise ServoError("; ".join(f"{joint}: {problem}" for joint, problem in problems.items()))
