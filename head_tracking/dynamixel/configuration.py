@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import Any
 
 from head_tracking.dynamixel.exceptions import ConfigurationError, RangeError
 from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.protocol import MAX_ID
-from head_tracking.parameters import checked, parameter, parameter_info
+from head_tracking.parameters import parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,33 +261,18 @@ class TemperatureParameters:
 
 @dataclass(frozen=True, slots=True)
 class BusSettings:
-    """Settings of a bus; the defaults suit most robots.
-
-    Raises:
-        ConfigurationError: A time is out of range.
-    """
+    """Settings of a bus; the defaults suit most robots."""
 
     # Time without a command after which a moving joint holds, s; 0: never.
     command_timeout: float = 0.0
-    # Time without any packet after which X servos stop by themselves, s; 0: never.
+    # Time without any packet after which X servos stop by themselves, at most 2.5 s; 0: never.
     watchdog: float = 1.0
     temperature: TemperatureParameters = TemperatureParameters()
-
-    def __post_init__(self) -> None:
-        for name, most in (("command_timeout", 1e9), ("watchdog", 2.5)):
-            if not 0.0 <= getattr(self, name) <= most:
-                raise ConfigurationError(
-                    f"{name} is {getattr(self, name)}; allowed are 0 to {most:g} seconds"
-                )
 
 
 @dataclass(frozen=True, slots=True)
 class EepromSettings:
-    """Settings that the service write_eeprom writes into the memory of the servos.
-
-    Raises:
-        ParameterError: A value is out of range.
-    """
+    """Settings that the service write_eeprom writes into the memory of the servos."""
 
     return_delay: float = parameter(
         0.0, "Time before a servo answers.", unit="microseconds", minimum=0.0, maximum=508.0
@@ -301,10 +286,6 @@ class EepromSettings:
     status_return_level: int = parameter(
         2, "Instructions that a servo answers: 1 ping and read, 2 all.", minimum=1, maximum=2
     )
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            checked(each.name, parameter_info(each), each.default, getattr(self, each.name))
 
     def registers(self, model: ServoModel, tick_range: tuple[int, int]) -> dict[str, int]:
         """Return the register values for a model and the tick range of a joint, by name.

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import pytest
 from dynamixel_fakes import (
     PAN,
@@ -31,7 +28,6 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.servo import run
-from head_tracking.parameters import ParameterError
 from head_tracking.simulation import SimulatedServo
 
 # Faults
@@ -271,19 +267,6 @@ def test_what_cannot_be_written_into_the_memory_is_refused(rig: FakeRig) -> None
     with pytest.raises(ServoError, match="Return Delay Time"):
         write("head_tilt_joint", EepromSettings())
     assert [servo["Return Delay Time"] for servo in (rig.pan, rig.tilt)] == [250, 250]
-
-
-@pytest.mark.parametrize(
-    "option",
-    [
-        *({"return_delay": delay} for delay in (math.nan, math.inf, -1.0, 600.0, "fast")),
-        *({"status_return_level": level} for level in (0, 3, 1.5)),
-        {"shutdown": "overload"},
-    ],
-)
-def test_impossible_settings_of_the_memory_are_refused(option: dict[str, Any]) -> None:
-    with pytest.raises(ParameterError):
-        EepromSettings(**option)
 
 
 def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
