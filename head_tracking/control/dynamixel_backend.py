@@ -45,8 +45,8 @@ class DynamixelBackend(JointBackend):
         on_failure: called with the error that has ended a thread, in that thread.
 
     Raises:
-        ConfigurationError: two buses have a joint or a controller of the same name, one has another
-            epoch, or the rate is not possible.
+        ConfigurationError: two buses have a joint or a controller of the same name, or one has
+            another epoch.
 
     Attributes:
         threads: one for each bus.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from head_tracking.dynamixel.bus import ServoBus
-from head_tracking.dynamixel.exceptions import BusStoppedError, ConfigurationError
+from head_tracking.dynamixel.exceptions import BusStoppedError
 from head_tracking.dynamixel.state import BusReading
 
 _T = TypeVar("_T")
@@ -35,7 +35,7 @@ class BusThread:
 
     Args:
         bus: The bus, already connected.
-        update_rate: Cycles per second.
+        update_rate: Cycles per second, 1 to 1000.
         on_reading: Called with every reading, in this thread. It must return soon, and must not
             wait for the future of a request.
         on_error: Called with the exception that ended the thread, after the servos were relaxed.
@@ -45,9 +45,6 @@ class BusThread:
     Attributes:
         timing: Timing of the cycle.
         unconfirmed: Joints that did not confirm at the end that they are relaxed.
-
-    Raises:
-        ConfigurationError: The rate is not from 1 to 1000.
     """
 
     def __init__(
@@ -58,10 +55,6 @@ class BusThread:
         on_error: Callable[[BaseException], object] = lambda _: None,
         update: Callable[[BusReading], object] = lambda _: None,
     ) -> None:
-        if not 1.0 <= update_rate <= 1000.0:
-            raise ConfigurationError(
-                f"update_rate {update_rate} is not possible; allowed are 1 to 1000 cycles/s"
-            )
         self.bus = bus
         self._on_reading = on_reading
         self._on_error = on_error
