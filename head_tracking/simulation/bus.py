@@ -61,9 +61,6 @@ class SimulatedBus:
 
     Attributes:
         write_log: Log of accepted writes.
-
-    Raises:
-        SimulationError: There is no servo.
     """
 
     def __init__(
@@ -75,8 +72,6 @@ class SimulatedBus:
         write_log: WriteLog | None = None,
     ) -> None:
         self._servos = tuple(servos)
-        if not self._servos:
-            raise SimulationError("a simulated bus needs at least one servo")
         self.write_log = write_log or WriteLog()
         for servo in self._servos:
             servo.write_log = self.write_log

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from random import Random
 from typing import Final
 
@@ -139,13 +138,6 @@ class SimulatedServo:
     ) -> None:
         self.model = own = simulated_model(model)
         ticks = float(own.center) if position is None else position
-        if not 0.0 <= ticks <= own.ticks - 1:
-            raise SimulationError(
-                f"initial position of servo {servo_id} is {position} ticks; allowed are 0 to "
-                f"{own.ticks - 1}"
-            )
-        if not 0.0 <= link_play < math.inf:
-            raise SimulationError(f"link_play of servo {servo_id} is {link_play}; the minimum is 0")
         self.supply_voltage = own.nominal_voltage if supply_voltage is None else supply_voltage
         self.temperature = 30.0
         self.alarms = Alarms(own)
@@ -212,14 +204,10 @@ class SimulatedServo:
         """Set a register without the checks and side effects of a packet.
 
         Raises:
-            SimulationError: There is no such register, or the value does not fit into its bytes.
+            SimulationError: There is no such register.
+            OverflowError: The value does not fit into its bytes.
         """
-        register = self._find(name)
-        try:
-            value.to_bytes(register.size, register.order, signed=register.signed)
-        except OverflowError as cause:
-            raise SimulationError(f"{name} cannot hold {value}") from cause
-        self._registers[name] = value
+        self._registers[self._find(name).name] = value
         self._configure()
 
     def set_offset(self, ticks: int) -> None:

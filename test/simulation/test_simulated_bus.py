@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from head_tracking.simulation import SimulatedBus, SimulatedServo, SimulationError
+from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 OK = "FF FF 01 02 00 FC"
 AX = [
@@ -68,8 +68,3 @@ def test_published_sync_write_sets_goals_and_speeds() -> None:
     assert (b[1].register("Goal Position"), b[1].register("Moving Speed")) == (512, 100)
     assert (b[2].register("Goal Position"), b[2].register("Moving Speed")) == (300, 100)
     assert b[0].register("Torque Enable") == 0
-
-
-def test_bus_needs_a_servo() -> None:
-    with pytest.raises(SimulationError):
-        SimulatedBus([])
