@@ -99,8 +99,6 @@ class Block:
         form = {"little": "<", "big": ">"}[self.byte_order]
         position = self.address
         for register in self.registers:
-            if register.address < position:
-                raise RangeError(f"{register.name} must stand before its predecessor in the block")
             code = _STRUCT_CODES[register.size]
             if register.signed:
                 code = code.lower()
@@ -118,20 +116,12 @@ class Block:
         """Number of bytes from the first register to the end of the last."""
         return self.layout.size
 
-    def decode(self, data: bytes) -> tuple[int, ...]:
-        """Return one value for each register; raise RangeError for a wrong number of bytes."""
-        if len(data) != self.length:
-            raise RangeError(f"the block has {self.length} bytes, not {len(data)}")
-        return self.layout.unpack(data)
-
     def encode(self, *values: int) -> bytes:
         """Return the bytes that write one value into each register.
 
         Raises:
-            RangeError: A value is out of range, or the block has gaps or another length.
+            RangeError: A value is out of range, or the block has gaps.
         """
-        if len(values) != len(self.registers):
-            raise RangeError(f"the block has {len(self.registers)} values, not {len(values)}")
         for register, value in zip(self.registers, values, strict=True):
             if not register.admits(value):
                 allowed = f"{register.minimum} to {register.maximum}"

@@ -158,7 +158,7 @@ class Servo:
         address, length = block.address, block.length
         read = self._port.read
         reply = self._try(tries, lambda: read(self.id, address, length, self._protocol))
-        return block.decode(reply.data)
+        return block.layout.unpack(reply.data)
 
     def get(self, name: str, tries: int = _TRIES) -> int:
         """Read one register."""

@@ -78,9 +78,9 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
 def _write_slow_goal(servo: Servo, ticks: int, allowed: tuple[int, int] | None) -> Steps[int]:
     """Write a goal, moved into the range, with the lowest speed; return it, in ticks."""
     lowest, highest = allowed or servo.range
-    goal, block = max(lowest, min(highest, ticks)), servo.model.goal
-    data = servo.model.encode_goal(goal, servo.model.speed_minimum)
-    yield from servo.verify(block, *block.decode(data))
+    goal, model = max(lowest, min(highest, ticks)), servo.model
+    values = model.goal_values((goal, model.speed_minimum, 0))
+    yield from servo.verify(model.goal, *values)
     return goal
 
 

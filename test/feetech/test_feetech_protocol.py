@@ -43,14 +43,14 @@ def test_the_driver_sends_what_the_maker_prints(printed: str, ours: bytes) -> No
 def test_the_driver_reads_what_the_maker_prints() -> None:
     status = decode_status(1, bytes.fromhex("FF FF 01 04 00 18 05 DD"))
     assert status is not None
-    assert STS.control_table.block("Present Position").decode(status.data) == (1304,)
+    assert STS.control_table.block("Present Position").layout.unpack(status.data) == (1304,)
     status = decode_status(1, bytes.fromhex("FF FF 02 0A 00 FF 07 00 00 00 00 77 23 53"))
     assert status is not None
-    assert STS.feedback.decode(status.data) == (2047, 0, 0, 0x77, 0x23)
+    assert STS.feedback.layout.unpack(status.data) == (2047, 0, 0, 0x77, 0x23)
 
 
 def test_a_goal_is_what_the_maker_prints_with_an_acceleration_of_0_before() -> None:
-    values = STS.goal.decode(STS.encode_goal(2048, 1000))
+    values = STS.goal.layout.unpack(STS.encode_goal(2048, 1000))
     assert STS.goal.encode(*values) == b"\0" + SPEED_1000
     assert STS.encode_goal(2048, 1000) == b"\0" + SPEED_1000
     assert STS.goal.address == 41
@@ -59,8 +59,8 @@ def test_a_goal_is_what_the_maker_prints_with_an_acceleration_of_0_before() -> N
 def test_values_of_scs_servos_have_the_high_byte_first() -> None:
     scs = servo_model("SCS0009")
     assert scs.encode_goal(0x0123, 0x0245) == bytes.fromhex("01 23 00 00 02 45")
-    assert scs.control_table.block("Model Number").decode(b"\x05\x04") == (1284,)
-    assert STS.control_table.block("Model Number").decode(b"\x09\x03") == (777,)
+    assert scs.control_table.block("Model Number").layout.unpack(b"\x05\x04") == (1284,)
+    assert STS.control_table.block("Model Number").layout.unpack(b"\x09\x03") == (777,)
 
 
 # The simulator, by the same vectors
