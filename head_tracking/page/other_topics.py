@@ -132,6 +132,7 @@ class OtherTopics:
         self.warnings: tuple[str, ...] = ()
         self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
         self._images: tuple[str, ...] = ()
+        self._pictures: dict[str, Snapshot] = {}
         self._discovery_due = 0.0
         for name in (*CONTROLLERS, *SENDERS):
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
@@ -268,8 +269,11 @@ class OtherTopics:
         received = self._request(kind, name, MEASUREMENT)
         if received is None:
             return None
-        at, message = received
-        return Snapshot(topic, round(at * 1e9), message, *size_of(message))
+        number, known = round(received.at * 1e9), self._pictures.get(name)
+        if known is None or known.number != number:
+            known = Snapshot(topic, number, received.message, *size_of(received.message))
+            self._pictures[name] = known
+        return known
 
     def camera(self, picture: Snapshot) -> Camera | None:
         """Return the calibration of an image; None: no usable one has been received."""

@@ -139,7 +139,7 @@ class Camera:
                 f"the matrix {'P' if rectified else 'K'} is {list(k)}; it needs nine finite numbers"
             )
         is_bounded = len(turn) == 9 and max(map(abs, turn)) < 2.0
-        if not (is_bounded and np.allclose(_rows(turn) @ _rows(turn).T, np.eye(3), atol=1e-3)):
+        if not (is_bounded and np.abs(_rows(turn) @ _rows(turn).T - np.eye(3)).max() < 1e-3):
             raise CameraError(f"the matrix R is {list(turn)}; it must be a rotation")
         fx, fy, cx, cy = k[0], k[4], k[2], k[5]
         if min(*size, fx, fy) <= 0:
