@@ -15,7 +15,7 @@ from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
 from head_tracking.ros.kit.images import picture_of
 from head_tracking.share import state_folder
-from head_tracking.transforms import LATEST, TransformBuffer, Vector3
+from head_tracking.transforms import TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.images import ImageError, Pixels
 from head_tracking.vision.markers import MarkerParameters
@@ -81,12 +81,12 @@ class CameraCalibration:
             raise HeadTrackingError("A calibration is in progress already.")
         self.progress = Progress(True, "The head begins to look around. STOP ends it.")
         marker = MarkerParameters("4X4_50", -1, marker_size)
-        threading.Thread(target=self._run, args=(marker, topic), daemon=True).start()
+        head = _PointedHead(self._robot, lambda: self._picture(topic))
+        threading.Thread(target=self._run, args=(head, marker), daemon=True).start()
         return self.progress.text
 
-    def _run(self, marker: MarkerParameters, topic: str) -> None:
+    def _run(self, head: _PointedHead, marker: MarkerParameters) -> None:
         progress = Progress(text="The calibration has failed.")
-        head = _PointedHead(self._robot, lambda: self._picture(topic))
         try:
             progress = self._calibrate(head, marker)
         except (HeadTrackingError, OSError, ValueError) as error:
@@ -140,17 +140,13 @@ class _PointedHead:
         self._robot, self._picture = robot, picture
         self._stops, self._is_pointed = robot.stop.count, False
         self._normal_speed: Any = None
+        assert robot.head is not None  # `begin` has checked it
+        self._joint_names = robot.head.pan_joint, robot.head.tilt_joint
 
     @property
     def frames(self) -> TransformBuffer:
         """The robot's frames."""
         return self._robot.buffer
-
-    @property
-    def _joint_names(self) -> tuple[str, str]:
-        head = self._robot.head
-        assert head is not None  # `begin` has checked it
-        return head.pan_joint, head.tilt_joint
 
     @property
     def joints(self) -> Mapping[str, float]:
@@ -165,24 +161,16 @@ class _PointedHead:
         """Turn to a point [m] and wait until the head is at rest.
 
         Raises:
-            UnreachableError: the head cannot point there; nothing has moved.
+            UnreachableError: the head cannot point there, or not now; nothing has moved.
             HeadTrackingError: as `check`, or because the head does not come to rest.
         """
-        robot = self._robot
         self._limit_speed(max_velocity)
-        head = robot.head
-        assert head is not None
-        found = self.frames.lookup_transform(head.base_frame, frame, LATEST).transform
-        gaze = head.gaze(found @ point, *self.joints.values())
-        if not gaze.reached:
-            raise UnreachableError(point, frame, math.pi, gaze.reason)
-        robot.modes.look_at(frame, point)
-        begun = time.monotonic()
-        while (
-            time.monotonic() < begun + _START
-            or robot.topics.status(POINTER).get("state") == "turning"
-        ):
+        self._robot.modes.look_at(frame, point)
+        begun, status = time.monotonic(), self._robot.topics.status
+        while time.monotonic() < begun + _START or status(POINTER).get("state") == "turning":
             self._wait(begun + _PATIENCE, "the head does not come to rest")
+        if refusal := status(POINTER).get("refusal"):
+            raise UnreachableError(point, frame, math.pi, refusal)
 
     def camera(self) -> tuple[str, Camera | None]:
         """Return the frame of the camera, and its lens; None: it is not published.

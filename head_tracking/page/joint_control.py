@@ -112,7 +112,7 @@ class JointPanel:
             raise HeadTrackingError(self._robot.stop.refusal)
         if self._robot.modes.mode() is not Mode.OFF:
             self._robot.modes.release()
-        owners = self._robot.topics.owners()
+        owners = self._robot.topics.owners
         for joint in positions:
             if owners.get(joint, "") not in ("", self._node.get_name()):
                 raise HeadTrackingError(f"{joint} is owned by {owners[joint]}, which keeps it.")

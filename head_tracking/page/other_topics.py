@@ -120,6 +120,7 @@ class OtherTopics:
 
     Attributes:
         warnings: the last warnings and errors of the log, latest last.
+        owners: the node that owns each joint, without its namespace; empty for none.
     """
 
     def __init__(self, node: Node, polled: PolledNode, graph: Graph) -> None:
@@ -138,7 +139,7 @@ class OtherTopics:
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
         for name in CONTROLLERS:
             self._subscribe(node, DiagnosticStatus, f"{name}/status", LATCHED)
-        self._owners: Mapping[str, str] = {}
+        self.owners: Mapping[str, str] = {}
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         node.create_subscription(Log, "/rosout", self._on_log, _LOG)
@@ -173,10 +174,6 @@ class OtherTopics:
     def forget(self, name: str) -> None:
         """Drop whether a node that has gone was enabled."""
         self._received.pop(f"{name}/enabled", None)
-
-    def owners(self) -> Mapping[str, str]:
-        """Return the node that owns each joint, without its namespace; empty for none."""
-        return {joint: owner.rpartition("/")[2] for joint, owner in self._owners.items()}
 
     def error(self, name: str) -> float | None:
         """Return by how much a controller misses its target [rad]; None: nothing recent."""
@@ -287,7 +284,8 @@ class OtherTopics:
         return None
 
     def _on_control(self, message: DiagnosticStatus) -> None:
-        self._owners = control_from_message(message).owners
+        owners = control_from_message(message).owners.items()
+        self.owners = {joint: owner.rpartition("/")[2] for joint, owner in owners}
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now, nodes, known = time.monotonic(), set(self._graph.nodes), self._diagnostics

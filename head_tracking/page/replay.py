@@ -48,7 +48,6 @@ class Replays:
         return {
             "type": "state",
             **robot.state(seen),
-            "boxes": [],
             "word": "replay",
             "text": seen.text or "a recording",
         }

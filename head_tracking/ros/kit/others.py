@@ -30,20 +30,20 @@ class Graph:
     Attributes:
         namespace: of the nodes.
         nodes: their names without the namespace, sorted.
-        services: the type of each service by its full name.
+        services: the full names of their services.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self.namespace: str = node.get_namespace()
         self.nodes: tuple[str, ...] = ()
-        self.services: Mapping[str, str] = {}
+        self.services: frozenset[str] = frozenset()
 
     def look(self) -> None:
         """Discover nodes and services."""
         own = self._node.get_name()
         nodes: set[str] = set()
-        services: dict[str, str] = {}
+        services: set[str] = set()
         for name, namespace in self._node.get_node_names_and_namespaces():
             if namespace != self.namespace or name.startswith(own):
                 continue
@@ -52,8 +52,8 @@ class Graph:
                 offered = self._node.get_service_names_and_types_by_node(name, namespace)
             except NodeHasGone:
                 continue
-            services.update((service, types[0]) for service, types in offered)
-        self.nodes, self.services = tuple(sorted(nodes)), services
+            services.update(service for service, _ in offered)
+        self.nodes, self.services = tuple(sorted(nodes)), frozenset(services)
 
     def is_own(self, node: str) -> bool:
         """Return whether a node, given by its full name, is in the namespace."""
