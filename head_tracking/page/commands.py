@@ -78,7 +78,7 @@ def _look(robot: Robot, live: Live, of: Fields) -> None:
         raise HeadTrackingError("No robot description has been received.")
     frame = model.root
     if "point" in of:
-        x, y, z = map(float, of["point"])
+        x, y, z = map(finite, of["point"])
         frame = str(of.get("frame") or frame)
     else:
         u, v = (_between(of, name, 0.0, 1.0) for name in ("u", "v"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -163,8 +162,6 @@ class HeadModes:
             frame: the frame of the point.
             point: the target [m].
         """
-        if not all(map(math.isfinite, point)):
-            raise HeadTrackingError("The target is refused: x, y and z must be numbers in metres.")
         if frame not in self._buffer.frames():
             raise HeadTrackingError(f"The target is refused: there is no frame {frame!r}.")
         stops = self._stop.count
@@ -172,8 +169,7 @@ class HeadModes:
         if not self._changing.acquire(timeout=_BUSY):
             raise HeadTrackingError("The mode is being changed: try again in a moment.")
         try:
-            x, y, z = map(float, point)
-            self._send(Target(0, frame, (x, y, z)), self._take_over(stops), stops)
+            self._send(Target(0, frame, point), self._take_over(stops), stops)
         finally:
             self._changing.release()
 

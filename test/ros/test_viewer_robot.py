@@ -119,12 +119,9 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     assert seen.modes.mode() is Mode.OFF
 
 
-@pytest.mark.parametrize(
-    ("frame", "point"), [("nowhere", (1.0, 0.0, 0.0)), ("base_link", (math.nan, 0.0, 0.0))]
-)
-def test_an_unknown_frame_and_invalid_coordinates_are_refused(seen, frame, point):
+def test_an_unknown_frame_is_refused(seen):
     with pytest.raises(HeadTrackingError):
-        seen.modes.look_at(frame, point)
+        seen.modes.look_at("nowhere", (1.0, 0.0, 0.0))
     with pytest.raises(HeadTrackingError):
         seen.modes.set_mode(Mode.FOLLOW, "nowhere")
 

@@ -201,6 +201,7 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer, s
 WRONG = [
     ("look", '{"u": 0.5, "v": 0.5, "stamp": 1e400}'),
     ("look", '{"point": [1, 2]}'),
+    ("look", '{"point": [1, 2, NaN]}'),
     ("aim", '{"joints": {}}'),
     ("select", '{"frame_id": "base_link", "stamp": "1e9", "point": [1, 2, 3]}'),
     ("select", '{"frame_id": "base_link", "stamp": "9999999999999999999", "point": [1, 2, 3]}'),
