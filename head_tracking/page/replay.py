@@ -12,7 +12,6 @@ from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import RobotForBrowser
 from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
-from head_tracking.transforms import RobotModelError, parse_robot_model
 
 _MOST = 6  # open recordings; then the one that was not used for the longest time is closed
 
@@ -33,7 +32,7 @@ class Replays:
         """Open a recording; return its key, duration, moments and robot for JSON.
 
         Raises:
-            RecordingError: the file can't be read, or has no model of the robot.
+            RecordingError: the file can't be read, or nothing of it can be shown.
         """
         try:
             with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
@@ -69,14 +68,8 @@ class Replays:
         return one
 
     def _add(self, recording: Recording) -> dict[str, Any]:
-        try:
-            model = parse_robot_model(recording.urdf) if recording.urdf else self._robot.model()
-        except RobotModelError as error:
-            raise RecordingError(f"The recorded robot model is invalid: {error}") from error
-        if model is None:
-            raise RecordingError("The recording has no robot model, and none has been received.")
-        key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(model)
-        robot = RobotForBrowser(model, head, f"/head/replay/{key}/mesh/")
+        key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(recording.model)
+        robot = RobotForBrowser(recording.model, head, f"/head/replay/{key}/mesh/")
         with self._lock:
             self._open[key] = recording, robot
             for oldest in list(self._open)[:-_MOST]:

@@ -120,24 +120,17 @@ class Recording:
 
     Attributes:
         seen: the observations.
-        urdf: the robot's model; empty: not known.
+        model: the robot's model.
         moments: events, oldest first.
         notice: what is unusual about the recording; empty: nothing.
         pictures: of one camera, oldest first: stamp [ns], and JPEG or PNG.
-
-    Raises:
-        RecordingError: there is no observation.
     """
 
     seen: tuple[Observation, ...]
-    urdf: str = ""
+    model: RobotModel
     moments: tuple[Moment, ...] = ()
     notice: str = ""
     pictures: tuple[tuple[int, bytes], ...] = ()
-
-    def __post_init__(self) -> None:
-        if not self.seen:
-            raise RecordingError("The recording is empty.")
 
     @property
     def duration(self) -> float:

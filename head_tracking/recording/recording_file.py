@@ -201,12 +201,12 @@ class _Reading:
         self._period = round(max(_PERIOD, length / _MOST) * 1e9)
         self._base = base = contents.namespace()
         self._camera = contents.camera(base)
-        self._urdf = contents.models.get(f"{base}robot_description", "")
+        urdf = contents.models.get(f"{base}robot_description", "")
         self._buffer = TransformBuffer()
         self._no_model = ""
-        if self._urdf:
+        if urdf:
             try:
-                self._buffer.set_model(parse_robot_model(self._urdf))
+                self._buffer.set_model(parse_robot_model(urdf))
             except RobotModelError as error:
                 self._no_model = f"its robot_description is invalid: {error}"
         root = self._buffer.model.root if self._buffer.model else ""
@@ -282,15 +282,16 @@ class _Reading:
         if self._first is not None:
             self._observe()
         unread = "; ".join(f"{topic} can't be read ({e})" for topic, e in self._unread.items())
-        if not self._seen:
-            missing = f"no joint_states in {self._base}" if self._urdf else "no robot_description"
+        model = self._buffer.model
+        if model is None or not self._seen:
+            missing = f"no joint_states in {self._base}" if model else "no robot_description"
             reason = why or self._no_model or unread or missing
             raise RecordingError(f"Nothing of the file can be shown: {reason}.")
         start = self._seen[0].stamp
         moments = (Moment((at - start) * 1e-9, text) for at, text in self._moments)
         return Recording(
             tuple(self._seen),
-            self._urdf,
+            model,
             tuple(moments),
             "; ".join(filter(None, (f"{why}; it is shown up to there" if why else "", unread))),
             tuple(self._pictures),
