@@ -17,7 +17,7 @@ from head_tracking.exceptions import RefusedError
 T = TypeVar("T")
 
 _RATE = 10.0  # Hz
-_PLAIN_WIDTH = 120  # columns of the output without a terminal
+_PLAIN_WIDTH = 2000  # columns without a terminal: no line is broken
 
 
 class Terminal:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from head_tracking.cli.terminal import Terminal
 
 
 class Grade(IntEnum):
@@ -29,7 +29,6 @@ class Finding(NamedTuple):
 
 
 _COLOURS: Final = {Grade.GREEN: "green", Grade.AMBER: "yellow", Grade.RED: "red"}
-_PLAIN_WIDTH: Final = 2000  # columns without a terminal: each finding is one line
 
 
 def show(finding: Finding) -> None:
@@ -40,5 +39,4 @@ def show(finding: Finding) -> None:
     row.add_column()
     word = "-" if finding.level is Grade.SKIPPED else finding.level.name.lower()
     row.add_row(word, finding.check, Text(finding.text))
-    width = None if sys.stdout.isatty() else _PLAIN_WIDTH
-    Console(file=sys.stdout, highlight=False, width=width).print(row)
+    Terminal().show(row)
