@@ -72,17 +72,16 @@ class HeadNode(ClosingNode):
 
     Attributes:
         control: controls the head.
+        logs_states: whether each new state is logged.
     """
 
     control: HeadControl
+    logs_states = False
 
     @property
     def failure(self) -> Exception | None:
         """The exception that has ended its part in the loop."""
         return self.control.failure
-
-    def on_state(self, text: str) -> None:
-        """Is called with the text when the state has changed."""
 
     def create_control(
         self,
@@ -230,5 +229,5 @@ class HeadNode(ClosingNode):
             self._status_topic.publish(status_message(control.name, level, text, fields))
             if is_new:
                 self._state_topic.publish(String(data=text))
-            if state != before.get("state"):
-                self.on_state(text)
+            if self.logs_states and state != before.get("state"):
+                self.get_logger().info(text)

@@ -48,6 +48,8 @@ class HeadTrackerNode(HeadNode):
         loop: the control loop of the process; None: this node listens itself, and runs its own.
     """
 
+    logs_states = True
+
     def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
         super().__init__("head_tracker", **options)
         own = self._own = NodeParameters(self, HeadTrackerParameters, on_change=self._tune)
@@ -65,10 +67,6 @@ class HeadTrackerNode(HeadNode):
         self.create_control("~/tracking_error", loop, self._tracking, period)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.begin()
-
-    def on_state(self, text: str) -> None:
-        """See `HeadNode`."""
-        self.get_logger().info(text)
 
     def _settings(self) -> TrackingSettings:
         own = self._own.value
