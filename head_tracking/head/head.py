@@ -629,7 +629,7 @@ class Head:
             FrameError: a frame is unknown, or was not known at that time.
             ValueError: the time is not finite.
         """
-        return self._lookup(frame, link, stamp, _TIMEOUT, link)
+        return self._lookup(frame, link, stamp, _TIMEOUT)
 
     # Private
 
@@ -649,14 +649,13 @@ class Head:
             raise BusStoppedError("the servos have not answered since the clock jumped")
         return pan[1], tilt[1]
 
-    def _lookup(
-        self, target: str, source: str, stamp: float | None, timeout: float, frame: str
-    ) -> Transform:
-        """Return `T_target_source`; an error is about `frame`."""
+    def _lookup(self, target: str, source: str, stamp: float | None, timeout: float) -> Transform:
+        """Return `T_target_source`."""
         at, patience = _nanoseconds(stamp), 0.0 if stamp is None else timeout
         try:
             return self.frames.lookup_transform(target, source, at, patience).transform
         except TransformException as error:
+            frame = source if target in self.frames.frames() else target
             raise FrameError(frame, str(error)) from error
 
     def _check(self, target: Target) -> float:
@@ -670,7 +669,7 @@ class Head:
         """
         head, frame = self._head, target.frame_id
         stamp = target.stamp * 1e-9 if target.stamp else None
-        pose = self._lookup(head.base_frame, frame, stamp, self._control.frames.timeout, frame)
+        pose = self._lookup(head.base_frame, frame, stamp, self._control.frames.timeout)
         point = pose @ target.point
         joints = self._positions()
         gaze = head.gaze(point, *joints)

@@ -83,18 +83,24 @@ class ChildProcess:
         self._ends_in_a_row = 0
 
     def start(self) -> Channel:
-        """Start the process with its nodes, and return the channel."""
+        """Start the process with its nodes, and return the channel.
+
+        Raises:
+            OSError: the machine has no memory, process or file descriptor left for it.
+        """
         self.start_at, self._started = None, time.monotonic()
         ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         with theirs:
             program = (sys.executable, "-m", "head_tracking.run.child")
             # Ctrl-C waits until the process handles it; the process unblocks it then
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
-            self._process = subprocess.Popen(
-                [*program, self.name, str(theirs.fileno()), *self._arguments],
-                pass_fds=[theirs.fileno(), *self._descriptors],
-            )
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            try:
+                self._process = subprocess.Popen(
+                    [*program, self.name, str(theirs.fileno()), *self._arguments],
+                    pass_fds=[theirs.fileno(), *self._descriptors],
+                )
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[self.name])
         self.channel = Channel(ours)
@@ -139,9 +145,9 @@ class ChildProcess:
         self.channel = None
         return code
 
-    def plan_restart(self) -> None:
-        """Plan the restart of the process, which has ended, if it has nodes."""
-        problem = f"the {self.name} process {_describe_end(self.end())}"
+    def plan_restart(self, event: str) -> None:
+        """Plan the restart of the process, if it has nodes, after an event that is printed."""
+        problem = f"the {self.name} process {event}"
         if not self.nodes:
             return _print(problem)
         if time.monotonic() - self._started > _STABLE_TIME:
@@ -213,7 +219,10 @@ class Supervisor:
         for other in self._others.values():
             is_due = other.start_at is not None and other.start_at <= time.monotonic()
             if is_due and not self._ending:
-                self._selector.register(other.start(), selectors.EVENT_READ, other)
+                try:
+                    self._selector.register(other.start(), selectors.EVENT_READ, other)
+                except OSError as error:
+                    other.plan_restart(f"cannot start: {error}")
         self._update_keys()
         if time.monotonic() > min(self._kill_at, self._stop_by):
             self._control.kill()
@@ -276,7 +285,7 @@ class Supervisor:
         if message is None:
             self._selector.unregister(process.channel)
             if process is not self._control and not self._ending:
-                process.plan_restart()
+                process.plan_restart(_describe_end(process.end()))
         elif process is not self._control:
             process.on_report(**message)
             self._control.send(**message)

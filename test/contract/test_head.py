@@ -268,7 +268,8 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
         head.look_at((-2.0, 0.0, 0.6))
     assert 0.2 < unreachable.value.miss < math.pi
     assert unreachable.value.point == (-2.0, 0.0, 0.6)
-    for ask in (head.look_at, head.follow, lambda _, frame: head.pose(frame)):
+    poses = (lambda _, frame: head.pose(frame)), (lambda _, frame: head.pose("camera_link", frame))
+    for ask in (head.look_at, head.follow, *poses):
         with pytest.raises(FrameError) as unknown:
             ask((1, 0, 0), "nose")
         assert unknown.value.frame == "nose"

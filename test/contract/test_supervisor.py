@@ -1,8 +1,10 @@
 """Killed processes of a run: the servos are relaxed, or the process is restarted."""
 
+import errno
 import os
 import random
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -103,6 +105,25 @@ def test_vision_is_restarted_in_the_same_state(bench):
     assert person.call("visual_target/enable", True).success
     wait_for(lambda: person.state("head_tracker") == "tracking")
     assert child(run.process.pid, "control") == control
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
+@needs_opencv
+def test_the_head_continues_while_the_machine_has_nothing_left_for_a_restart(bench):
+    run = bench.run("--target", "ball")
+    supervisor, states = run.process.pid, bench.person.hear("servo_states", JointState)
+    wait_for(lambda: states)
+    control, vision = (child(supervisor, name) for name in ("control", "vision"))
+    files = len(os.listdir(f"/proc/{supervisor}/fd"))
+    _, most = resource.prlimit(supervisor, resource.RLIMIT_NOFILE)
+    resource.prlimit(supervisor, resource.RLIMIT_NOFILE, (files, most))
+    os.kill(vision, signal.SIGKILL)
+    run.read_until(os.strerror(errno.EMFILE))
+    states.clear()
+    wait_for(lambda: len(states) > 50)
+    resource.prlimit(supervisor, resource.RLIMIT_NOFILE, (most, most))
+    wait_for(lambda: child(supervisor, "vision"))
+    assert child(supervisor, "control") == control
     assert run.end(signal.SIGINT) == 0, run.output
 
 
