@@ -262,10 +262,10 @@ class DynamixelBackend(JointBackend):
                 problem = str(cause) or repr(cause)
                 problems.update(dict.fromkeys(self._names[thread.bus], problem))
 
-        helpers = [threading.Thread(target=relax, args=(each,)) for each in self.threads[1:]]
+        # Ctrl-C here would leave the port of the bus locked; it cannot interrupt other threads
+        helpers = [threading.Thread(target=relax, args=(each,)) for each in self.threads]
         for helper in helpers:
             helper.start()
-        relax(self.threads[0])
         for helper in helpers:
             helper.join()
         return problems

@@ -61,7 +61,7 @@ class JointOwners:
         self.stopped = False
         self._clock = clock
         self._exclusive = exclusive
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a signal handler may stop the head meanwhile
         self._owners: dict[str, tuple[str, float]] = {}
         self._interrupted: dict[str, str] = {}
         self._elsewhere: dict[str, str] = {}

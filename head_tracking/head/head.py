@@ -8,9 +8,10 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from head_tracking.compatibility import StrEnum
@@ -41,7 +42,7 @@ from head_tracking.head.motions import MotionEnd, PointMotion, Tracking, Trackin
 from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.parameters import changed
 from head_tracking.share import robot_file, robot_parameters
-from head_tracking.signals import ending_signals
+from head_tracking.signals import ending_signals, postponed_signals
 from head_tracking.tracking import (
     ClockWatch,
     LearnedValue,
@@ -199,11 +200,14 @@ class Head:
         self._failure: BaseException | None = None
         self._follower: CameraFollower | None = None
         self._signals = ExitStack()
-        atexit.register(self._close)
+        atexit.register(self.close)
         self._servos.start()
-        if not self._servos.measured.wait(_TIMEOUT):
+        try:
+            if not self._servos.measured.wait(_TIMEOUT):
+                raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
+        except BaseException:  # Ctrl-C, too
             self.close()
-            raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
+            raise
 
     @classmethod
     def open(
@@ -310,23 +314,24 @@ class Head:
             disabled = control.disabled
             switched = self._servos.switch_torque(None, True, epoch)
         self._confirm_on(switched, disabled)
-        result: Future[PointingResult] = Future()
+        ended: SimpleQueue[PointingResult | Exception] = SimpleQueue()
         with control.lock:
             self._permit(epoch)
             motion = control.point(
                 target,
                 PointingParameters(max_velocity=max_velocity, clamp_to_limits=True),
-                lambda motion: self._conclude(motion, result),
+                lambda motion: self._conclude(motion, ended.put),
                 at_stamp=stamp is not None,
             )
         try:
-            # `result(timeout)` would raise TimeoutError, which a signal handler may raise too
-            wait((result,), min(timeout, threading.TIMEOUT_MAX))
-            if not result.done():
-                return PointingResult(False, miss if motion.miss is None else motion.miss)
-            return result.result()
+            end = ended.get(timeout=min(timeout, threading.TIMEOUT_MAX))
+        except Empty:
+            return PointingResult(False, miss if motion.miss is None else motion.miss)
         finally:  # also on Ctrl-C
             control.cancel(motion)
+        if isinstance(end, Exception):
+            raise end
+        return end
 
     def follow(
         self, point: Iterable[float], frame: str = "base_link", *, stamp: float | None = None
@@ -492,9 +497,7 @@ class Head:
         Returns:
             The problem of each joint; empty if its servo has confirmed.
         """
-        problems = self._loop.stop()
-        self._control.watch()
-        return problems
+        return self._loop.stop()
 
     def relax(self) -> None:
         """Switch off the torque, and refuse commands until `resume`.
@@ -546,25 +549,16 @@ class Head:
         Raises:
             DynamixelError: a servo has not confirmed that it is relaxed.
         """
-        result: Future[None] = Future()
-
-        def close() -> None:
-            try:
-                self._close()
-                result.set_result(None)
-            except Exception as error:
-                result.set_exception(error)
-
-        threading.Thread(target=close, name="close head").start()  # not a daemon: Python waits
-        interrupt: KeyboardInterrupt | None = None
-        while not result.done():
-            try:
-                wait((result,), _TIMEOUT)
-            except KeyboardInterrupt as error:
-                interrupt = error
-        if interrupt is not None:
-            raise interrupt
-        result.result()
+        with postponed_signals():
+            atexit.unregister(self.close)
+            self._control.release(Blocked.CLOSED)
+            problems = self._servos.close()
+            if self._control.lock.acquire(timeout=_TIMEOUT):  # else a callback that hangs has it
+                self._control.disable(Blocked.CLOSED)
+                self._control.save()
+                self._control.lock.release()
+        if problems:
+            raise BusStoppedError("; ".join(problems))
 
     def __enter__(self) -> Self:
         self._signals.enter_context(ending_signals())
@@ -678,15 +672,17 @@ class Head:
             raise UnreachableError(target.point, frame, miss, gaze.reason)
         return head.miss(point, *joints)
 
-    def _conclude(self, motion: PointMotion, result: Future[PointingResult]) -> None:
-        """Set the result of a motion that has ended, for the thread that waits for it."""
+    def _conclude(
+        self, motion: PointMotion, put: Callable[[PointingResult | Exception], object]
+    ) -> None:
+        """Put the result of a motion that has ended, for the thread that waits for it."""
         if motion.result is None or motion.result.end is MotionEnd.CANCELED:  # by that thread
             return
         end, reason, miss = motion.result.end, motion.result.reason, motion.miss
         target = motion.target
         error: Exception
         if end in (MotionEnd.SUCCEEDED, MotionEnd.MISSED) and miss is not None:
-            result.set_result(PointingResult(end is MotionEnd.SUCCEEDED, miss))
+            put(PointingResult(end is MotionEnd.SUCCEEDED, miss))
             return
         if end is MotionEnd.PREEMPTED:
             error = SupersededError(target.point, miss)
@@ -699,7 +695,7 @@ class Head:
             error.__cause__ = self._failure
         else:
             error = BusStoppedError(reason)
-        result.set_exception(error)
+        put(error)
 
     @property
     def _refusing(self) -> HeadState | None:
@@ -722,13 +718,13 @@ class Head:
         return now
 
     def _confirm_on(self, switched: Sequence[Future[None]], disabled: Obstacle) -> None:
-        """Wait until torque is on; refused if `relax` has replaced `disabled` meanwhile."""
+        """Wait until torque is on; refused if another call has replaced `disabled` meanwhile."""
         try:
             _confirm(switched)
-        except TorqueError as error:
-            now = self._control.disabled
-            if now is not disabled and now.reason is Blocked.RELAXED:
-                raise RefusedCommandError(HeadState.RELAXED) from error
+        except (TorqueError, BusStoppedError) as error:
+            refusing = _REFUSING.get(self._control.disabled.reason)
+            if self._control.disabled is not disabled and refusing is not None:
+                raise RefusedCommandError(refusing) from error
             raise
 
     def _end_following(self, follower: CameraFollower | None = None) -> CameraFollower | None:
@@ -753,16 +749,6 @@ class Head:
         self._failure = error
         self._control.disable(Blocked.CLOSED)
 
-    def _close(self) -> None:
-        atexit.unregister(self._close)
-        self._control.disable(Blocked.CLOSED)
-        try:
-            problems = self._servos.close()
-        finally:
-            self._control.save()
-        if problems:
-            raise BusStoppedError("; ".join(problems))
-
 
 def _load_robot(
     robot: str | Path, calibration: str | Path | None
@@ -780,11 +766,16 @@ def _load_robot(
 
 def _confirm(switched: Sequence[Future[None]]) -> None:
     """Wait until the servos have confirmed that their torque was switched."""
-    if wait(switched, _TIMEOUT).not_done:
-        raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s")
-    with _refused_if_stopped():
-        for bus in switched:
-            bus.result()
+    # Ctrl-C in `concurrent.futures.wait` could leave a lock locked, which the bus needs
+    done: SimpleQueue[Future[None]] = SimpleQueue()
+    for future in switched:
+        future.add_done_callback(done.put)
+    try:
+        with _refused_if_stopped():
+            for _ in switched:
+                done.get(timeout=_TIMEOUT).result()
+    except Empty:
+        raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
 
 
 @contextmanager

@@ -201,12 +201,16 @@ class HeadControl(Controller):
     def disable(self, reason: Blocked, detail: str = "") -> None:
         """Stop the head and release the joints, also after a STOP has ended."""
         with self.lock:
-            self.disabled = Obstacle(reason, detail)
             if reason is Blocked.FAULT:
                 self._log.error(f"the head is stopped: {detail}")
             self._stop()
-            self._owners.release(self.name)
+            self.release(reason, detail)
         self.watch()
+
+    def release(self, reason: Blocked, detail: str = "") -> None:
+        """Release the joints at once; they go on to their last goal."""
+        self.disabled = Obstacle(reason, detail)
+        self._owners.release(self.name)
 
     def save(self) -> None:
         """Save what was learned of the servos for the next run."""

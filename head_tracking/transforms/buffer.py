@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import TypeVar
 
 import numpy as np
@@ -578,10 +580,11 @@ class TransformBuffer:
     # Without the lock
 
     def _wait(self, possible: Callable[[], bool], timeout: float) -> bool:
-        done = threading.Event()
-        request = self.when(possible, done.set)
+        done: SimpleQueue[None] = SimpleQueue()  # Ctrl-C could leave the lock of an Event locked
+        request = self.when(possible, lambda: done.put(None))
         try:
-            done.wait(min(timeout, threading.TIMEOUT_MAX))
+            with suppress(Empty):
+                done.get(timeout=min(timeout, threading.TIMEOUT_MAX))
         finally:
             is_waiting = self.withdraw(request)
         return not is_waiting

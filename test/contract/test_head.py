@@ -1,7 +1,9 @@
 """`Head`, for Python programs: what it does, what it refuses, and that it ends relaxed."""
 
+import logging
 import math
 import pickle
+import random
 import signal
 import statistics
 import subprocess
@@ -499,16 +501,91 @@ def test_an_exception_closes_the_head(servos, kinectbot):
 
 
 @pytest.mark.parametrize(
-    ("sent", "number"), [("SIGINT", 1), ("SIGINT", 3), ("SIGTERM", 1), ("SIGHUP", 3)]
+    ("block", "sent", "number"),
+    [
+        ("with head", "SIGINT", 1),
+        ("with head", "SIGINT", 9),
+        ("if head", "SIGINT", 9),
+        ("with head", "SIGTERM", 1),
+        ("with head", "SIGHUP", 9),
+    ],
 )
-def test_signals_that_end_the_program_relax_the_servos(servos, sent, number):
-    turning = f"with head:\n    while True: head.look_at({LEFT}, max_velocity=0.4)\n"
+def test_signals_that_end_the_program_relax_the_servos(servos, block, sent, number):
+    turning = f"{block}:\n    while True: head.look_at({LEFT}, max_velocity=0.4)\n"
     program = run_until_it_turns(servos, turning)
-    for _ in range(number):
+    for _ in range(number):  # while the servos are relaxed, too
         program.send_signal(getattr(signal, sent))
-        time.sleep(0.02)
+        time.sleep(0.003)
     assert program.wait(PATIENCE) != 0
     wait_for(lambda: servos.torque == [0, 0])  # they answer when this process has time
+
+
+def test_ctrl_c_at_any_moment_leaves_the_head_usable(head):
+    """As in an interactive session."""
+    commands = (
+        lambda: head.look_at(LEFT),
+        lambda: [head.pose("camera_link", stamp=time.time()) for _ in range(20)],
+        lambda: (head.relax(), head.resume()),
+        lambda: (head.stop(), head.resume()),
+    )
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for number in range(120):
+            with suppress(KeyboardInterrupt, DynamixelError, RefusedCommandError):
+                signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-4, 0.05))
+                commands[number % len(commands)]()
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+    def resumed():
+        with suppress(DynamixelError, RefusedCommandError):  # a STOP may not have ended
+            head.resume()
+        return head.state == HeadState.HOLDING
+
+    wait_for(resumed)
+    assert head.look_at(RIGHT).arrived
+
+
+def test_a_signal_handler_can_stop_the_head(head, servos):
+    before = signal.signal(signal.SIGALRM, lambda *_: head.stop())
+    try:
+        for _ in range(100):
+            signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-4, 5e-3))
+            with suppress(RefusedCommandError):
+                while True:
+                    head.follow(LEFT, stamp=time.time())
+            assert servos.torque == [0, 0]
+            head.resume()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_stop_and_close_relax_the_servos_while_a_log_handler_hangs(servos, kinectbot):
+    hangs, continues = threading.Event(), threading.Event()
+
+    class Hanging(logging.Handler):
+        def emit(self, record):
+            if threading.current_thread().name == "servo bus":
+                hangs.set()
+                continues.wait(PATIENCE)
+
+    handler, logger = Hanging(), logging.getLogger("head_tracking")
+    logger.addHandler(handler)
+    try:
+        head = Head(servos.name, kinectbot, reply_timeout=0.2)
+        assert head.look_at((2.0, 0.3, 0.6)).arrived
+        head.follow((0.0, 0.0, 1.0), "camera_link", stamp=1.0)
+        assert hangs.wait(PATIENCE)
+        assert set(head.stop().values()) == {""}
+        assert servos.torque == [0, 0]
+        with pytest.raises(DynamixelError):
+            head.close()
+        assert head.state == HeadState.CLOSED
+    finally:
+        continues.set()
+        logger.removeHandler(handler)
 
 
 def test_a_timeout_error_of_a_signal_handler_ends_look_at(head):
