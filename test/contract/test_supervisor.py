@@ -113,7 +113,9 @@ def test_the_head_continues_while_the_machine_has_nothing_left_for_a_restart(ben
     run = bench.run("--target", "ball")
     supervisor, states = run.process.pid, bench.person.hear("servo_states", JointState)
     wait_for(lambda: states)
-    control, vision = (child(supervisor, name) for name in ("control", "vision"))
+    control, vision = (
+        wait_for(lambda name=name: child(supervisor, name)) for name in ("control", "vision")
+    )
     files = len(os.listdir(f"/proc/{supervisor}/fd"))
     _, most = resource.prlimit(supervisor, resource.RLIMIT_NOFILE)
     resource.prlimit(supervisor, resource.RLIMIT_NOFILE, (files, most))
