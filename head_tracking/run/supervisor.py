@@ -47,8 +47,10 @@ def main() -> int:
     """Run the head until a signal; return the exit code."""
     plan = parse_arguments(sys.argv[1:])
     # ROS's setup.bash sets SUBNET, so SUBNET is no choice of the user.
-    if plan.is_local and os.environ.get(_RANGE, "SUBNET") in ("", "SUBNET"):
+    if plan.is_local and os.environ.get(_RANGE, "") in ("", "SUBNET", "LOCALHOST"):
         os.environ[_RANGE] = "LOCALHOST"
+        for name in ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):  # they reach other machines, too
+            os.environ.pop(name, None)
     StatusLine().prepare_logging()
     try:
         if not has_ros():

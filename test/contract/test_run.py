@@ -319,6 +319,13 @@ def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_
     assert real.end(signal.SIGINT) == 0, real.output
 
 
+def test_a_simulated_run_does_not_use_a_discovery_server(bench):
+    """Other machines would hear it there, and follow its target."""
+    server = {"ROS_DISCOVERY_SERVER": "127.0.0.1:11811"}
+    bench.start("head_tracking", "--sim", "--target", "none", environment=server)
+    bench.person.wait_for_joints()
+
+
 def test_with_allow_others_the_last_command_wins(bench):
     bench.run("--target", "none", "--allow-others")
     bench.person.wait_for_joints()

@@ -153,6 +153,7 @@ def test_invalid_claims_are_ignored(node):
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, True),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, False),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "robot"}, True),
+        ({"ROS_LOCALHOST_ONLY": "1", "ROS_DISCOVERY_SERVER": "10.0.0.1:11811"}, True),
         ({"ROS_LOCALHOST_ONLY": "1"}, False),
     ],
 )

@@ -74,7 +74,7 @@ def is_heard_elsewhere(environment: Mapping[str, str]) -> bool:
     """Return whether other machines can discover nodes that have this environment."""
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET").upper()
     alone = reach in ("LOCALHOST", "OFF") or environment.get("ROS_LOCALHOST_ONLY") == "1"
-    return not alone or bool(environment.get("ROS_STATIC_PEERS"))
+    return not alone or any(map(environment.get, ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")))
 
 
 class KeptStop:
