@@ -138,8 +138,8 @@ class _PointedHead:
 
     def __init__(self, robot: Robot, picture: Callable[[], Snapshot | None]) -> None:
         self._robot, self._picture = robot, picture
-        self._stops, self._is_pointed = robot.stop.count, False
-        self._normal_speed: Any = None
+        self._stops = robot.stop.count
+        self._normal_speed: Any = None  # until `hold`
         assert robot.head is not None  # `begin` has checked it
         self._joint_names = robot.head.pan_joint, robot.head.tilt_joint
 
@@ -164,7 +164,8 @@ class _PointedHead:
             UnreachableError: the head cannot point there, or not now; nothing has moved.
             HeadTrackingError: as `check`, or because the head does not come to rest.
         """
-        self._limit_speed(max_velocity)
+        self.check()
+        self._robot.modes.set_value(POINTER, "max_velocity", max_velocity)
         self._robot.modes.look_at(frame, point)
         begun, status = time.monotonic(), self._robot.topics.status
         while time.monotonic() < begun + _START or status(POINTER).get("state") == "turning":
@@ -189,20 +190,12 @@ class _PointedHead:
         return picture.frame_id, lens
 
     def hold(self) -> None:
-        """Let only the page point the head."""
-        self._robot.modes.set_mode(Mode.POINT)
-        self._is_pointed = True
-
-    def _limit_speed(self, max_velocity: float) -> None:
-        """Limit the speed of the head [rad/s]."""
+        """Let only the page point the head, and note its usual speed."""
         modes, begun = self._robot.modes, time.monotonic()
-        self.check()
-        if self._normal_speed is not None:
-            return
+        modes.set_mode(Mode.POINT)
         while (speed := modes.value(POINTER, "max_velocity")) is None:  # it has just been started
             self._wait(begun + _PATIENCE, f"{POINTER} has no parameter max_velocity")
         self._normal_speed = speed
-        modes.set_value(POINTER, "max_velocity", max_velocity)
 
     def end(self) -> None:
         """Restore the speed."""
@@ -239,7 +232,7 @@ class _PointedHead:
         if self._robot.stop.count != self._stops:
             raise HeadTrackingError("the head was stopped")
         mode = self._robot.modes.mode()
-        if self._is_pointed and mode is not Mode.POINT:
+        if self._normal_speed is not None and mode is not Mode.POINT:
             raise HeadTrackingError(f"the mode is {mode} now")
         for servo in self._robot.joints.servos():
             if servo.refuses and servo.joint in self._joint_names:
