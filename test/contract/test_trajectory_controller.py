@@ -72,6 +72,18 @@ def test_a_trajectory_controller_is_driven_held_by_stop_and_resumed(bench, perso
     assert max(abs(b - a) for a, b in steps) < 0.1  # 0.3 rad/s
 
 
+def test_a_simulated_run_ends_for_it_and_moves_nothing(bench, person):
+    first = bench.start("head_tracking", "--sim")
+    wait_for(lambda: person.state("head_tracker") == "tracking")
+    driven = TrajectoryController(person.node)
+    bench.start("robot_state_publisher")
+    bench.start("head_tracker", *DRIVEN)
+    assert first.end() == 1, first.output
+    later = bench.start("head_tracking", "--sim")
+    assert later.end() == 1, later.output
+    assert not driven.trajectories
+
+
 def test_it_is_refused_beside_a_servo_bus(bench):
     run = bench.start("head_tracking", "--sim", *DRIVEN)
     assert run.end() == 1

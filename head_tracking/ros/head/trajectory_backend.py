@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import threading
+import time
 from collections.abc import Mapping
 
 from rclpy.node import Node
@@ -11,6 +13,8 @@ from head_tracking.control import Controller, ControlLoop, JointBackend
 from head_tracking.dynamixel import Goal
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
+from head_tracking.ros.kit.head_claim import HeadClaim
+from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, offer_stop
 from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.tracking import JointReading, SetpointStream
@@ -29,7 +33,8 @@ class TrajectoryBackend(JointBackend, Controller):
 
     It offers `stop` and `resume`. Only the robot's driver can relax the joints: `stop` ends the
     stream, holds the head, and reports that nothing is relaxed. It is also a controller of the
-    loop, after that of the head, and continues the latest command.
+    loop, after that of the head, and continues the latest command. A simulated head with its names
+    would move it, and ends.
 
     Args:
         node: controls the head.
@@ -40,7 +45,7 @@ class TrajectoryBackend(JointBackend, Controller):
         loop: of the process.
 
     Raises:
-        HeadTrackingError: trajectory_msgs is not installed.
+        HeadTrackingError: trajectory_msgs is not installed, or another head is on this machine.
     """
 
     def __init__(
@@ -57,6 +62,9 @@ class TrajectoryBackend(JointBackend, Controller):
                 "command_interface is joint_trajectory, but trajectory_msgs is not installed "
                 "(ros-jazzy-trajectory-msgs)"
             )
+        self._head_lock = HeadLock(sys.argv, simulated=False)
+        self._head_lock.acquire(_wait, shared=True)
+        HeadClaim(node, simulated=False).begin()
         self.name, self.joints = name, joints
         self._node = node
         self._stream = SetpointStream(_PERIOD, time_from_start)
@@ -79,6 +87,7 @@ class TrajectoryBackend(JointBackend, Controller):
     def close(self) -> None:
         """Withdraw the services; see `JointBackend`."""
         self._services.close()
+        self._head_lock.release()
 
     def write(self, owner: str, goals: Mapping[str, Goal], epoch: int) -> None:
         """Publish positions on the way to new goals; see `JointBackend`."""
@@ -132,3 +141,8 @@ class TrajectoryBackend(JointBackend, Controller):
         topic = self._publisher.topic_name
         problem = f"{topic} was commanded to hold; only the driver of the robot can relax it"
         return dict.fromkeys(self.joints, problem)
+
+
+def _wait(seconds: float) -> bool:
+    time.sleep(seconds)
+    return False
