@@ -83,6 +83,7 @@ class ChildProcess:
         self.nodes: dict[str, dict[str, Any]] = {}
         self.start_at: float | None = None
         self._ends_in_a_row = 0
+        self._working: set[str] = set()
 
     def start(self) -> Channel:
         """Start the process with its nodes, and return the channel.
@@ -128,6 +129,7 @@ class ChildProcess:
             self.nodes.pop(node, None)
             _print(problem)
         else:
+            self._working.add(node)
             self.nodes[node]["enabled"] = enabled
             self.nodes[node]["parameters"] |= parameters
 
@@ -146,6 +148,17 @@ class ChildProcess:
             self.channel.close()
         self.channel = None
         return code
+
+    def drop_failed(self, code: int) -> list[str]:
+        """Return the nodes that an ended process has never started, and request them no more.
+
+        A first start that was killed is tried once more; one that has failed would fail again.
+        """
+        is_retried = code < 0 and not self._ends_in_a_row
+        failed = [] if is_retried else sorted(self.nodes.keys() - self._working)
+        for node in failed:
+            del self.nodes[node]
+        return failed
 
     def plan_restart(self, event: str) -> None:
         """Plan the restart of the process, if it has nodes, after an event that is printed."""
@@ -287,7 +300,12 @@ class Supervisor:
         if message is None:
             self._selector.unregister(process.channel)
             if process is not self._control and not self._ending:
-                process.plan_restart(_describe_end(process.end()))
+                code = process.end()
+                event = _describe_end(code)
+                for node in process.drop_failed(code):
+                    problem = f"the {process.name} process {event}"
+                    self._control.send(node=node, problem=problem)
+                process.plan_restart(event)
         elif process is not self._control:
             process.on_report(**message)
             self._control.send(**message)

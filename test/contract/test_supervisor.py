@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from processes import child, has_ended
-from rig import LATCHED
+from rig import LATCHED, PYTHONPATH
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from waiting import wait_for
@@ -149,6 +149,14 @@ def test_a_node_that_could_not_start_can_be_requested_again_and_the_page_is_rest
     assert len(set(re.findall(r"http://\S+token=\S+", run.output))) == 1  # as open browsers know it
     run.process.kill()
     wait_for(lambda: has_ended(page))
+
+
+def test_a_camera_process_that_ends_at_its_start_ends_the_run(bench):
+    (bench.folder / "cv2.py").write_text("import os\nos._exit(99)")  # as a broken library does
+    paths = {"PYTHONPATH": f"{bench.folder}:{PYTHONPATH}"}
+    run = bench.start("head_tracking", "--sim", "--target", "face", environment=paths)
+    assert run.end() == 1
+    assert run.last_line.endswith(" 99")
 
 
 @needs_opencv
