@@ -105,12 +105,16 @@ def test_a_joint_that_nobody_measured_is_not_sent(world, publish_robot, tf):
     assert [t.child_frame_id for t in tf("tf")[0]] == ["lower"]
 
 
-def test_stamps_that_go_back_are_not_sent(world, publish_robot, tf):
-    publish_robot()
-    for second in (5, 4.5, 5, 6):
+@pytest.mark.parametrize(
+    ("ignore_timestamp", "stamps"),
+    [(False, [5, 6]), (True, [5, 5, 6])],  # the newest that is known
+)
+def test_stamps_that_go_back(world, publish_robot, tf, ignore_timestamp, stamps):
+    publish_robot(ignore_timestamp=ignore_timestamp)
+    for second in (5, 4.5, 6):
         world.publish("/joint_states", joints(second, shoulder=0.5, elbow=1.0))
         world.run(0.01)
-    assert [moving[0].header.stamp.sec for moving in tf("tf")] == [5, 6]
+    assert [moving[0].header.stamp.sec for moving in tf("tf")] == stamps
 
 
 @pytest.mark.parametrize(("rate", "share"), [(20, 1.0), (21, 20 / 21), (100, 0.2)])
@@ -181,8 +185,29 @@ def test_defaults_are_sent_on_request(complete, values, expected):
     assert found[0].header.stamp.sec > 0
 
 
-def test_a_default_of_a_joint_that_is_not_there_is_reported(complete, capfd):
-    complete(joints(3.0, shoulder=0.4), **{"zeros.nose": 1.0})
+def test_a_joint_that_depends_on_another_follows_it(complete):
+    rule = {
+        "dependent_joints.elbow.parent": "shoulder",
+        "dependent_joints.elbow.factor": 0.5,
+        "dependent_joints.elbow.offset": 1.0,
+    }
+    message = joints(3.0, shoulder=0.4)
+    message.velocity = [0.2]
+    (found,) = complete(message, **rule)
+    assert positions(found) == {"shoulder": 0.4, "elbow": pytest.approx(1.2)}
+    assert list(found.velocity) == [0.2, pytest.approx(0.1)]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"zeros.nose": 1.0},
+        {"zeros.elbow": 1.0, "dependent_joints.elbow.parent": "shoulder"},
+        {"dependent_joints.elbow.parent": "nose"},
+    ],
+)
+def test_a_rule_for_a_joint_that_is_not_there_is_reported(complete, bad, capfd):
+    complete(joints(3.0, shoulder=0.4), **bad)
     assert "robot_description" in capfd.readouterr().err
 
 

@@ -73,6 +73,9 @@ class RobotStatePublisherParameters:
         fixed=True,
     )
     frame_prefix: str = parameter("", "Put before the names of the robot's links.", fixed=True)
+    ignore_timestamp: bool = parameter(
+        False, "Publish /tf also for joint states whose stamps go back.", fixed=True
+    )
 
     def __post_init__(self) -> None:
         if len(self.world_transform) != 6 or not all(map(math.isfinite, self.world_transform)):
@@ -137,6 +140,7 @@ class RobotStatePublisherNode(Node):
         self._use(p.model())
         self._period = round(1e9 / p.publish_frequency)
         self._due = 0  # the stamp of the next message on /tf [ns]
+        self._jump = 2 * self._period if p.ignore_timestamp else _JUMP
         TransformListener(
             self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
         )
@@ -172,9 +176,9 @@ class RobotStatePublisherNode(Node):
         if not broadcasting_possible() or self._sender.pub_tf.get_subscription_count() < 2:
             return
         early = self._due - stamp
-        if self._period // 2 <= early < _JUMP:
+        if self._period // 2 <= early < self._jump:
             return
-        due = stamp if early >= _JUMP else self._due
+        due = stamp if early >= self._jump else self._due
         self._due = max(due, stamp - self._period // 2) + self._period
         if moving := self._edges(moving=True):
             self._sender.sendTransform(moving)
