@@ -2,6 +2,7 @@
 
 import math
 import threading
+from queue import SimpleQueue
 
 import pytest
 from waiting import join
@@ -12,6 +13,7 @@ from head_tracking.transforms import (
     Transform,
     TransformBuffer,
 )
+from head_tracking.transforms import buffer as buffers
 
 SECOND = 1_000_000_000
 STILL = Transform.identity()
@@ -44,13 +46,14 @@ def test_a_wait_may_be_without_end(buffer):
 
 
 def test_an_interrupted_wait_leaves_nothing_behind(buffer, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
+    class Interrupted(SimpleQueue):
+        def get(self, *_, **__):
+            raise KeyboardInterrupt
 
     asked: list[str] = []
     monkeypatch.setattr(buffer, "can_transform", lambda *frames: asked.append(frames))
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(threading.Event, "wait", interrupted)
+        patch.setattr(buffers, "SimpleQueue", Interrupted)
         buffer.lookup_transform("map", "base", timeout=1.0)
     asked.clear()
     buffer.set_transform(SECOND, "map", "base", STILL)
