@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, Final
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
@@ -105,6 +106,8 @@ class ChildProcess:
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         with suppress(OSError):
+            if self.name != CONTROL:  # without memory, the system kills this process first
+                Path(f"/proc/{self._process.pid}/oom_score_adj").write_text("1000")
             os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[self.name])
         self.channel = Channel(ours)
         for node in self.nodes.values():

@@ -116,6 +116,9 @@ def test_the_head_continues_while_the_machine_has_nothing_left_for_a_restart(ben
     control, vision = (
         wait_for(lambda name=name: child(supervisor, name)) for name in ("control", "vision")
     )
+    score, other = (Path(f"/proc/{pid}/oom_score") for pid in (control, vision))
+    # the system kills that with the higher score first, without memory
+    wait_for(lambda: int(score.read_text()) + 300 < int(other.read_text()))
     files = len(os.listdir(f"/proc/{supervisor}/fd"))
     _, most = resource.prlimit(supervisor, resource.RLIMIT_NOFILE)
     resource.prlimit(supervisor, resource.RLIMIT_NOFILE, (files, most))
