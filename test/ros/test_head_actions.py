@@ -6,6 +6,7 @@ import time
 import pytest
 from action_client import ABORTED, CANCELED, SUCCEEDED, Client
 from std_msgs.msg import String
+from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 from waiting import wait_for
 
 from head_tracking.gaze import PanTiltHead
@@ -157,6 +158,10 @@ def test_invalid_trajectories_are_aborted_with_their_code(follower):
     assert code((0.2, (1.5, 0.0)), path={JOINTS[0]: 0.05}) == -4
     assert code((0.1, (-1.5, 0.0)), time=0.05, end={JOINTS[0]: 0.01}) == -5
     assert code((1.0, (0.0, 0.0)), path={"nose": 0.1}) == -2
+    other = following(names=())
+    other.multi_dof_trajectory.points = [MultiDOFJointTrajectoryPoint()]
+    status, result = follower.follower.send(other).ended()
+    assert (status, result.error_code) == (ABORTED, -1)
     assert code((1.0, (0.0, 0.0)), end={JOINTS[0]: -2.0}) == -1
     assert follower.call("stop").success
     assert code((1.0, (0.0, 0.0))) == -1

@@ -140,6 +140,10 @@ class HeadActions:
     def follow(self, goal: ActionGoal) -> None:
         """Begin a goal of FollowJointTrajectory, or abort it with the code of its mistake."""
         try:
+            if goal.request.multi_dof_trajectory.points:
+                raise TrajectoryError(
+                    TrajectoryCode.INVALID_GOAL, "multi_dof_trajectory: a head has single joints"
+                )
             self._begin(goal.request.trajectory, goal)
         except TrajectoryError as error:
             self._log.warning(f"a trajectory is rejected: {error}")
