@@ -40,6 +40,7 @@ from head_tracking.vision.camera_follower import DEFAULT_VIEW
 
 @pytest.fixture
 def quick(monkeypatch):
+    monkeypatch.setattr(gathering, "LONGEST", 250.0)  # a busy machine needs longer
     monkeypatch.setattr(gathering, "MOST_VIEWS", 13)
     monkeypatch.setattr(gathering, "_SETTLING", 0.15)
     monkeypatch.setattr(gathering, "_SPEED", 2.0)
@@ -54,6 +55,7 @@ def unsolved(monkeypatch):
         views.extend(found)
         return Calibration.of(geometry, np.zeros(12), {}, 0.3, len(found), 0, RESIDUALS)
 
+    monkeypatch.setattr(gathering, "LONGEST", 250.0)
     monkeypatch.setattr(gathering, "MOST_VIEWS", 6)
     monkeypatch.setattr(gathering, "solve", record)
     return views
