@@ -9,7 +9,6 @@ from simulated_device import Bench, Rig
 from head_tracking.dynamixel import (
     BusThread,
     ConfigurationError,
-    DynamixelPort,
     EventKind,
     ServoError,
     Torque,
@@ -241,55 +240,45 @@ def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(
 SERVOS = {1: "AX-12", 2: "XM430-W350", 3: "XL-320", 4: "MX-28"}
 
 
-class Left:
+@pytest.fixture
+def left() -> Bench:
     """Servos that a dead program has left with torque on."""
-
-    def __init__(self) -> None:
-        self.servos = {i: SimulatedServo(i, servo_model(name)) for i, name in SERVOS.items()}
-        self.bench = Bench(self.servos.values())
-        self.bench.port.open()
-        self.bench.pass_time(0.1)
-        for servo in self.servos.values():
-            servo.set_register("Goal Position", servo.model.center + servo.model.ticks // 5)
-            servo.set_register("Torque Enable", 1)
-        self.bench.port.close()
-
-    def make_port(self, port_name: str, baud_rate: int) -> DynamixelPort:
-        del port_name, baud_rate
-        return self.bench.port
-
-    @property
-    def torque(self) -> list[int]:
-        return [servo.register("Torque Enable") for servo in self.servos.values()]
+    bench = Bench([SimulatedServo(i, servo_model(name)) for i, name in SERVOS.items()])
+    for servo in bench.bus:
+        servo.set_register("Goal Position", servo.model.center + servo.model.ticks // 5)
+        servo.set_register("Torque Enable", 1)
+    return bench
 
 
-def test_servos_are_relaxed_without_a_bus() -> None:
-    left = Left()
-    before = left.servos[2].register("Moving Threshold")
-    assert relax_servos("x", SERVOS, make_port=left.make_port) == dict.fromkeys(SERVOS, "")
+def relaxed(bench: Bench, servos: dict[int, str], *, hold: bool = False) -> dict[int, str]:
+    """Relax servos on a bench, or let them hold; return the problems."""
+    return relax_servos("x", servos, hold=hold, make_port=lambda *_: bench.port)
+
+
+def test_servos_are_relaxed_without_a_bus(left: Bench) -> None:
+    before = left.bus[2].register("Moving Threshold")
+    assert relaxed(left, SERVOS) == dict.fromkeys(SERVOS, "")
     assert left.torque == [0, 0, 0, 0]
-    assert left.servos[2].register("Moving Threshold") == before
+    assert left.bus[2].register("Moving Threshold") == before
 
 
-def test_a_servo_that_is_not_there_is_named_and_the_others_are_relaxed() -> None:
-    left = Left()
-    problems = relax_servos("x", {7: "AX-12"} | SERVOS, make_port=left.make_port)
+def test_a_servo_that_is_not_there_is_named_and_the_others_are_relaxed(left: Bench) -> None:
+    problems = relaxed(left, {7: "AX-12"} | SERVOS)
     assert problems[7] and not any(problems[each] for each in SERVOS)
     assert left.torque == [0, 0, 0, 0]
 
 
-def test_servos_hold_where_they_stand_without_a_bus() -> None:
-    left = Left()
-    left.servos[2].set_register("Bus Watchdog", 255)  # it tripped when the program died
-    left.servos[4].set_register("Torque Enable", 0)
-    left.bench.pass_time(0.15)
-    assert not any(relax_servos("x", SERVOS, hold=True, make_port=left.make_port).values())
+def test_servos_hold_where_they_stand_without_a_bus(left: Bench) -> None:
+    left.bus[2].set_register("Bus Watchdog", 255)  # it tripped when the program died
+    left.bus[4].set_register("Torque Enable", 0)
+    left.pass_time(0.15)
+    assert not any(relaxed(left, SERVOS, hold=True).values())
     assert left.torque == [1, 1, 1, 0]
-    stood = {i: servo.true_ticks for i, servo in left.servos.items()}
-    left.bench.pass_time(3.0)
-    left.bench.bus.advance(left.bench.now())
-    for i, servo in left.servos.items():
-        assert servo.true_ticks == pytest.approx(stood[i], abs=servo.model.ticks / 100)
+    stood = {servo.id: servo.true_ticks for servo in left.bus}
+    left.pass_time(3.0)
+    left.bus.advance(left.now())
+    for servo in left.bus:
+        assert servo.true_ticks == pytest.approx(stood[servo.id], abs=servo.model.ticks / 100)
 
 
 def test_what_cannot_be_relaxed_raises() -> None:

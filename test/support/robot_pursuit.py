@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from statistics import mean
 
-from simulated_device import Bench
+from simulated_device import PERIOD, Rig
 
 from head_tracking.configuration import configured_head
 from head_tracking.configuration.simulated import mounted_servos
@@ -16,7 +16,6 @@ from head_tracking.share import robot_file, robot_parameters
 from head_tracking.tracking import LAWS, Tracker
 from head_tracking.transforms import Vector3, load_robot_model
 
-PERIOD = 0.02  # s
 _LATE = 0.03  # s from when a target was somewhere until the tracker knows
 _DISTANCE = 2.5  # m
 _GROWS = 2.0  # s in which the swing grows, from rest
@@ -36,7 +35,7 @@ class Pursuit:
 
     def __init__(self, name: str, frequency: float, amplitude: float = 0.4) -> None:
         configured = configured_head(robot_parameters(name))
-        self.servos, self.update_rate = configured.servos, 1.0 / PERIOD
+        self.servos = configured.servos
         names = [servo.joint_name for servo in self.servos]
         model = load_robot_model(robot_file(name))
         self.head = PanTiltHead(model, names[0], names[1], configured.pointing_frame)
@@ -46,8 +45,7 @@ class Pursuit:
         )
         self._origin = straight.translation
         self._ahead = straight @ (1.0, 0.0, 0.0)
-        self._bench = Bench(mounted_servos(self.servos))
-        self._bus = self._bench.servo_bus(self.servos)
+        self._rig = Rig(*mounted_servos(self.servos), joints=self.servos)
         self._tracker = Tracker(self.head, LAWS["predictive"](self.head, PERIOD))
         self._begin = 0.0
         self.errors: list[float] = []
@@ -69,14 +67,12 @@ class Pursuit:
 
     def run(self, seconds: float) -> Pursuit:
         """Track for some time."""
-        self._bus.connect()
-        self._bus.step()
-        run(self._bus.switching_torque(None, True), self._bench.pass_time)  # as Head.follow does
-        self._begin = begin = self._bench.clock()
+        rig, clock = self._rig, self._rig.bench.clock
+        run(rig.bus.switching_torque(None, True), rig.bench.pass_time)  # as Head.follow does
+        self._begin = clock()
         for cycle in range(round(seconds / PERIOD)):
-            self._bench.pass_time(max(0.0, begin + cycle * PERIOD - self._bench.clock()))
-            states = self._bus.step().states
-            now = self._bench.clock()
+            states = rig.step().states
+            now = clock()
             if len(states) == 2:
                 pan, tilt = (states[servo.joint_name] for servo in self.servos)
                 stamp = 0.5e-9 * (pan.stamp + tilt.stamp)
@@ -90,7 +86,7 @@ class Pursuit:
                     Goal(command.tilt, command.tilt_speed),
                 )
                 joints = (servo.joint_name for servo in self.servos)
-                self._bus.command(dict(zip(joints, goals, strict=True)), clamp=True)
+                rig.bus.command(dict(zip(joints, goals, strict=True)), clamp=True)
             self.errors.append(self.head.miss(self.target(now), *self._true_positions()))
         return self
 
@@ -100,6 +96,6 @@ class Pursuit:
         return math.sqrt(mean(error * error for error in self.errors))
 
     def _true_positions(self) -> tuple[float, float]:
-        bus = self._bench.bus
+        bus = self._rig.bench.bus
         pan, tilt = (servo.position(bus[servo.id].true_ticks) for servo in self.servos)
         return pan, tilt
