@@ -22,6 +22,7 @@ from browser import (
     word,
 )
 from rclpy.parameter import Parameter
+from rig import TICK
 from robot_under_test import Robot
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
@@ -510,7 +511,7 @@ def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     assert robot.call("relax").success
     wait_for(lambda: is_relaxed(robot))
     open_tab(page, "joints")
-    robot.lead_pan(-0.7)
+    robot.simulated.use(lambda bus: bus[1].lead(512 - 0.7 / TICK, 0.5))
     field = joint_field(page, "head_pan_joint")
     wait_for(lambda: abs(float(field.input_value()) * DEGREE + 0.7) < 0.06)
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import gc
-import math
 import time
-from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import replace
 
@@ -14,7 +12,6 @@ from rclpy.signals import SignalHandlerOptions
 from rig import Talker
 from waiting import failing_waits, wait_for
 
-from head_tracking.dynamixel import Goal
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.control import Composition
@@ -59,24 +56,6 @@ class Robot(Talker):
     def true(self, name: str) -> float:
         assert self.simulated is not None
         return self.simulated.true_position(name)
-
-    def lead_pan(self, position: float) -> None:
-        """Let a hand lead the pan joint to a position [rad] within half a second."""
-        assert self.simulated is not None
-        ticks = 512 + position / math.radians(300.0 / 1024)
-        self.simulated.use(lambda bus: bus[1].lead(ticks, 0.5))
-
-    def goals(self) -> list[Mapping[str, Goal]]:
-        """What the run's own nodes tell the servos from now on."""
-        backend, goals = self.composition.loop.backend, []
-        write = backend.write
-
-        def record(sender: str, told: Mapping[str, Goal], epoch: int) -> None:
-            goals.append(told)
-            write(sender, told, epoch)
-
-        backend.write = record
-        return goals
 
     def at_rest(self, seconds: float = 0.3) -> tuple[float, float]:
         """Waits until the head truly stands still; where."""

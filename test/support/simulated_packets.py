@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from head_tracking.dynamixel import servo_model
@@ -46,21 +46,11 @@ class InstructionPacket(Packet):
     def write(cls, servo_id: int, address: int, data: bytes) -> Self:
         return cls(servo_id, Instruction.WRITE, cls.words(address) + data)
 
-    @classmethod
-    def sync_write(cls, address: int, data: Mapping[int, bytes]) -> Self:
-        length = len(next(iter(data.values())))
-        shares = b"".join(bytes((servo_id,)) + share for servo_id, share in data.items())
-        return cls(BROADCAST, Instruction.SYNC_WRITE, cls.words(address, length) + shares)
-
 
 class InstructionPacket2(InstructionPacket):
     """What the master sends in protocol 2.0."""
 
     PROTOCOL: ClassVar = 2
-
-    @classmethod
-    def reboot(cls, servo_id: int) -> Self:
-        return cls(servo_id, Instruction.REBOOT)
 
     @classmethod
     def sync_read(cls, address: int, length: int, ids: Sequence[int]) -> Self:
