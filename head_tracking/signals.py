@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import NoReturn
 
 _ENDING = [signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_ONCE = 1.0  # s
 
 
 @contextmanager
 def ending_signals() -> Iterator[None]:
     """Raise KeyboardInterrupt at signals that would end the process and leave servos as they are.
 
-    Ignored signals stay ignored: nohup does that.
+    Further ones within a second would interrupt what relaxes the servos, and are ignored. Signals
+    that were ignored before stay ignored: nohup does that.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    raised = -math.inf
+
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        nonlocal raised
+        now = time.monotonic()
+        if now - raised > _ONCE:
+            raised = now
+            raise KeyboardInterrupt(number)
+
     handled = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
     for number in handled:
-        signal.signal(number, _interrupt)
+        signal.signal(number, interrupt)
     try:
         yield
     finally:
         for number in handled:
-            if signal.getsignal(number) is _interrupt:  # else the program has set another handler
+            if signal.getsignal(number) is interrupt:  # else the program has set another handler
                 signal.signal(number, signal.SIG_DFL)
 
 
@@ -53,7 +65,3 @@ def postponed_signals() -> Iterator[None]:
             signal.signal(number, handler)
         for each in dict.fromkeys(came):
             signal.raise_signal(each)
-
-
-def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt(number)

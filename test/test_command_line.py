@@ -1,3 +1,4 @@
+import signal
 import sys
 from argparse import ArgumentTypeError
 from importlib import import_module
@@ -20,6 +21,7 @@ from head_tracking.command_line import (
 )
 from head_tracking.ros.kit.spinning import run_node
 from head_tracking.run.options import parse_arguments
+from head_tracking.signals import ending_signals
 
 
 @pytest.mark.parametrize(
@@ -188,3 +190,13 @@ def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):
 
     monkeypatch.setattr(programs, "import_module", interrupted)
     assert programs.doctor() == 130
+
+
+def test_signals_in_a_row_interrupt_once():
+    """The second one would interrupt what relaxes the servos."""
+    with ending_signals():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGHUP)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL

@@ -207,14 +207,16 @@ class Tracker:
         return TrackingStep(command)
 
     def enable(self, on: bool) -> HeadCommand | None:
-        """Enable or disable tracking; return the command that stops the head, or None."""
-        if on and self.machine.enabled:
-            return None
+        """Discard the target, and enable or disable tracking.
+
+        Returns:
+            The command that stops the head; None before the joints were measured.
+        """
         self._forget_target()
         if on and self.camera.fault:
             self.camera = self._new_camera()
         self.machine.enable(on)
-        return None if on else self._stop()
+        return self._stop()
 
     def recenter(self) -> None:
         """Discard the target and turn both joints to 0, or to the limit next to it."""

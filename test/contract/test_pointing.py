@@ -171,7 +171,7 @@ def test_transforms_of_the_running_head(bench):
     echo = bench.start(
         "transforms", "echo", "base_link", "torso_link", "--rate", "20", "--count", "2"
     )
-    unknown = bench.start("transforms", "echo", "base_link", "nose", "--wait", "1")
+    unknown = bench.start("transforms", "echo", "base_link", "nose", "--wait", "5")
     tree, check = bench.start("transforms", "tree"), bench.start("transforms", "check")
     assert echo.end() == 0, echo.output
     assert echo.output.count("Translation: [") == 2

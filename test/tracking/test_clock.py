@@ -164,11 +164,10 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(on=st.booleans())
     def switch(self, on):
-        changed = on != self.rig.tracker.machine.enabled
         command = self.rig.tracker.enable(on)
         if command is not None:  # else no time passes
             self.rig.obey(command)
-        self.asked = self.asked and not changed
+        self.asked = False
 
     @rule()
     def recenter(self):

@@ -33,6 +33,17 @@ def make(head):
     return make
 
 
+def test_tracking_that_is_enabled_anew_has_no_target(make):
+    """A STOP that ends before the next cycle enables what was never disabled."""
+    tracker = make()
+    tracker.joints_read(1.0, (0.0, 0.0))
+    tracker.target_seen(1.0, TARGET, 1.0)
+    assert tracker.step(1.02).command is not None
+    tracker.enable(True)
+    assert tracker.state is TargetState.IDLE
+    assert tracker.step(1.04).command is None
+
+
 def test_nothing_is_commanded_before_the_joints_are_known(make):
     tracker = make()
     tracker.target_seen(1.0, TARGET, 1.0)
