@@ -326,7 +326,7 @@ def faulty_cycles() -> str:
             run.cycle(recover=k % 50 == 0)
         faults.rate = 0.0
         rest = 0
-        while faults.trouble or rest < 20:
+        while faults.trouble or rest < 20 or run.full_since == sys.maxsize:
             rest = 0 if faults.trouble else rest + 1
             run.cycle(recover=False)
         back.append((run.full_since - max(faults.last, run.recovered)) * 1e-6)
