@@ -283,6 +283,19 @@ class Conditions(Camera):
     spoil: Callable[[float, Vector3], Vector3 | None] = lambda time, point: point
 
 
+WEBCAM = Conditions(
+    points=15.0,
+    delay=0.12,
+    delay_jitter=0.03,
+    noise=0.005,
+    outliers=0.05,
+    outlier=0.3,
+    lost=0.03,
+    on_head=True,
+)
+"""A webcam and a neural detector on a small computer."""
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """The result of a run.

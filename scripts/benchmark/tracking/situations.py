@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import NamedTuple
 
-from closed_loop import Camera, Conditions, ax12
+from closed_loop import WEBCAM, Camera, Conditions, ax12
 from plant import Pair, PlainServo, Streamed, angles
 
 from tracking.motions import (
@@ -27,18 +27,6 @@ from tracking.motions import (
     sine,
     triangle,
 )
-
-WEBCAM = Conditions(
-    points=15.0,
-    delay=0.12,
-    delay_jitter=0.03,
-    noise=0.005,
-    outliers=0.05,
-    outlier=0.3,
-    lost=0.03,
-    on_head=True,
-)
-"""A webcam and a neural detector on a small computer."""
 
 GOOD = Conditions(noise=0.002, delay=0.1, on_head=True)
 """The first editions' conditions: 30 points a second, 100 ms late, 2 mrad."""
