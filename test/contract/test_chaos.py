@@ -190,8 +190,8 @@ class Chaos:
         self.flood(JointState, "joint_commands", make)
 
     def foreign_commands(self):
-        """Command joints that the tracker owns."""
-        self.wait_for(self.follows)
+        """Command joints that the tracker owns: it has commanded them in the last second."""
+        self.wait_for(lambda: self.follows() and self.person.state("head_tracker") == "tracking")
         message = JointState(name=list(JOINTS), position=[FOREIGN, 0.0], velocity=[1.0, 1.0])
         self.flood(JointState, "joint_commands", lambda: message)
 
