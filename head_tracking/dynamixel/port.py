@@ -394,12 +394,14 @@ class DynamixelPort:
                     if doubtful is not None and len(doubtful.data) == length:
                         self._late.remove(protocol, status.id, length)
                     doubtful = status
+                elif len(status.data) != length and self._is_late(protocol, status):
+                    continue
                 elif len(status.data) == length or _refuses(protocol, status):
                     now = self._wire_free = self.clock()
                     self._timeout.learn(now - due)
                     self._late.remove(protocol, status.id, length)
                     return status
-                elif not self._is_late(protocol, status):
+                else:
                     self._note_surplus(instruction.id)
                     doubtful = status
                 continue

@@ -19,7 +19,7 @@ LONGEST: Final = {1: 250, 2: 1024}  # bytes of a packet
 _PRELUDE: Final = {1: b"\xff\xff", 2: b"\xff\xff\xfd\x00"}
 _HIGHEST_ID: Final = {1: 253, 2: 252}
 _POLYNOMIAL: Final = 0x18005
-_LONGEST_GAP: Final = 100_000_000
+_LONGEST_GAP: Final = {1: 100_000_000, 2: 10_000_000}
 """Pause within a packet after which a servo discards it, ns (e-manual, protocol 1.0). Protocol 2.0
 states 1.5 ms, but the scheduler of this computer may cause longer pauses."""
 
@@ -162,7 +162,7 @@ class PacketParser:
             data: Received bytes.
             now: Time of their arrival, ns.
         """
-        held = self._held + data if now - self._last <= _LONGEST_GAP else data
+        held = self._held + data if now - self._last <= _LONGEST_GAP[self._protocol] else data
         self._last = now
         found: list[Packet | DamagedPacket] = []
         while held and (size := size_of_packet(self._protocol, held)):

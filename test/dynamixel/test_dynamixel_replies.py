@@ -11,6 +11,7 @@ from head_tracking.dynamixel import (
     Adapter,
     CommunicationError,
     DynamixelPort,
+    ReplyTimeoutError,
     servo_model,
 )
 from head_tracking.dynamixel.protocol import (
@@ -23,7 +24,7 @@ from head_tracking.simulation import SimulatedServo
 class ScriptedDevice:
     """Says one thing whatever is asked, and keeps what was.
 
-    Args:
+    Attributes:
         answer: what it says.
     """
 
@@ -31,7 +32,7 @@ class ScriptedDevice:
 
     def __init__(self, answer: str) -> None:
         self.sent = ""
-        self._answer = bytes.fromhex(answer)
+        self.answer = bytes.fromhex(answer)
         self._rest = b""
 
     def discard_input(self) -> None:
@@ -39,7 +40,7 @@ class ScriptedDevice:
 
     def write(self, data: bytes) -> None:
         self.sent += data.hex(" ").upper()
-        self._rest = self._answer
+        self._rest = self.answer
 
     def read(self, limit: int, deadline: float) -> bytes:
         data, self._rest = self._rest, b""
@@ -103,6 +104,14 @@ def test_a_damaged_reply_is_an_error(reply: str) -> None:
     port, _ = scripted(reply)
     with pytest.raises(CommunicationError):
         port.read(1, 36, 2)
+
+
+def test_the_late_reply_to_a_write_is_no_refusal_of_the_next_read() -> None:
+    port, device = scripted("")
+    with pytest.raises(ReplyTimeoutError):
+        port.write(1, 24, b"\x00")
+    device.answer = bytes.fromhex(f"FF FF 01 02 01 FB {POSITION_512}")  # error bit: low voltage
+    assert port.read(1, 36, 2).data == b"\x00\x02"
 
 
 pieces = st.one_of(

@@ -127,7 +127,7 @@ def test_equal_answers_of_servos_with_one_id_are_received(paced: bool) -> None:
     assert line.overlaps == {Overlap.TWINS: 1}
 
 
-@pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (101_000, False)])
+@pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (10_100, False)])
 def test_an_interrupted_packet_is_discarded(pause: int, answered: bool) -> None:
     line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
     ping = InstructionPacket2.ping(1).encode()
