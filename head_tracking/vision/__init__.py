@@ -9,10 +9,10 @@ from head_tracking.vision.camera_follower import (
     checked_pictures,
     pictures,
 )
-from head_tracking.vision.candidate import Candidate, Detector, Frame, GivenDetector
+from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.colour import ColourDetector, ColourParameters
 from head_tracking.vision.faces import FaceDetector, FaceParameters
-from head_tracking.vision.identity import Identity, IdentityParameters, Located
+from head_tracking.vision.identity import IdentityParameters, Located
 from head_tracking.vision.images import (
     DepthImage,
     ImageError,
@@ -62,8 +62,6 @@ __all__ = [
     "FaceDetector",
     "FaceParameters",
     "Frame",
-    "GivenDetector",
-    "Identity",
     "IdentityParameters",
     "ImageError",
     "Located",

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Box, Camera
-from head_tracking.vision.images import DepthImage, Picture
+from head_tracking.vision.images import DepthImage, ImageError, Picture
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
 
@@ -26,12 +26,24 @@ class Frame:
         camera: the camera.
         picture: the colours; None: depths only.
         depth: depths aligned with the image; None: none.
+
+    Raises:
+        ImageError: the sizes of picture, depth and camera differ.
     """
 
     stamp: int
     camera: Camera
     picture: Picture | None = None
     depth: DepthImage | None = None
+
+    def __post_init__(self) -> None:
+        camera = (self.camera.width, self.camera.height)
+        for what, image in (("picture", self.picture), ("depth image", self.depth)):
+            if image is not None and image.size != camera:
+                raise ImageError(
+                    f"the {what} has {image.size[0]}x{image.size[1]} pixels and camera_info says "
+                    f"{camera[0]}x{camera[1]}; picture, aligned depth and camera_info must agree"
+                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,22 +108,6 @@ class Detector(ABC):
 
     def reset(self) -> None:  # noqa: B027
         """Discard the selected object."""
-
-
-class GivenDetector(Detector):
-    """Returns detections of another program.
-
-    Attributes:
-        candidates: the detections in the next image.
-    """
-
-    def __init__(self, parameters: Any = None) -> None:
-        super().__init__(parameters)
-        self.candidates: list[Candidate] = []
-
-    def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
-        """Return the given detections."""
-        return self.candidates
 
 
 def ellipse_mask(height: int, width: int, fill: float) -> Mask:

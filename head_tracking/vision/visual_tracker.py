@@ -11,7 +11,7 @@ from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Box
 from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.depth import surface_depth
-from head_tracking.vision.identity import Identity, IdentityParameters, Located, Track
+from head_tracking.vision.identity import IdentityParameters, Located, Track
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.looks import colours_of
 from head_tracking.vision.opencv import cv2
@@ -71,30 +71,37 @@ class Sighting:
 
 
 class VisualTracker:
-    """Tracks one target in images.
+    """Tracks objects in images, and follows one of them.
+
+    Args:
+        detector: detects candidates; None: nothing is detected.
+        distances: limits and assumption of distances.
+        identity: confirmation and loss of tracks.
 
     Attributes:
-        detector: detects candidates.
-        distances: limits and assumption of distances.
-        identity: the tracks.
+        detector: as above; so are `distances` and `identity`. They may be changed at any time.
+        tracks: the objects.
+        followed: one of them, visible or not; None: none.
+        has_pose: whether the pose of the camera was known for the latest image: tracks are in the
+            fixed frame then, else in that of the camera.
         without_distance: number of detections in the latest image without a known distance.
     """
 
     def __init__(
-        self, detector: Detector, distances: DistanceParameters, identity: IdentityParameters
+        self,
+        detector: Detector | None,
+        distances: DistanceParameters,
+        identity: IdentityParameters,
     ) -> None:
-        self.detector = detector
-        self.distances = distances
-        self.identity = Identity(identity)
+        self.detector, self.distances, self.identity = detector, distances, identity
+        self.tracks: list[Track] = []
+        self.followed: Track | None = None
+        self.has_pose = False
         self.without_distance = 0
+        self._number = 0
         self._stamp: int | None = None
         self._wanted: Box | None = None
         self._patience = 0
-
-    @property
-    def tracks(self) -> Sequence[Track]:
-        """All tracks."""
-        return self.identity.tracks
 
     def step(self, frame: Frame, T_fixed_optical: Transform | None = None) -> Sighting | None:
         """Return the target in an image; None: not visible.
@@ -105,18 +112,20 @@ class VisualTracker:
                 the camera does not move.
 
         Raises:
-            ImageError: the sizes of picture, depth and camera differ.
+            ImageError: OpenCV cannot process the image.
         """
-        _check_sizes(frame)
-        self._begin(frame.stamp)
-        pose = T_fixed_optical or Transform.identity()
         try:
-            candidates = self.detector.detect(frame, self._hints(frame, pose))
+            hints = self._hints(frame, T_fixed_optical or Transform.identity())
+            found = [] if self.detector is None else self.detector.detect(frame, hints)
         except cv2.error as error:
             raise ImageError(f"OpenCV cannot process this image: {error}") from error
-        located = [found for c in candidates if (found := self._locate(frame, c)) is not None]
+        return self.update(frame.stamp, self.locate(frame, found), T_fixed_optical)
+
+    def locate(self, frame: Frame, candidates: Sequence[Candidate]) -> list[Located]:
+        """Return the candidates in an image whose distance is known, with their positions."""
+        located = [found for c in candidates if (found := self._located(frame, c)) is not None]
         self.without_distance = len(candidates) - len(located)
-        return self._associate(frame.stamp, located, pose)
+        return located
 
     def update(
         self, stamp: int, located: Sequence[Located], T_fixed_frame: Transform | None = None
@@ -128,15 +137,25 @@ class VisualTracker:
             located: the detections, in any frame.
             T_fixed_frame: pose of that frame in the fixed frame; None: it does not move.
         """
-        self._begin(stamp)
-        return self._associate(stamp, located, T_fixed_frame or Transform.identity())
+        self._restart_after_pause(stamp, T_fixed_frame is not None)
+        self._assign(located, T_fixed_frame or Transform.identity(), stamp * 1e-9)
+        if self.followed not in self.tracks:
+            certain = filter(self._is_certain, self.tracks)
+            self.followed = max(certain, key=lambda t: t.latest.candidate.box.width, default=None)
+        self._follow_wanted()
+        track = self.followed
+        if track is None or not self._is_certain(track):
+            return None
+        found = track.latest
+        return Sighting(stamp, found.point, track.confidence, found.candidate, track.number)
 
     def select(self, frame: Frame, box: Box) -> None:
         """Follow the object in a box that a user has drawn."""
-        self.detector.select(frame, box)
+        if self.detector is not None:
+            self.detector.select(frame, box)
         self._wanted, self._patience = box, _SELECTION
         if not self._follow_wanted():
-            self.identity.reset()
+            self._restart()
 
     def select_point(self, point: Vector3) -> bool:
         """Follow the track nearest to a point in the fixed frame [m]; return whether there is one.
@@ -145,33 +164,61 @@ class VisualTracker:
         """
         near = [t for t in self.tracks if t.believed and math.dist(t.position, point) < _ANOTHER]
         if near:
-            self.identity.follow(min(near, key=lambda track: math.dist(track.position, point)))
+            self.followed = min(near, key=lambda track: math.dist(track.position, point))
         return bool(near)
 
     def reset(self) -> None:
         """Delete all tracks and the selection."""
-        self.identity.reset()
-        self.detector.reset()
+        self._restart()
+        if self.detector is not None:
+            self.detector.reset()
         self._wanted = None
 
-    def _begin(self, stamp: int) -> None:
-        if self._stamp is not None:
-            pause = (stamp - self._stamp) * 1e-9
-            if not 0.0 <= pause <= _LONGEST_PAUSE:
-                self.identity.reset()
-        self._stamp = stamp
+    def _restart(self) -> None:
+        self.tracks, self.followed = [], None
 
-    def _associate(
-        self, stamp: int, located: Sequence[Located], pose: Transform
-    ) -> Sighting | None:
-        """Assign an identity to every candidate and return the followed one."""
-        self.identity.update(located, pose, stamp * 1e-9)
-        self._follow_wanted()
-        track = self.identity.sighted
-        if track is None:
-            return None
-        found = track.latest
-        return Sighting(stamp, found.point, track.confidence, found.candidate, track.number)
+    def _restart_after_pause(self, stamp: int, has_pose: bool) -> None:
+        """Delete all tracks after a pause, and when the pose is not known any more, or again."""
+        pause = 0.0 if self._stamp is None else (stamp - self._stamp) * 1e-9
+        if has_pose != self.has_pose or not 0.0 <= pause <= _LONGEST_PAUSE:
+            self._restart()
+        self._stamp, self.has_pose = stamp, has_pose
+
+    def _assign(self, found: Sequence[Located], T_fixed_optical: Transform, now: float) -> None:
+        """Update the tracks with the detections of one image, the cheapest pair first."""
+        for track in self.tracks:
+            track.predict(now)
+        T_optical_fixed = T_fixed_optical.inverse()
+        costs = (
+            (track.cost(located, T_optical_fixed), i, j)
+            for i, track in enumerate(self.tracks)
+            for j, located in enumerate(found)
+        )
+        pairs: dict[int, int] = {}
+        for cost, i, j in sorted(costs):
+            if cost < math.inf and i not in pairs and j not in pairs.values():
+                pairs[i] = j
+        for i, track in enumerate(self.tracks):
+            if i in pairs:
+                located = found[pairs[i]]
+                track.update(located, T_fixed_optical, learn=_is_alone(located, found))
+            else:
+                track.missed()
+        for j, located in enumerate(found):
+            if j not in pairs.values():
+                self._number += 1
+                self.tracks.append(Track(self._number, located, T_fixed_optical, now))
+        self.tracks = [track for track in self.tracks if self._is_kept(track, now)]
+
+    def _is_kept(self, track: Track, now: float) -> bool:
+        track.believed |= sum(track.recent) >= self.identity.confirm_images
+        if track.believed:
+            return now - track.seen <= self.identity.memory
+        return any(track.recent[-3:])
+
+    def _is_certain(self, track: Track) -> bool:
+        is_visible = track.located is not None and track.believed
+        return is_visible and track.confidence >= self.identity.min_confidence
 
     def _follow_wanted(self) -> bool:
         """Follow a track in the selected box; return whether there is one."""
@@ -188,7 +235,7 @@ class VisualTracker:
             if self._patience < 0:
                 self._wanted = None
             return False
-        self.identity.follow(min(inside, key=lambda item: item[0])[1])
+        self.followed = min(inside, key=lambda item: item[0])[1]
         self._wanted = None
         return True
 
@@ -198,7 +245,7 @@ class VisualTracker:
         hints = []
         now = frame.stamp * 1e-9
         for track in self.tracks:
-            if now - track.seen > _HINTED:
+            if not 0.0 <= now - track.seen <= _HINTED:
                 continue
             ahead = track.position + track.velocity * (now - track.now)
             pixel = frame.camera.pixel(T_optical_fixed @ ahead.tolist())
@@ -209,7 +256,7 @@ class VisualTracker:
                 )
         return hints
 
-    def _locate(self, frame: Frame, candidate: Candidate) -> Located | None:
+    def _located(self, frame: Frame, candidate: Candidate) -> Located | None:
         """Return a candidate with its position; None: its distance is not known."""
         depth = self._depth(frame, candidate)
         if depth is not None:
@@ -246,11 +293,11 @@ class VisualTracker:
         return self.distances.distance
 
 
-def _check_sizes(frame: Frame) -> None:
-    camera = (frame.camera.width, frame.camera.height)
-    for what, image in (("picture", frame.picture), ("depth image", frame.depth)):
-        if image is not None and image.size != camera:
-            raise ImageError(
-                f"the {what} has {image.size[0]}x{image.size[1]} pixels and camera_info says "
-                f"{camera[0]}x{camera[1]}; picture, aligned depth and camera_info must agree"
-            )
+def _is_alone(located: Located, found: Sequence[Located]) -> bool:
+    """Return whether no other detection is near."""
+    candidate = located.candidate
+    return all(
+        math.dist(candidate.centre, other.candidate.centre) > 2.0 * candidate.box.width
+        for other in found
+        if other is not located
+    )

@@ -23,7 +23,6 @@ from head_tracking.vision import (
     DepthImage,
     DistanceParameters,
     Frame,
-    GivenDetector,
     IdentityParameters,
     Picture,
     VisualTracker,
@@ -73,9 +72,8 @@ def followed(
 
     Faces are found where they are, with the noise of a detector; who is behind somebody is not.
     """
-    detector = GivenDetector()
     distances = DistanceParameters() if depth else DistanceParameters(object_size=FACE_WIDTH)
-    tracker = VisualTracker(detector, distances, IdentityParameters())
+    tracker = VisualTracker(None, distances, IdentityParameters())
     rng = np.random.default_rng(seed)
     names = [f"person {i}" for i in range(len(people))]
     boards = {
@@ -92,12 +90,11 @@ def followed(
             renderers[there] = Renderer(scene, SMALL)
         seen = noise(renderers[there].render(_POSE, time))
         found = _faces([(i, people[i].path(time)) for i in there], rng)
-        detector.candidates = list(found)
         metres = DepthImage(np.nan_to_num(seen.depth * 1000).astype(np.uint16))
         frame = Frame(
             round((time + 1) * 1e9), SMALL, Picture(seen.picture), metres if depth else None
         )
-        sighting = tracker.step(frame, _POSE)
+        sighting = tracker.update(frame.stamp, tracker.locate(frame, list(found)), _POSE)
         result.append(None if sighting is None else found[sighting.candidate])
     return result
 

@@ -1,5 +1,7 @@
 """Faces of real people: turned, half covered, small and dark; and what is no face."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -36,7 +38,8 @@ def net():
 
 
 def frame(picture, stamp=0):
-    return Frame(stamp, CAMERA, Picture(picture))
+    height, width = picture.shape[:2]
+    return Frame(stamp, replace(CAMERA, width=width, height=height), Picture(picture))
 
 
 def share(detector, kind, degrees, **options):

@@ -6,9 +6,10 @@ from head_tracking.transforms import Rotation, Transform
 from head_tracking.vision import (
     Box,
     Candidate,
-    Identity,
+    DistanceParameters,
     IdentityParameters,
     Located,
+    VisualTracker,
 )
 
 STILL = Transform.identity()
@@ -21,44 +22,43 @@ def seen(x, z=2.0, confidence=0.9, label="", colour=0):
     return Located(Candidate(box, box.centre, confidence, label), (x, 0.0, z), True, 0.04, looks)
 
 
-def follow(identity, frames, start=0.0, period=1 / 30):
-    """The number that is followed and seen in each frame; None if there is none."""
+def follow(tracker, frames, start=0.0, period=1 / 30):
+    """The number of the target in each frame; None if there is none."""
     followed = []
     for i, found in enumerate(frames):
-        identity.update(found, STILL, start + i * period)
-        track = identity.followed
-        followed.append(track.number if track and track.located else None)
+        sighting = tracker.update(round((1.0 + start + i * period) * 1e9), found, STILL)
+        followed.append(None if sighting is None else sighting.number)
     return followed
 
 
 @pytest.fixture
-def identity():
-    return Identity(IdentityParameters())
+def tracker():
+    return VisualTracker(None, DistanceParameters(), IdentityParameters())
 
 
-def test_one_or_two_detections_are_not_confirmed(identity):
-    assert follow(identity, [[seen(0.0)], [seen(0.0)], [], [], []]) == [None] * 5
+def test_one_or_two_detections_are_not_confirmed(tracker):
+    assert follow(tracker, [[seen(0.0)], [seen(0.0)], [], [], []]) == [None] * 5
 
 
-def test_the_larger_of_two_is_chosen_and_kept(identity):
+def test_the_larger_of_two_is_chosen_and_kept(tracker):
     big, small = seen(-0.3), seen(0.3)
     big = Located(
         Candidate(big.candidate.box._replace(width=60), big.candidate.centre, 0.9), big.point, True
     )
-    numbers = follow(identity, [[small, big]] * 4 + [[small]] * 10 + [[small, big]] * 5)
+    numbers = follow(tracker, [[small, big]] * 4 + [[small]] * 10 + [[small, big]] * 5)
     assert numbers[2] == numbers[-1] is not None
     assert numbers[4:14] == [None] * 10, "no jump to the other one"
 
 
 @pytest.mark.parametrize("rate", [30, 10, 5])
-def test_the_speed_of_something_is_not_overestimated_when_images_are_rare(identity, rate):
-    follow(identity, [[seen(-1.0 + 0.4 * i / rate)] for i in range(4 * rate)], period=1 / rate)
-    assert identity.followed.velocity[0] == pytest.approx(0.4, rel=0.01)
+def test_the_speed_of_something_is_not_overestimated_when_images_are_rare(tracker, rate):
+    follow(tracker, [[seen(-1.0 + 0.4 * i / rate)] for i in range(4 * rate)], period=1 / rate)
+    assert tracker.followed.velocity[0] == pytest.approx(0.4, rel=0.01)
 
 
-def test_another_track_is_followed_after_the_memory_time(identity):
+def test_another_track_is_followed_after_the_memory_time(tracker):
     frames = [[seen(-0.3), seen(0.3)]] * 5 + [[seen(0.3)]] * 70
-    numbers = follow(identity, frames)
+    numbers = follow(tracker, frames)
     first = numbers[4]
     assert numbers[5 + 55] is None
     assert numbers[-1] not in (None, first)
@@ -66,28 +66,28 @@ def test_another_track_is_followed_after_the_memory_time(identity):
 
 @pytest.mark.parametrize("gap", [0.3, 1.9])
 @pytest.mark.parametrize("where", [(0.3, 2.0), (-0.2, 2.1), (0.0, 2.3)])
-def test_a_lost_track_continues_near_its_prediction(identity, gap, where):
-    numbers = follow(identity, [[seen(0.0)]] * 10)
-    assert follow(identity, [[seen(*where)]], start=9 / 30 + gap) == [numbers[-1]]
+def test_a_lost_track_continues_near_its_prediction(tracker, gap, where):
+    numbers = follow(tracker, [[seen(0.0)]] * 10)
+    assert follow(tracker, [[seen(*where)]], start=9 / 30 + gap) == [numbers[-1]]
 
 
 @pytest.mark.parametrize("other", [{"colour": 2}, {"label": "4"}])
-def test_another_appearance_or_label_is_another_track(identity, other):
+def test_another_appearance_or_label_is_another_track(tracker, other):
     here, changed = {"label": "3"}, {"label": "3"} | other
-    numbers = follow(identity, [[seen(0.0, **here)]] * 5 + [[seen(0.0, **changed)]] * 5)
+    numbers = follow(tracker, [[seen(0.0, **here)]] * 5 + [[seen(0.0, **changed)]] * 5)
     assert numbers[5:] == [None] * 5
 
 
-def test_camera_motion_is_compensated():
+def test_camera_motion_is_compensated(tracker):
     """Without the camera's pose a quick turn of the head would look like another person."""
-    identity, names = Identity(IdentityParameters()), []
+    names = []
     for i in range(40):
         turn = Transform((0.0, 0.0, 0.0), Rotation.from_rpy(0.0, 0.12 * i, 0.0))
         x, _, z = turn.inverse() @ (0.0, 0.0, 2.0)
         found = seen(0.0)
         located = Located(found.candidate, (x, 0.0, z), True, 0.04, found.appearance)
-        identity.update([located], turn, i / 30)
-        names += [track.number for track in identity.tracks]
+        tracker.update(round(i / 30 * 1e9), [located], turn)
+        names += [track.number for track in tracker.tracks]
     assert set(names) == {1}
 
 

@@ -26,7 +26,6 @@ from head_tracking.vision import (
     Candidate,
     DepthImage,
     Frame,
-    GivenDetector,
     require_opencv,
 )
 
@@ -77,8 +76,6 @@ class DetectionTargetNode(SightedTargetNode):
         kind = message_class(_MESSAGES.get(p.source, "hri_msgs/msg/IdsList"))
         if p.source != "detections_3d":
             require_opencv()
-        self._detector = GivenDetector()
-        self.set_detector(self._detector)
         self._depths: deque[tuple[int, Image]] = deque(maxlen=_DEPTHS_KEPT)
         self._regions: dict[str, Subscription] = {}
         self._latest: dict[str, Any] = {}
@@ -138,24 +135,16 @@ class DetectionTargetNode(SightedTargetNode):
         else:
             stamp, frame_id = stamp_to_ns(found.header.stamp), found.header.frame_id
         if p.source == "detections_3d":
-            pose = self.pose(frame_id, stamp)
             things = located(found.detections, p.class_id)
-            sighting = self.tracker.update(stamp, things, pose)
-            self.send(stamp, frame_id, sighting)
         else:
-
-            def frame(camera: Camera) -> Frame:
-                if isinstance(found, tuple):
-                    given = self._people(regions, camera, frame_id, stamp)
-                else:
-                    given = candidates(found.detections, p.class_id)
-                self._detector.candidates = given
-                return Frame(stamp, camera, None, self._depth(stamp))
-
-            result = self.detect(frame_id, frame)
-            if result is None:
-                return
-            sighting = result[1]
+            camera = self.camera_of(frame_id)
+            if isinstance(found, tuple):
+                given = self._people(regions, camera, frame_id, stamp)
+            else:
+                given = candidates(found.detections, p.class_id)
+            things = self.tracker.locate(Frame(stamp, camera, None, self._depth(stamp)), given)
+        sighting = self.tracker.update(stamp, things, self.pose(frame_id, stamp))
+        self.send(stamp, frame_id, sighting)
         if sighting is not None and self._name.get_subscription_count():
             name = sighting.candidate.label or str(sighting.number)
             self._name.publish(String(data=name))

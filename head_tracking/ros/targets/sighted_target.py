@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +24,6 @@ from head_tracking.vision import (
     CameraError,
     Detector,
     DistanceParameters,
-    Frame,
     IdentityParameters,
     ImageError,
     Sighting,
@@ -54,10 +52,10 @@ class CameraParameters:
 
 
 class SightedTargetNode(ClosingNode):
-    """Publishes `target_point` from detections; a subclass calls `set_detector`.
+    """Publishes `target_point` from detections; a subclass may call `set_detector`.
 
     Subscribes to `camera_info`; offers `~/reset` and `~/enable`; publishes `~/enabled` and
-    `~/confidence`. Call `set_detector`, `pose`, `send` and the tracker in the worker's thread only,
+    `~/confidence`. Call `set_detector`, `send` and the tracker in the worker's thread only,
     once the node is spun.
 
     Args:
@@ -79,44 +77,34 @@ class SightedTargetNode(ClosingNode):
         self._distances = NodeParameters(self, DistanceParameters, on_change=self._on_distances)
         self._identity = NodeParameters(self, IdentityParameters, on_change=self._on_distances)
         self._camera: tuple[Camera, str] | None = None
-        self._has_pose = False
-        self.worker: Worker[Any] = Worker(name, self.process)
+        self.worker: Worker[Any] = Worker(name, self._process)
         self.closing.callback(self.worker.close)
+        self.set_detector(None)
         self.output = TargetOutput(self)
         self.confidence = self.create_publisher(Float32, "~/confidence", 10)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, LATEST_ONLY)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
     def process(self, item: Any) -> None:
-        """Detect the target in an item that was offered to the worker, and publish it."""
+        """Detect the target in an item that was offered to the worker, and publish it.
+
+        Raises:
+            ImageError: it cannot be used; this is logged.
+        """
         raise NotImplementedError
 
-    def set_detector(self, detector: Detector) -> None:
-        """Start a new tracker with a detector."""
-        self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
-
-    def detect(
-        self, frame_id: str, make: Callable[[Camera], Frame]
-    ) -> tuple[Frame, Sighting | None] | None:
-        """Detect the target in one image and publish it.
-
-        Args:
-            frame_id: optical frame of the image.
-            make: returns the image with its camera; may raise ImageError.
-
-        Returns:
-            The image and the target; None: the image cannot be used, which is logged.
-        """
+    def _process(self, item: Any) -> None:
         try:
-            frame = make(self._camera_of(frame_id))
-            sighting = self.tracker.step(frame, self.pose(frame_id, frame.stamp))
+            self.process(item)
         except ImageError as error:
             self.warn(str(error))
-            return None
-        self.send(frame.stamp, frame_id, sighting)
-        return frame, sighting
 
-    def _camera_of(self, frame_id: str) -> Camera:
+    def set_detector(self, detector: Detector | None) -> None:
+        """Start a new tracker with a detector; None: it detects nothing."""
+        self.tracker = VisualTracker(detector, self._distances.value, self._identity.value)
+
+    def camera_of(self, frame_id: str) -> Camera:
+        """Return the camera of an optical frame; raise ImageError if it is not known."""
         if self._camera is None:
             raise ImageError("the image is ignored: no valid camera_info received")
         camera, frame = self._camera
@@ -129,14 +117,6 @@ class SightedTargetNode(ClosingNode):
         return camera
 
     def pose(self, frame_id: str, stamp: int) -> Transform | None:
-        """Return the pose of a camera; the tracks restart if it is not known any more, or again."""
-        found = self.known_pose(frame_id, stamp)
-        if (found is not None) != self._has_pose:
-            self._has_pose = found is not None
-            self.tracker.identity.reset()
-        return found
-
-    def known_pose(self, frame_id: str, stamp: int) -> Transform | None:
         """Return the pose of a frame in the fixed frame at a stamp [ns]; None: unknown."""
         fixed_frame = self._camera_parameters.value.fixed_frame
         return frame_pose(self.frames, fixed_frame, frame_id, stamp)
@@ -162,7 +142,7 @@ class SightedTargetNode(ClosingNode):
 
     def _apply_distances(self) -> None:
         self.tracker.distances = self._distances.value
-        self.tracker.identity.parameters = self._identity.value
+        self.tracker.identity = self._identity.value
 
     def _on_info(self, message: CameraInfo) -> None:
         try:

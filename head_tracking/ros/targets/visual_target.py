@@ -26,7 +26,6 @@ from head_tracking.vision import (
     Detector,
     FaceDetector,
     Frame,
-    GivenDetector,
     Pairing,
     Sighting,
     annotated,
@@ -140,7 +139,7 @@ class VisualTargetNode(SightedTargetNode):
         try:
             self.set_detector(self._detector(follow))
         except HeadTrackingError as error:
-            self.set_detector(GivenDetector())
+            self.set_detector(None)
             self.get_logger().error(f"no detection: the detector {follow} failed: {error}")
         else:
             self.get_logger().info(f"detecting {follow}")
@@ -165,7 +164,8 @@ class VisualTargetNode(SightedTargetNode):
         self.worker.do(self._apply_parameters)
 
     def _apply_parameters(self) -> None:
-        self.tracker.detector.parameters = self._kinds[self._followed].value
+        if self.tracker.detector is not None:
+            self.tracker.detector.parameters = self._kinds[self._followed].value
 
     def _subscribe(
         self, topic: str, transport: str, callback: Callable[[AnyImage], None]
@@ -201,19 +201,12 @@ class VisualTargetNode(SightedTargetNode):
         """See `SightedTargetNode`."""
         stamped, image, depth = shot
         header = stamped.header
-        result = self.detect(
-            header.frame_id,
-            lambda camera: Frame(
-                stamp_to_ns(header.stamp),
-                camera,
-                None if image is None else picture_of(image),
-                None if depth is None else depth_of(depth),
-            ),
-        )
-        if result is None:
-            return
-        frame, sighting = result
-        self._frame = frame
+        camera = self.camera_of(header.frame_id)
+        picture = None if image is None else picture_of(image)
+        depths = None if depth is None else depth_of(depth)
+        self._frame = frame = Frame(stamp_to_ns(header.stamp), camera, picture, depths)
+        sighting = self.tracker.step(frame, self.pose(header.frame_id, frame.stamp))
+        self.send(frame.stamp, header.frame_id, sighting)
         if sighting is not None and self._region.get_subscription_count():
             self._region.publish(_region(sighting.candidate.box, frame))
         if self._others.get_subscription_count():
@@ -252,9 +245,9 @@ class VisualTargetNode(SightedTargetNode):
         self.worker.do(lambda: self._select_point(target))
 
     def _select_point(self, target: Target) -> None:
-        pose = self.known_pose(target.frame_id, target.stamp)
+        pose = self.pose(target.frame_id, target.stamp)
         point = target.point if pose is None else pose @ target.point
-        is_comparable = (pose is not None) == self._has_pose  # with the tracks
+        is_comparable = (pose is not None) == self.tracker.has_pose  # with the tracks
         if not (is_comparable and self.tracker.select_point(point)):
             self.warn(f"the selection is ignored: nothing is seen at {target.point}")
 
