@@ -19,7 +19,6 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.ros.kit.node_parameters import NodeParameters, check_parameters
 from head_tracking.ros.kit.spinning import NodeThreads, start_ros
-from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.tf import listening_buffer
 from head_tracking.transforms import TransformBuffer
 
@@ -31,22 +30,18 @@ class Client:
     Attributes:
         node: the node.
         frames: the robot's frames and joints.
-        stop: whether the user has pressed Ctrl-C.
     """
 
     node: Node
     frames: TransformBuffer
-    stop: StopSignal
 
     def wait_for(self, condition: Callable[[], bool], seconds: float, error: str) -> None:
         """Wait until a condition holds; else raise HeadTrackingError with the text `error`."""
         end = time.monotonic() + seconds
         while not condition():
-            if self.stop():
-                raise KeyboardInterrupt
             if time.monotonic() > end:
                 raise HeadTrackingError(error)
-            self.stop.wait(0.02)
+            time.sleep(0.02)
 
     def head(self, seconds: float) -> PanTiltHead:
         """Wait some seconds for the robot's model; return its head by the node's parameters.
@@ -97,12 +92,12 @@ def run_client(
 
     def run() -> int:
         options = parse(without_ros_arguments(sys.argv[1:]))
-        with StopSignal() as stop, ExitStack() as resources:
+        with ExitStack() as resources:
             start_ros()
             resources.callback(rclpy.try_shutdown)
             node = Node(name, start_parameter_services=False)
             buffer = listening_buffer(node)
             resources.enter_context(closing(NodeThreads())).start(node)
-            return work(Client(node, buffer.core, stop), options)
+            return work(Client(node, buffer.core), options)
 
     return exit_code(name, run)

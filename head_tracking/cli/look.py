@@ -47,7 +47,7 @@ def look(client: Client, options: argparse.Namespace) -> int:
     if options.centre:
         client.call(["head_tracker/recenter", "point_head/recenter"], options.wait)
         centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
-        return _wait(client, options, lambda: math.dist(positions(), centre))
+        return _wait(options, lambda: math.dist(positions(), centre))
     point, frame = options.where
     targets = client.node.create_publisher(PointStamped, "target_point", 10)
     client.wait_for(
@@ -71,32 +71,31 @@ def look(client: Client, options: argparse.Namespace) -> int:
         count = client.node.count_publishers(targets.topic_name) - 1
         return f"; {count} other publishers of target_point: end them" if count else ""
 
-    return _wait(client, options, miss, others)
+    return _wait(options, miss, others)
 
 
 def _wait(
-    client: Client,
-    options: argparse.Namespace,
-    miss: Callable[[], float],
-    others: Callable[[], str] = str,
+    options: argparse.Namespace, miss: Callable[[], float], others: Callable[[], str] = str
 ) -> int:
     """Call `miss` until the head has arrived; with --follow until Ctrl-C."""
-    arrival = Arrival(_TOLERANCE, _SETTLE_TIME)
+    arrival, missed, has_arrived = Arrival(_TOLERANCE, _SETTLE_TIME), math.inf, False
     end = math.inf if options.follow else time.monotonic() + options.timeout
-    while True:
-        angle = miss()
-        if client.stop() and not options.follow:
-            raise KeyboardInterrupt
-        text = f"the head misses the target by {math.degrees(angle):.2f} degrees"
-        is_stopped = options.follow and client.stop() and angle <= _TOLERANCE
-        if is_stopped or (not options.follow and arrival.step(angle, time.monotonic())):
-            print(f"{'stopped' if is_stopped else 'arrived'}: {text}")
-            return 0
-        if client.stop() or time.monotonic() > end:
-            raise HeadTrackingError(f"did not arrive: {text}{others()}")
-        if options.follow and sys.stdout.isatty():
-            print(f"\r{text}  ", end="", flush=True)
-        client.stop.wait(_PERIOD)
+    try:
+        while not has_arrived and time.monotonic() < end:
+            missed = miss()
+            has_arrived = not options.follow and arrival.step(missed, time.monotonic())
+            if options.follow and sys.stdout.isatty():
+                print(f"\r{math.degrees(missed):.2f} degrees  ", end="", flush=True)
+            time.sleep(_PERIOD)
+    except KeyboardInterrupt:
+        if not options.follow:
+            raise
+        has_arrived = missed <= _TOLERANCE
+    text = f"the head misses the target by {math.degrees(missed):.2f} degrees"
+    if not has_arrived:
+        raise HeadTrackingError(f"did not arrive: {text}{others()}")
+    print(f"{'stopped' if options.follow else 'arrived'}: {text}")
+    return 0
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from head_tracking.cli.client import Client, run_client
+from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, positive, writable_file
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.target_point import target_from_message
-from head_tracking.run.status_line import StatusLine
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, table
 
 _TIMEOUT = 10.0  # s for the robot's model, and for the first target
 _PATIENCE = 1.0  # s that a target waits for its transforms
+_STEP = 0.2  # s between two steps of the progress bar
 _FEWEST_SAMPLES = 10
 _QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -35,34 +36,39 @@ class TrackRecording:
     Raises:
         HeadTrackingError: no robot model is published.
         RobotModelError: the robot has no such head.
+
+    Attributes:
+        ages: age of each target when it was received [s].
     """
 
     def __init__(self, client: Client) -> None:
-        node = client.node
-        self._log, self._clock = node.get_logger(), node.get_clock()
+        self._clock = client.node.get_clock()
         self.head = client.head(_TIMEOUT)
         self.trace = Trace()
-        self.targets = 0
-        self.stamps: list[float] = []
         self.ages: list[float] = []
+        self._stamps: list[float] = []
         self._placer = TargetPlacer(client.frames, self.head.base_frame, _PATIENCE)
         self._judge = TrackingJudge(self.head, 0.0, self.trace)
-        self._received: dict[int, float] = {}
-        node.create_subscription(PointStamped, "target_point", self._on_target, _QOS)
-        node.create_subscription(JointState, "joint_states", self._on_joints, _QOS)
+        client.node.create_subscription(PointStamped, "target_point", self._on_target, _QOS)
+        client.node.create_subscription(JointState, "joint_states", self._on_joints, _QOS)
 
     @property
     def rate(self) -> float:
         """Targets per second."""
-        span = max(self.stamps, default=0.0) - min(self.stamps, default=0.0)
-        return (len(self.stamps) - 1) / span if span else 0.0
+        span = max(self._stamps, default=0.0) - min(self._stamps, default=0.0)
+        return (len(self._stamps) - 1) / span if span else 0.0
+
+    @property
+    def _now(self) -> float:
+        return float(self._clock.now().nanoseconds * 1e-9)
 
     def _on_target(self, message: PointStamped) -> None:
-        self.targets += 1
-        now, target = self._clock.now().nanoseconds * 1e-9, target_from_message(message)
+        target, now = target_from_message(message), self._now
+        stamp = target.stamp * 1e-9 if target.stamp else now
+        self._stamps.append(stamp)
+        self.ages.append(now - stamp)
         self._placer.offer(target, now)
-        self._received[target.stamp] = now
-        self._judge_targets(now)
+        self._judge_targets()
 
     def _on_joints(self, message: JointState) -> None:
         positions = dict(zip(message.name, message.position, strict=False))
@@ -70,21 +76,12 @@ class TrackRecording:
         if set(joints) <= positions.keys():
             pan, tilt = (positions[joint] for joint in joints)
             self._judge.joints_read(stamp_to_ns(message.header.stamp) * 1e-9, (pan, tilt))
-            self._judge_targets(self._clock.now().nanoseconds * 1e-9)
+            self._judge_targets()
 
-    def _judge_targets(self, now: float) -> None:
-        transformed = self._placer.place(now, {})
-        refusal = self._placer.take_refusal()
-        if refusal is not None:
-            self._log.warning(
-                f"target {refusal.target} ignored: {refusal.reason}", throttle_duration_sec=2.0
-            )
-        for target, point in transformed:
-            received = self._received.pop(target.stamp, now)
-            stamp = target.stamp * 1e-9 if target.stamp else received
-            self.stamps.append(stamp)
-            self.ages.append(received - stamp)
-            self._judge.target_seen(stamp, point)
+    def _judge_targets(self) -> None:
+        now = self._now
+        for target, point in self._placer.place(now, {}):
+            self._judge.target_seen(target.stamp * 1e-9 if target.stamp else now, point)
 
 
 def main() -> int:
@@ -94,20 +91,16 @@ def main() -> int:
 
 def _report(client: Client, options: argparse.Namespace) -> int:
     recording = TrackRecording(client)
-    began, line = time.monotonic(), StatusLine(sys.stderr)
-    start = began
-    while not client.stop() and (elapsed := time.monotonic() - start) < options.duration:
-        if not recording.targets and time.monotonic() - began < _TIMEOUT:
-            start = time.monotonic()  # the report begins with the first target
-        progress = f"recording: {elapsed:.0f} of {options.duration:g} s"
-        line.show([progress, f"{recording.targets} targets"])
-        client.stop.wait(0.2)
-    line.end(f"recorded {time.monotonic() - start:.1f} s, {recording.targets} targets")
+    client.wait_for(lambda: bool(recording.ages), _TIMEOUT, "no target_point is published")
+    steps = range(max(1, round(options.duration / _STEP)))
+    with suppress(KeyboardInterrupt):
+        for _ in Terminal().track(steps, "recording"):
+            time.sleep(_STEP)
     trace = recording.trace.between(-math.inf)  # more samples may come
     if len(trace) < _FEWEST_SAMPLES:
         raise HeadTrackingError(
             f"joints and target were known at {len(trace)} moments only, {_FEWEST_SAMPLES} are "
-            "needed; is target_point published?"
+            "needed; are joint_states and target_point published?"
         )
     print(table(trace, recording.ages, recording.rate))
     title = f"{recording.head.pointing_frame} and its target"

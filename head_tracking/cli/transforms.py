@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -20,20 +21,21 @@ def main() -> int:
 
 
 def echo(client: Client, options: argparse.Namespace) -> int:
-    """Print the transform between two frames periodically."""
+    """Print the transform between two frames periodically, until Ctrl-C."""
     remaining, missed = options.count, 0.0
-    while remaining != 0 and not client.stop() and not is_output_closed():
-        try:
-            transform = client.frames.lookup_transform(options.frame, options.of)
-        except TransformException:
-            missed += 1.0 / options.rate
-            if missed > options.wait:
-                raise
-        else:
-            missed = 0.0
-            remaining -= 1
-            print(echo_text(transform), flush=True)
-        client.stop.wait(1.0 / options.rate)
+    with suppress(KeyboardInterrupt):
+        while remaining != 0 and not is_output_closed():
+            try:
+                transform = client.frames.lookup_transform(options.frame, options.of)
+            except TransformException:
+                missed += 1.0 / options.rate
+                if missed > options.wait:
+                    raise
+            else:
+                missed = 0.0
+                remaining -= 1
+                print(echo_text(transform), flush=True)
+            time.sleep(1.0 / options.rate)
     return 0
 
 
@@ -86,7 +88,7 @@ def _listen(client: Client, options: argparse.Namespace) -> int:
     """Wait for the first frame, listen to measure rates and ages; return the time [ns]."""
     with suppress(HeadTrackingError):
         client.wait_for(lambda: bool(client.frames.frames()), options.wait, "")
-        client.stop.wait(options.listen)
+        time.sleep(options.listen)
     return int(client.node.get_clock().now().nanoseconds)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent import futures
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
@@ -74,11 +75,11 @@ class Composition:
         self.simulated: SimulatedJoints | None = None
         self._threads, self._start_elsewhere = threads, start_elsewhere
         self._elsewhere: set[str] = set()
-        self._on_request = started_on_request(simulated=plan.simulated)
+        self._on_request = started_on_request(simulated=plan.options.sim)
         self._available: dict[str, Any] = {
             "buffer": self.buffer,
             "loop": self.loop,
-            "simulate": self._simulate if plan.simulated else None,
+            "simulate": self._simulate if plan.options.sim else None,
         }
         for spec in plan.nodes:
             stop.check()
@@ -138,8 +139,7 @@ class ControlProcess:
         self, plan: Run, stop: StopSignal, link: SupervisorLink, status: StatusLine
     ) -> None:
         self._plan, self._stop, self._link, self._status = plan, stop, link, status
-        self._reports: dict[str, str] = {}
-        self._changed = threading.Condition()
+        self._starting: dict[str, futures.Future[str]] = {}
         self._reported_servos: list[Any] = []
         self._hint: list[str] = []
         self._head: Composition | None = None
@@ -155,7 +155,7 @@ class ControlProcess:
         plan = self._plan
         claim = self._claim(threads)
         threading.Thread(target=self._receive, daemon=True).start()
-        owners = JointOwners(exclusive=not plan.allow_others)
+        owners = JointOwners(exclusive=not plan.options.allow_others)
         if kept is not None:
             kept.guard(owners)
         head = self._head = Composition(
@@ -167,18 +167,18 @@ class ControlProcess:
             head_node.control if head_node else None,
             head.nodes["servo_bus"].status,
             None if head.simulated is None else head.simulated.true_position,
-            lambda: head.loop.owners.stopped,
         )
 
         def update() -> None:
-            if not plan.allow_others:
+            if not plan.options.allow_others:
                 claim.check()
             self._report_servos(head.nodes["servo_bus"])
-            self._status.show([*monitor.update(), *self._hint])
+            stopped = ["STOPPED"] if head.loop.owners.stopped else []
+            self._status.show([*stopped, *monitor.update(), *self._hint])
 
         self._link.send(ready=True)
         try:
-            threads.wait(self._stop, plan.duration, update)
+            threads.wait(self._stop, plan.options.duration, update)
         finally:
             summary = monitor.summary()
             threads.close()  # the last log messages of the nodes come before the summary
@@ -187,9 +187,9 @@ class ControlProcess:
     def _claim(self, threads: NodeThreads) -> HeadClaim:
         """Claim the head before anything else is published."""
         node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
-        claim = HeadClaim(node, simulated=self._plan.simulated)
+        claim = HeadClaim(node, simulated=self._plan.options.sim)
         threads.start(node)
-        if not self._plan.allow_others and is_heard_elsewhere(os.environ):
+        if not self._plan.options.allow_others and is_heard_elsewhere(os.environ):
             self._status.show(["searching for other heads"])
             self._stop.wait(LOOK_TIME)
             self._stop.check()
@@ -200,7 +200,7 @@ class ControlProcess:
     def _report_servos(self, servo_bus: Any) -> None:
         """Report the present servos, which the supervisor relaxes if this process dies."""
         servos = servo_bus.servos_by_port()
-        if not self._plan.simulated and servos != self._reported_servos:
+        if not self._plan.options.sim and servos != self._reported_servos:
             self._reported_servos = servos
             self._link.send(servos=servos)
 
@@ -211,15 +211,14 @@ class ControlProcess:
             HeadTrackingError: the node cannot start.
             EndRequestedError: the run ends meanwhile.
         """
-        with self._changed:
-            self._reports.pop(spec.name, None)
-            self._link.send(**asdict(spec))
-            for _ in range(round(_START_TIMEOUT / _POLL)):
-                self._changed.wait(_POLL)
-                self._stop.check()
-                if spec.name in self._reports:
-                    break
-            problem = self._reports.get(spec.name, f"no answer within {_START_TIMEOUT:g} s")
+        started = self._starting[spec.name] = futures.Future()
+        self._link.send(**asdict(spec))
+        for _ in range(round(_START_TIMEOUT / _POLL)):
+            futures.wait([started], _POLL)
+            self._stop.check()
+            if started.done():
+                break
+        problem = started.result() if started.done() else f"no answer in {_START_TIMEOUT:g} s"
         if problem:
             raise HeadTrackingError(problem)
 
@@ -228,9 +227,8 @@ class ControlProcess:
         while True:
             message = self._link.messages.get()
             if "node" in message:
-                with self._changed:
-                    self._reports[message["node"]] = message["problem"]
-                    self._changed.notify_all()
+                if (started := self._starting.pop(message["node"], None)) is not None:
+                    started.set_result(message["problem"])
             elif "keys" in message:
                 self._hint = [HINT] if message["keys"] else []
             else:  # in a thread: STOP waits for nothing
@@ -278,7 +276,7 @@ def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink
         plan = parse_arguments(arguments)
         start_ros(plan.ros_arguments)
         with closing(threads):
-            kept = KeptStop(plan.arguments) if plan.keeps_stop else None
+            kept = KeptStop(plan.arguments) if plan.options.keep_stop else None
             ControlProcess(plan, stop, link, status).run(threads, kept)
             if kept is not None and threads.exit_code() == 0:
                 kept.forget()

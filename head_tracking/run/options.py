@@ -43,32 +43,21 @@ class Run:
     Attributes:
         nodes: the nodes to start, in this order.
         head_node: the name of the controller of the head; empty: there is none.
-        simulated: whether the servos are simulated.
-        parameter_files: for all nodes; later ones win.
-        duration: how long to run [s]; None: until a signal.
+        options: the parsed options; see `--help`.
         arguments: the command line, including ROS arguments.
-        allow_others: whether it may run beside other heads; the last command wins then.
-        is_local: whether other machines cannot discover it.
-        hold_on_crash: whether the servos hold, instead of relaxing, if the control process dies.
-        keeps_stop: whether a STOP persists when the run crashes and is started again.
     """
 
     nodes: tuple[NodeSpec, ...]
     head_node: str
-    simulated: bool
-    parameter_files: tuple[Path, ...]
-    duration: float | None
+    options: argparse.Namespace
     arguments: tuple[str, ...]
-    allow_others: bool
-    is_local: bool
-    hold_on_crash: bool
-    keeps_stop: bool
 
     @property
     def ros_arguments(self) -> list[str]:
-        """Return the arguments of `rclpy.init`, with the parameter files."""
-        files = [word for file in self.parameter_files for word in ("--params-file", str(file))]
-        return ["--ros-args", *files, "--", *self.arguments]
+        """Return the arguments of `rclpy.init`, with the parameter files; later ones win."""
+        files = (*robot_parameters(self.options.robot), *self.options.params)
+        words = [word for file in files for word in ("--params-file", str(file))]
+        return ["--ros-args", *words, "--", *self.arguments]
 
 
 def parse_arguments(arguments: Sequence[str]) -> Run:
@@ -153,43 +142,29 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     options = parser.parse_args(with_negative_values(without_ros_arguments(arguments)))
     if options.viewer and has_ros() and not installed():  # without ROS nothing runs
         parser.error(MISSING)
-    if options.target is None:
-        options.target = _target(
-            "fictitious" if options.sim and options.mode == "track" else "none"
-        )
-    targets, scene = options.target
+    usual = "fictitious" if options.sim and options.mode == "track" else "none"
+    targets, scene = options.target or _target(usual)
     page = [VIEWER] if options.viewer else []
     if options.sim and scene:
         targets = (simulated_camera(scene), *targets)
     elif options.sim and options.viewer and find_spec("cv2") is not None:
         page.append(CAMERA)  # last: nothing else waits for it
-    port = {} if options.port is None else {"port_name": options.port}
     overrides = {
         "robot_state_publisher": {
             "robot": options.robot,
             "calibration": str(options.calibration or ""),
         },
-        "servo_bus": port,
+        "servo_bus": {} if options.port is None else {"port_name": options.port},
     }
     head = MODES[options.mode]
     left_out = {head.name if name == HEAD else name for name in options.without}
-    nodes = [
+    nodes = tuple(
         replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
         for node in (*ROBOT, head, *targets, *page)
         if node.name not in left_out
-    ]
-    return Run(
-        tuple(nodes),
-        "" if head.name in left_out else head.name,
-        options.sim,
-        (*robot_parameters(options.robot), *options.params),
-        options.duration,
-        tuple(arguments),
-        options.allow_others,
-        options.sim and not options.network,
-        options.on_crash == "hold",
-        options.keep_stop,
     )
+    head_node = "" if head.name in left_out else head.name
+    return Run(nodes, head_node, options, tuple(arguments))
 
 
 def _robot(text: str) -> str:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
+from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_control import HeadControl
 from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.tracking import ErrorStatistics, TargetState, TrackingJudge
@@ -23,7 +24,6 @@ class RunMonitor:
         head: the controller of the head; None: the run has none.
         bus_status: returns the status of the servo bus.
         true_position: returns the true position of a joint [rad]; None: only measured ones exist.
-        is_stopped: returns whether STOP is active.
         clock: returns steady time [s].
     """
 
@@ -32,11 +32,10 @@ class RunMonitor:
         head: HeadControl | None,
         bus_status: Callable[[], BusStatus],
         true_position: Callable[[str], float] | None = None,
-        is_stopped: Callable[[], bool] = bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._head, self._bus_status, self._true_position = head, bus_status, true_position
-        self._is_stopped, self._clock = is_stopped, clock
+        self._clock = clock
         self._judge: TrackingJudge | None = None
         self._statistics = ErrorStatistics()
         self._judged_time = 0.0  # s
@@ -44,45 +43,17 @@ class RunMonitor:
 
     def update(self) -> list[str]:
         """Include what has happened since the last call; return the parts of the status."""
-        control, positions = self._head, self._positions()
-        head = None if control is None else control.frames.head
-        if control is not None and head is not None and positions is not None:
-            if self._judge is None or self._judge.head is not head:
-                self._judge = TrackingJudge(head, SETTLING_TIME, statistics=self._statistics)
-            before = self._statistics.count
-            if control.state()[0] in _GIVEN_UP:
-                self._judge.target_lost(control.now)
-            self._judge.joints_read(control.now, positions)
-            for stamp, point in control.frames.take_recent():
-                self._judge.target_seen(stamp, point)
-            if self._statistics.count > before:
-                self._judged_time += self._clock() - self._last_update
+        bus, control, positions = self._bus_status(), self._head, None
+        if control is not None and control.frames.head is not None:
+            positions = self._positions(bus, control.joints)
+            if positions is not None:
+                self._judge_head(control, control.frames.head, positions)
         self._last_update = self._clock()
-        return self._status(positions)
-
-    def _positions(self) -> tuple[float, float] | None:
-        if self._head is None or self._head.frames.head is None:
-            return None
-        pan, tilt = (self._position(joint) for joint in self._head.joints)
-        return None if pan is None or tilt is None else (pan, tilt)
-
-    def _position(self, joint: str) -> float | None:
-        if self._true_position is None:
-            state = self._bus_status().states.get(joint)
-            return None if state is None else state.position
-        try:
-            return self._true_position(joint)
-        except KeyError:  # no servo drives it
-            return None
-
-    def _status(self, positions: tuple[float, float] | None) -> list[str]:
-        bus, head = self._bus_status(), self._head
-        target = None if head is None else head.frames.target
+        target = None if control is None else control.frames.target
         error = None if self._judge is None else self._judge.error
         servos = [s for s in bus.statistics.servos if s.joint_name in bus.states]
         temperatures = " ".join(f"{servo.temperature:.0f}" for servo in servos)
         return [
-            *(["STOPPED"] if self._is_stopped() else []),
             "error   - " if error is None else f"error {math.degrees(error):4.1f}°",
             "waiting for the head"
             if positions is None
@@ -91,6 +62,32 @@ class RunMonitor:
             f"bus {bus.in_short}",
             f"{temperatures or '-'} °C",
         ]
+
+    def _judge_head(
+        self, control: HeadControl, head: PanTiltHead, positions: tuple[float, float]
+    ) -> None:
+        """Judge pan and tilt, and the targets since the last call."""
+        if self._judge is None or self._judge.head is not head:
+            self._judge = TrackingJudge(head, SETTLING_TIME, statistics=self._statistics)
+        before = self._statistics.count
+        if control.state()[0] in _GIVEN_UP:
+            self._judge.target_lost(control.now)
+        self._judge.joints_read(control.now, positions)
+        for stamp, point in control.frames.take_recent():
+            self._judge.target_seen(stamp, point)
+        if self._statistics.count > before:
+            self._judged_time += self._clock() - self._last_update
+
+    def _positions(self, bus: BusStatus, joints: tuple[str, str]) -> tuple[float, float] | None:
+        """Return pan and tilt [rad]; None if a servo has not been measured, or there is none."""
+        try:
+            if self._true_position is not None:
+                pan, tilt = map(self._true_position, joints)
+            else:
+                pan, tilt = (bus.states[joint].position for joint in joints)
+        except KeyError:
+            return None
+        return pan, tilt
 
     def summary(self) -> str:
         """Return the result of the whole run: tracking error, bus cycles, faults."""

@@ -7,6 +7,7 @@ import re
 import signal
 import sys
 import termios
+import tty
 from contextlib import suppress
 from typing import Any, Final, TextIO
 
@@ -37,11 +38,6 @@ class StopKey:
             signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # a read in the background fails
 
     @property
-    def has_terminal(self) -> bool:
-        """Whether the program has a terminal."""
-        return self._terminal is not None
-
-    @property
     def works(self) -> bool:
         """Whether keys are read now."""
         return self._original is not None
@@ -64,11 +60,8 @@ class StopKey:
         with suppress(termios.error, OSError):  # closed
             settings = termios.tcgetattr(self._terminal)
             if not self.works or settings[3] & termios.ICANON:
-                single = termios.tcgetattr(self._terminal)
-                single[3] &= ~(termios.ICANON | termios.ECHO)  # Ctrl-C and Ctrl-Z stay signals
-                single[6][termios.VMIN], single[6][termios.VTIME] = 0, 0
-                # TCSANOW keeps a key that was pressed during the start
-                termios.tcsetattr(self._terminal, termios.TCSANOW, single)
+                # Ctrl-C and Ctrl-Z stay signals; a key that was pressed during the start is kept
+                tty.setcbreak(self._terminal, termios.TCSANOW)
                 self._original = settings
 
     def release(self) -> None:

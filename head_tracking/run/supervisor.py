@@ -48,7 +48,8 @@ def main() -> int:
     """Run the head until a signal; return the exit code."""
     plan = parse_arguments(sys.argv[1:])
     # ROS's setup.bash sets SUBNET, so SUBNET is no choice of the user.
-    if plan.is_local and os.environ.get(_RANGE, "") in ("", "SUBNET", "LOCALHOST"):
+    is_local = plan.options.sim and not plan.options.network
+    if is_local and os.environ.get(_RANGE, "") in ("", "SUBNET", "LOCALHOST"):
         os.environ[_RANGE] = "LOCALHOST"
         for name in ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):  # they reach other machines, too
             os.environ.pop(name, None)
@@ -185,11 +186,11 @@ class Supervisor:
 
     def __init__(self, plan: Run) -> None:
         self._plan = plan
-        self._ending = self._yields = self._is_ready = False
+        self._ending = self._yields = self._is_ready = self._reads_keys = False
         self._kill_at = self._stop_by = math.inf
         self._servos: list[tuple[str, int, dict[str, str]]] = []
         self._keys = StopKey()
-        self._lock = HeadLock(plan.arguments, simulated=plan.simulated)
+        self._lock = HeadLock(plan.arguments, simulated=plan.options.sim)
         self._control = ChildProcess(CONTROL, plan.arguments, self._lock.descriptors)
         self._others = {
             name: ChildProcess(name, plan.ros_arguments, self._lock.descriptors)
@@ -214,7 +215,7 @@ class Supervisor:
         for node in self._plan.nodes:
             if node.process == PAGE:  # first, because it takes the longest to start
                 self._others[PAGE].add(asdict(node))
-        if not self._plan.simulated:  # now, because after a crash it would take time
+        if not self._plan.options.sim:  # now, because after a crash it would take time
             import head_tracking.dynamixel  # noqa: F401
 
         try:
@@ -263,9 +264,9 @@ class Supervisor:
 
     def _acquire(self, wait: Callable[[float], bool]) -> None:
         """Lock the head; with --allow-others only if it is free."""
-        if not self._plan.allow_others:
+        if not self._plan.options.allow_others:
             self._lock.acquire(wait)
-        elif not self._plan.simulated:
+        elif not self._plan.options.sim:
             with suppress(RefusedError):
                 self._lock.acquire(wait, shared=True, patience=0.0)
 
@@ -286,16 +287,16 @@ class Supervisor:
 
     def _update_keys(self) -> None:
         """Read keys while control is ready and this program is in the foreground."""
-        if not (self._keys.has_terminal and self._is_ready):
+        if self._is_ready:
+            self._keys.acquire()
+        if self._keys.works == self._reads_keys:
             return
-        self._keys.acquire()
-        if self._keys.works == (self._keys in self._selector.get_map()):
-            return
-        if self._keys.works:
+        self._reads_keys = self._keys.works
+        if self._reads_keys:
             self._selector.register(self._keys, selectors.EVENT_READ)
         else:
             self._selector.unregister(self._keys)
-        self._control.send(keys=self._keys.works)
+        self._control.send(keys=self._reads_keys)
 
     def _read(self, process: ChildProcess) -> None:
         assert process.channel is not None
@@ -325,7 +326,7 @@ class Supervisor:
         """Relax or hold the servos, because control has ended without doing it."""
         from head_tracking.dynamixel import DynamixelError, relax_servos
 
-        hold = self._plan.hold_on_crash and self._stop_by == math.inf
+        hold = self._plan.options.on_crash == "hold" and self._stop_by == math.inf
         success = "holds" if hold else "relaxed"
         results = [f"the control process {_describe_end(code)}"]
         for port, baud_rate, models in self._servos:

@@ -11,6 +11,7 @@ import re
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -62,7 +63,7 @@ def nodes_run(supervisor: Supervisor) -> bool:
     return supervisor._is_ready and all("port" in page["parameters"] for page in pages)
 
 
-def interrupt_after(owner: type, name: str, runs: Callable[[Any], bool]) -> None:
+def interrupt_after(owner: Any, name: str, runs: Callable[[Any], bool]) -> None:
     """Interrupt this program soon after it has called a method of an object that `runs`."""
     method = getattr(owner, name)
     timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
@@ -87,8 +88,10 @@ def main() -> int:
             words = words[1:]
     if words[0].startswith("-"):
         interrupt_after(Supervisor, "_update", nodes_run)
-    elif words[0] in (*programs.NODES, "transforms"):
+    elif words[0] in programs.NODES:
         interrupt_after(StopSignal, "wait", lambda _: True)
+    elif words[0] == "transforms":
+        interrupt_after(time, "sleep", lambda _: True)
     elif words[0] == "calibrate":  # in 10 s, not 30
         gathering = import_module("head_tracking.calibration.gathering")
         vars(gathering).update(MOST_VIEWS=13, _SETTLING=0.15, _SPEED=2.0)
