@@ -3,27 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from head_tracking.parameters import ParameterError, parameter
+from head_tracking.parameters import parameter
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
-    """A source of targets.
+class SourceParameters:
+    """One source of targets."""
 
-    Attributes:
-        name: name of the source.
-        priority: the source with the highest priority that has a target is chosen.
-        timeout: how long a target is valid after its arrival [s].
-        repeat: whether it publishes a target once, which lasts until the timeout.
-    """
-
-    name: str
-    priority: int
-    timeout: float
-    repeat: bool = False
+    topic: str = parameter("", "Its topic; empty: <name>/target_point.", fixed=True, ros_name=True)
+    type: str = parameter(
+        "point",
+        "PointStamped, or PoseStamped (its position).",
+        choices=("point", "pose"),
+        fixed=True,
+    )
+    priority: int = parameter(
+        0,
+        "The source with the highest priority and a valid target is selected.",
+        minimum=-1000,
+        maximum=1000,
+        fixed=True,
+    )
+    timeout: float = parameter(
+        0.5,
+        "A target is valid for this time after its arrival.",
+        unit="s",
+        minimum=0.01,
+        maximum=36000.0,
+        fixed=True,
+    )
+    repeat: bool = parameter(
+        False,
+        "Repeat the last target until the timeout, for sources that publish once.",
+        fixed=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +62,13 @@ class TargetMux:
     one for the take-over time. When it has no target any more, the source of the highest priority
     that has one is chosen at once. Times are in seconds, on any clock.
 
-    Raises:
-        ParameterError: there is no source, or two have one name.
+    Args:
+        sources: by name.
+        parameters: may be changed at any time.
     """
 
-    def __init__(self, sources: Iterable[Source], parameters: MuxParameters) -> None:
-        self.parameters = parameters
-        listed = list(sources)
-        self.sources = {source.name: source for source in listed}
-        if not listed or len(self.sources) != len(listed):
-            raise ParameterError(
-                f"the sources are {[source.name for source in listed]}; give at least one, each "
-                "with a name of its own"
-            )
+    def __init__(self, sources: Mapping[str, SourceParameters], parameters: MuxParameters) -> None:
+        self.sources, self.parameters = sources, parameters
         self._first = dict.fromkeys(self.sources, -math.inf)
         self._last = dict.fromkeys(self.sources, -math.inf)
         self._selected: str | None = None
@@ -74,12 +84,12 @@ class TargetMux:
             raise ValueError(f"there is no source {name!r}; there are {', '.join(self.sources)}")
         self.pinned = name
 
-    def offer(self, name: str, now: float) -> bool:
-        """Record a target of a source; return whether this source is chosen."""
+    def offer(self, name: str, now: float) -> str | None:
+        """Record a target of a source; return the chosen source."""
         if not self._fresh(name, now):
             self._first[name] = now
         self._last[name] = now
-        return self.select(now) == name
+        return self.select(now)
 
     def select(self, now: float) -> str | None:
         """Return the chosen source; None: no source has a target."""

@@ -4,15 +4,13 @@ import math
 import pytest
 
 from head_tracking.gaze import Arrival
-from head_tracking.targets import Transition
+from head_tracking.targets import between
 
 CENTRE = (0.1, 0.0, 0.5)
 
 
-def ways(start, end, steps=50, duration=1.0):
-    transition = Transition()
-    transition.begin(start, 10.0, duration)
-    return [transition.at(end, 10.0 + duration * i / steps, CENTRE) for i in range(steps + 1)]
+def ways(start, end, steps=50):
+    return [between(start, end, i / steps, CENTRE) for i in range(steps + 1)]
 
 
 def distance(a, b):
@@ -37,14 +35,6 @@ def test_the_way_is_smooth_and_stays_away_from_the_head(start, end):
 def test_the_way_from_left_to_right_goes_past_the_front():
     points = ways((-0.5, 1.0, 0.5), (-0.5, -1.0, 0.5))
     assert points[25][0] > 1.0
-
-
-def test_a_new_target_that_moves_is_met():
-    transition = Transition()
-    transition.begin((1.0, 1.0, 0.5), 0.0, 1.0)
-    assert transition.under_way(0.9)
-    assert transition.at((1.0, -0.3, 0.5), 1.0, CENTRE) == (1.0, -0.3, 0.5)
-    assert not transition.under_way(1.0)
 
 
 def test_arrived_is_who_stays():

@@ -44,11 +44,7 @@ class LatestTarget:
         self._lock = threading.Lock()  # callbacks and callers are in different threads
         self._placer: TargetPlacer | None = None
         self._latest: TransformedTarget | None = None
-        self._listener = TopicListener(node, PointStamped, "target_point", self._on_target)
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._listener.close()
+        TopicListener(node, PointStamped, "target_point", self._on_target)
 
     def place_in(self, frame: str) -> None:
         """Transform targets into this frame."""

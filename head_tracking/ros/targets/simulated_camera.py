@@ -118,8 +118,8 @@ class SimulatedCameraNode(ClosingNode):
         self._shown = p.scene
         self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
         self.renderer = Renderer(self.scene, self._camera)
-        self._target: LatestTarget | None = None
-        self._subscribe_to_target(p.scene)
+        self._target = LatestTarget(self, self._buffer)
+        self._target.place_in(p.scene_frame)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
         self._image = self.create_publisher(Image, "image", 5, qos_overriding_options=OVERRIDABLE)
         self._compressed = self.create_publisher(
@@ -137,7 +137,6 @@ class SimulatedCameraNode(ClosingNode):
         if changed.scene == self._shown:
             return
         self._shown = changed.scene
-        self._subscribe_to_target(changed.scene)
         scene = make_scene(changed.scene, np.random.default_rng(changed.seed))
         renderer = Renderer(scene, self._camera)
 
@@ -145,15 +144,6 @@ class SimulatedCameraNode(ClosingNode):
             self.scene, self.renderer = scene, renderer
 
         self._worker.do(change)
-
-    def _subscribe_to_target(self, scene: str) -> None:
-        """Subscribe to targets if the scene shows them."""
-        if scene in _WITH_TARGET and self._target is None:
-            self._target = LatestTarget(self, self._buffer)
-            self._target.place_in(self._settings.value.scene_frame)
-        elif scene not in _WITH_TARGET and self._target is not None:
-            self._target.close()
-            self._target = None
 
     def _expose(self) -> None:
         publishers = (self._image, self._compressed, self._depth, self._info)
@@ -172,7 +162,7 @@ class SimulatedCameraNode(ClosingNode):
         if is_recent and found.stamp == self._measured:
             return
         self._measured = found.stamp
-        target = None if self._target is None else self._target.latest()
+        target = self._target.latest() if self._shown in _WITH_TARGET else None
         # a ball at a target that was detected in these images would hide it
         is_own = target is not None and target.target.frame_id == p.frame_id
         point = None if target is None or is_own else target.point

@@ -11,14 +11,15 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from head_tracking.parameters import ParameterError, parameter
+from head_tracking.ros.kit.images import frame_pose
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import TargetOutput, target_from_message
 from head_tracking.ros.kit.topics import LATCHED, TopicListener
-from head_tracking.targets import MuxParameters, Source, TargetMux, Transition
+from head_tracking.targets import MuxParameters, SourceParameters, TargetMux, between
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
-from head_tracking.transforms import LATEST, TransformException, Vector3
+from head_tracking.transforms import LATEST, Vector3
 
 _MESSAGES = {"point": PointStamped, "pose": PoseStamped}
 
@@ -65,39 +66,6 @@ class MuxWiring:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class SourceParameters:
-    """One source."""
-
-    topic: str = parameter("", "Its topic; empty: <name>/target_point.", fixed=True, ros_name=True)
-    type: str = parameter(
-        "point",
-        "PointStamped, or PoseStamped (its position).",
-        choices=tuple(_MESSAGES),
-        fixed=True,
-    )
-    priority: int = parameter(
-        0,
-        "The source with the highest priority and a valid target is selected.",
-        minimum=-1000,
-        maximum=1000,
-        fixed=True,
-    )
-    timeout: float = parameter(
-        0.5,
-        "A target is valid for this time after its arrival.",
-        unit="s",
-        minimum=0.01,
-        maximum=36000.0,
-        fixed=True,
-    )
-    repeat: bool = parameter(
-        False,
-        "Repeat the last target until the timeout, for sources that publish once.",
-        fixed=True,
-    )
-
-
 class TargetMuxNode(Node):
     """Publishes `target_point` and the name of its source on `~/selected`; `~/pin` selects one."""
 
@@ -108,10 +76,10 @@ class TargetMuxNode(Node):
         self._buffer = (buffer or listening_buffer(self)).core
         self._sources = {name: self._source(name, rank) for rank, name in enumerate(wiring.sources)}
         self._mux = TargetMux(
-            (Source(name, p.priority, p.timeout, p.repeat) for name, p in self._sources.items()),
+            self._sources,
             NodeParameters(self, MuxParameters, on_change=self._on_parameters).value,
         )
-        self._transition = Transition()
+        self._transition: tuple[Vector3, float] | None = None  # its start, and since when [s]
         self._repeated: dict[str, Target] = {}
         self._selected: str | None = None
         self._last_sent: tuple[Vector3, float] | None = None
@@ -165,15 +133,12 @@ class TargetMuxNode(Node):
                 f"{name}: the target {target} is ignored: {error}", throttle_duration_sec=1.0
             )
             return
-        chosen = self._mux.offer(name, self._now)
-        self._set_selected(self._mux.select(self._now))
+        self._set_selected(self._mux.offer(name, self._now))
         if self._sources[name].repeat:
             # transformed now: a repeated point must not move with the camera
-            point = self._in_fixed_frame(target)
-            if point is not None:
-                target = Target(target.stamp, self._wiring.value.fixed_frame, point)
+            target = self._in_fixed_frame(target) or target
             self._repeated[name] = target
-        if chosen:
+        if self._selected == name:
             self._send(target)
 
     def _step(self) -> None:
@@ -191,40 +156,38 @@ class TargetMuxNode(Node):
         if selected is not None and self._last_sent is not None:
             point, when = self._last_sent
             if self._now - when < _TRANSITION_TIMEOUT:
-                self._transition.begin(point, self._now, self._wiring.value.switch_time)
+                self._transition = point, self._now
 
     def _send(self, target: Target) -> None:
         if not self._targets.on:
             return
-        point = self._in_fixed_frame(target)
-        if point is not None and self._transition.under_way(self._now):
-            frame = self._wiring.value.fixed_frame
-            point = self._transition.at(point, self._now, self._centre())
-            target = Target(target.stamp, frame, point)
-        self._last_sent = None if point is None else (point, self._now)
+        placed = self._in_fixed_frame(target)
+        if placed is not None and self._transition is not None:
+            start, since = self._transition
+            passed, duration = self._now - since, self._wiring.value.switch_time
+            if passed < duration:
+                point = between(start, placed.point, passed / duration, self._centre())
+                target = placed = replace(placed, point=point)
+            else:
+                self._transition = None
+        self._last_sent = None if placed is None else (placed.point, self._now)
         self._targets.publish(target)
 
-    def _in_fixed_frame(self, target: Target) -> Vector3 | None:
-        """Return a target in the fixed frame [m]; None: not known."""
+    def _in_fixed_frame(self, target: Target) -> Target | None:
+        """Return a target in the fixed frame; None: its transform is not known."""
         fixed_frame = self._wiring.value.fixed_frame
-        for stamp in (target.stamp, LATEST):
-            try:
-                return self._buffer.transform_point(
-                    target.point, fixed_frame, target.frame_id, stamp
-                )
-            except TransformException as error:
-                reason = error
-        self.get_logger().warning(
-            f"the target {target} is published without a transform: {reason}",
-            throttle_duration_sec=2.0,
-        )
-        return None
+        pose = frame_pose(self._buffer, fixed_frame, target.frame_id, target.stamp)
+        if pose is None:
+            self.get_logger().warning(
+                f"the target {target} is published without a transition: its transform to "
+                f"{fixed_frame} is not known",
+                throttle_duration_sec=2.0,
+            )
+            return None
+        return Target(target.stamp, fixed_frame, pose @ target.point)
 
     def _centre(self) -> Vector3:
         wiring = self._wiring.value
-        try:
-            return self._buffer.transform_point(
-                (0.0, 0.0, 0.0), wiring.fixed_frame, wiring.camera_link or wiring.pointing_frame
-            )
-        except TransformException:
-            return 0.0, 0.0, 0.0
+        frame = wiring.camera_link or wiring.pointing_frame
+        pose = frame_pose(self._buffer, wiring.fixed_frame, frame, LATEST)
+        return (0.0, 0.0, 0.0) if pose is None else pose.translation
