@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeRig, Request, writes
-from simulated_device import Bench
+from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
     BusEvent,
@@ -14,6 +17,7 @@ from head_tracking.dynamixel import (
     GoalError,
     Health,
     TorqueError,
+    servo_model,
 )
 from head_tracking.dynamixel.exceptions import (
     NotConnectedError,
@@ -62,7 +66,6 @@ def test_connect_names_missing_ids_after_a_second_try() -> None:
     [
         ({"Model Number": 29}, set(), ServoError, r"servo 1 .*29.*AX-12 \(12\)"),
         ({"Model Number": 4711}, set(), ServoError, "4711.*correct the configuration"),
-        ({"CCW Angle Limit": 0}, set(), ServoError, "wheel mode.*CW Angle Limit"),
         ({"Status Return Level": 0}, set(), ServoError, "register 16.*set it to 2"),
         ({}, {24}, ServoError, "Torque Enable"),
     ],
@@ -78,8 +81,46 @@ def test_connect_refuses_a_servo_that_it_cannot_use(
     with pytest.raises(error, match=message):
         rig.bus.connect()
     assert not rig.bench.port.is_open
-    relaxed = servo["Torque Enable"] == 0
-    assert relaxed == ("CCW Angle Limit" in registers)  # nothing is written to another model
+    assert servo["Torque Enable"] == 1  # nothing is written to another model
+
+
+X, STS = "XL430-W250", "STS3215"
+
+
+@pytest.mark.parametrize(
+    ("name", "register", "value", "options", "refused"),
+    [
+        ("AX-12", "CCW Angle Limit", 0, {}, True),  # wheel mode
+        (X, "Operating Mode", 4, {}, True),  # extended position
+        (X, "Drive Mode", 4, {}, True),  # a profile velocity would be milliseconds
+        (X, "Startup Configuration", 1, {}, True),  # it would go on after a loss of power
+        (X, "Drive Mode", 0, {"reverse": True}, True),  # another driver has reversed it
+        (X, "Drive Mode", 1, {"reverse": False}, True),
+        (X, "Drive Mode", 0, {"reverse": False}, False),
+        (X, "Drive Mode", 1, {"reverse": True}, False),
+        (X, "Drive Mode", 1, {}, False),
+        (STS, "Phase", 28, {}, True),  # lerobot PR 3348: positions run beyond 0 to 4095
+        (STS, "Phase", 8, {}, True),  # coarse speeds
+        (STS, "Position Offset", 85, {"offset": 0}, True),  # lerobot issues 1342, 1360
+        (STS, "Position Offset", 2048 + 85, {"offset": -85}, False),
+    ],
+)
+def test_a_servo_that_is_set_up_otherwise_is_refused_and_relaxed(
+    name: str, register: str, value: int, options: dict[str, Any], refused: bool
+) -> None:
+    model = servo_model(name)
+    servo = SimulatedServo(1, model)
+    servo.set_register(register, value)
+    servo.set_register("Torque Enable", 1)
+    bus = Bench([servo]).servo_bus([replace(joint_of(1, model), **options)])
+    if refused:
+        with pytest.raises(ServoError):
+            bus.connect()
+    else:
+        bus.connect()
+        bus.close()
+    assert servo.register("Torque Enable") == 0
+    assert servo.register(register) == value
 
 
 def test_servo_that_acknowledges_no_writes_is_not_waited_for() -> None:

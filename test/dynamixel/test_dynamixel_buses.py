@@ -52,19 +52,6 @@ def write(backend: DynamixelBackend, **goals: float) -> None:
     backend.write("somebody", {name: Goal(goal) for name, goal in goals.items()}, 0)
 
 
-def test_goals_reach_the_bus_of_each_joint_within_its_limits() -> None:
-    reported: list[str] = []
-    buses, benches = make(PAN, TILT, report=lambda subject, _: reported.append(subject))
-    write(buses, head_pan_joint=0.1, head_tilt_joint=9.0)
-    assert reported == ["head_tilt_joint"]
-    for bus in [thread.bus for thread in buses.threads]:
-        for _ in range(10):
-            bus.step()
-    assert benches[0].bus[1].register("Goal Position") == PAN.ticks(0.1)
-    assert benches[1].bus[2].register("Goal Position") == 800
-    buses.close()
-
-
 def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
     reported: list[str] = []
     buses, benches = make(PAN, TILT, report=lambda subject, _: reported.append(subject))

@@ -9,7 +9,6 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import RangeError
 from head_tracking.dynamixel.models import all_models
 from head_tracking.dynamixel.protocol import Instruction
 from head_tracking.dynamixel.servo import Servo
@@ -37,17 +36,6 @@ def test_every_register_is_read_as_the_servo_holds_it_and_holds_what_the_vendor_
             if register.name == "Goal Velocity":
                 initial = servo.register("Velocity Limit")
             assert alone[register.name] == initial, register.name
-
-
-def test_what_a_register_does_not_allow_is_not_sent() -> None:
-    servo = SimulatedServo(1)
-    bench = Bench([servo])
-    bench.port.open()
-    link = Servo(bench.port, 1, servo_model("AX-12"))
-    for name, value in (("Goal Position", 1024), ("Goal Position", -1), ("Present Position", 1)):
-        with pytest.raises(RangeError):
-            link.set(name, value)
-    assert servo.register("Goal Position") == 512 and servo.register("Torque Enable") == 0
 
 
 @every_model

@@ -233,40 +233,6 @@ def test_torque_beyond_the_seam_is_refused_until_the_shaft_is_turned_back(case: 
 
 
 @pytest.mark.parametrize(
-    ("register", "value", "reverse", "refused"),
-    [
-        ("Operating Mode", 4, None, True),  # extended position
-        ("Drive Mode", 4, None, True),  # a profile velocity would be milliseconds
-        ("Startup Configuration", 1, None, True),  # it would go on after a loss of power
-        ("Drive Mode", 0, True, True),  # another driver has reversed it
-        ("Drive Mode", 1, False, True),
-        ("Drive Mode", 0, False, False),
-        ("Drive Mode", 1, True, False),
-        ("Drive Mode", 1, None, False),
-        ("Drive Mode", 0, None, False),
-    ],
-)
-def test_a_servo_with_another_mode_than_configured_is_refused(
-    register: str, value: int, reverse: bool | None, refused: bool
-) -> None:
-    model = servo_model("XL430-W250")
-    servo = SimulatedServo(1, model, position=2100)
-    servo.set_register(register, value)
-    joint = JointConfiguration(
-        "j", 1, 2048, 1024, 2901, controller="c", model=model, reverse=reverse
-    )
-    bus = Bench([servo]).servo_bus([joint])
-    if refused:
-        with pytest.raises(ServoError):
-            bus.connect()
-    else:
-        bus.connect()
-        bus.close()
-    assert servo.register("Torque Enable") == 0
-    assert servo.register(register) == value
-
-
-@pytest.mark.parametrize(
     ("secondary", "refused"), [(1, True), (3, False), (9, False), (255, False)]
 )
 def test_a_servo_that_obeys_packets_for_another_joint_is_refused(

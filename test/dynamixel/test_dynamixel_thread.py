@@ -48,20 +48,6 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
     assert not errors
 
 
-def test_stop_holds_relaxes_and_closes() -> None:
-    bench = fake_bench()
-    thread = started(bench)
-    thread.bus.command({"head_pan_joint": Goal(0.5)})
-    wait_for(lambda: bench.torque[0] == 1)
-    thread.stop()
-    assert bench.torque[0] == 0
-    servo = bench.bus[1]
-    assert servo.register("Goal Position") == servo.register("Present Position")
-    assert not bench.port.is_open
-    assert thread.unconfirmed == ()
-    thread.stop()
-
-
 @pytest.mark.parametrize("started", [False, True])
 def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
     bench = fake_bench()

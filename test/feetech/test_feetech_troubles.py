@@ -25,7 +25,6 @@ from head_tracking.dynamixel import (
     check_configuration,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import ServoError
 from head_tracking.dynamixel.servo import run
 from head_tracking.feetech import FeetechErrors
 from head_tracking.simulation import SimulatedServo
@@ -84,29 +83,7 @@ def test_a_model_without_an_offset_takes_none() -> None:
         JointConfiguration("pan", 1, 512, 100, 900, controller="pan", model=SCS, offset=10)
 
 
-@pytest.mark.parametrize(("register", "value"), [("Phase", 28), ("Phase", 8)])
-def test_a_servo_that_counts_turns_or_coarse_speeds_is_refused_and_relaxed(
-    register: str, value: int
-) -> None:
-    """lerobot PR 3348: bit 4 of Phase let positions run beyond 0 to 4095."""
-    servo = SimulatedServo(1, STS)
-    servo.set_register(register, value)
-    servo.set_register("Torque Enable", 1)
-    with pytest.raises(ServoError):
-        rig_of(servo)
-    assert servo.register("Torque Enable") == 0
-
-
 # A calibration that is not that of the servo (lerobot issues 1342, 1360)
-
-
-@pytest.mark.parametrize("offset", [85, -2047])
-def test_a_calibration_is_checked_against_the_memory_at_the_start(offset: int) -> None:
-    servo = SimulatedServo(1, STS)
-    servo.set_offset(offset)
-    with pytest.raises(ServoError):
-        rig_of(servo, replace(JOINT, offset=0))
-    assert servo.register("Torque Enable") == 0
 
 
 def test_a_calibration_that_fits_is_used_again_after_a_restart() -> None:

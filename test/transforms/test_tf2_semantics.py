@@ -81,14 +81,6 @@ def test_of_the_two_quaternions_of_a_rotation_it_is_tf2_s(buffer, given, expecte
     assert full.transform.rotation == pytest.approx(expected)
 
 
-def test_a_frame_in_itself_is_always_known_even_if_it_is_not(buffer):
-    found = buffer.lookup_transform("nowhere", "nowhere", 5 * SECOND)
-    assert (found.stamp, found.transform) == (5 * SECOND, Transform.identity())
-    assert buffer.can_transform("nowhere", "nowhere")
-    buffer.set_transform(3 * SECOND, "map", "base", moved(1))
-    assert buffer.lookup_transform("base", "base").stamp == 3 * SECOND
-
-
 def test_full_goes_through_a_frame_that_stands_still(buffer):
     for stamp in (1, 2, 3):
         buffer.set_transform(stamp * SECOND, "odom", "base", moved(stamp))

@@ -30,15 +30,6 @@ def later(work, *arguments) -> threading.Timer:
     return timer
 
 
-def test_a_lookup_waits_for_the_joints_of_the_robot(buffer, kinectbot):
-    buffer.set_model(kinectbot)
-    timer = later(
-        buffer.set_joint_positions, SECOND, {"head_pan_joint": 0.5, "head_tilt_joint": 0.0}
-    )
-    assert buffer.can_transform("base_link", "camera_link", timeout=30.0)
-    join(timer)
-
-
 def test_a_wait_may_be_without_end(buffer):
     timer = later(buffer.set_transform, SECOND, "map", "base", STILL)
     assert buffer.can_transform("map", "base", timeout=math.inf)
