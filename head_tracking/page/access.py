@@ -6,26 +6,23 @@ import hmac
 import ipaddress
 import re
 import secrets
-from collections.abc import Awaitable, Callable, Mapping, MutableMapping
-from http.cookies import CookieError, SimpleCookie
-from typing import Any
-from urllib.parse import parse_qs, quote, unquote, urlsplit
+from typing import Final
+from urllib.parse import quote, unquote, urlsplit
 
-Scope = MutableMapping[str, Any]
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _OWN_HEADER = "x-head-tracking"
 """Pages of other sites can't send this header: browsers ask the server first (CORS)."""
 
-_HEADERS = (
-    (b"content-security-policy", b"frame-ancestors 'none'"),
-    (b"x-frame-options", b"DENY"),
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
-)
+_HEADERS: Final = {
+    "content-security-policy": "frame-ancestors 'none'",
+    "x-frame-options": "DENY",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+}
 
 
 class Access:
@@ -44,7 +41,7 @@ class Access:
         token: that a browser on another machine must present; empty: none.
     """
 
-    def __init__(self, app: App, host: str, token: str = "") -> None:
+    def __init__(self, app: ASGIApp, host: str, token: str = "") -> None:
         self._app = app
         self._is_local = is_loopback(host)
         self.token = "" if self._is_local else token or secrets.token_urlsafe(12)
@@ -54,69 +51,56 @@ class Access:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = {
-            name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]
-        }
-        query = bytes(scope.get("query_string", b"")).decode("latin-1")
-        refusal = self.refusal(headers, query, str(scope.get("method", "")))
+        request = HTTPConnection(scope)
+        refusal = self._refusal(request)
         if refusal and scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
             return
         if refusal:
-            body = refusal.encode()
-            kind = (b"content-type", b"text/plain; charset=utf-8")
-            await send({"type": "http.response.start", "status": 403, "headers": [kind, *_HEADERS]})
-            await send({"type": "http.response.body", "body": body})
+            await PlainTextResponse(refusal, 403, _HEADERS)(scope, receive, send)
             return
 
         async def send_protected(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message = {**message, "headers": [*message.get("headers", ()), *_HEADERS]}
+                headers = MutableHeaders(scope=message)
+                headers.update(_HEADERS)
                 if self.token:
-                    message["headers"].append((b"set-cookie", self._cookie(headers).encode()))
+                    cookie = f"{_cookie_name(request)}={quote(self.token)}"
+                    headers.append("set-cookie", f"{cookie}; HttpOnly; SameSite=Strict; Path=/")
             await send(message)
 
         await self._app(scope, receive, send_protected)
 
-    def refusal(self, headers: Mapping[str, str], query: str = "", method: str = "") -> str:
-        """Return why a request is refused; empty if it is allowed.
-
-        Args:
-            headers: by name in lower case.
-            query: the address after the question mark.
-            method: of HTTP; empty: a websocket is opened.
-        """
-        host, origin = headers.get("host", "").lower(), headers.get("origin")
+    def _refusal(self, request: HTTPConnection) -> str:
+        """Return why a request is refused; empty if it is allowed."""
+        host, origin = _host(request), request.headers.get("origin")
         if self._is_local and not is_loopback(_name(host)):
             return f"The page is served on this machine only, not as {host!r}: see `host`.\n"
         if origin is not None and origin.partition("://")[2].lower() != host:
             return f"Pages of {origin} must not steer this robot.\n"
-        if method == "POST" and headers.get(_OWN_HEADER) != "page":
+        is_post = request.scope.get("method") == "POST"
+        if is_post and request.headers.get(_OWN_HEADER) != "page":
             return "Only the page itself may send commands.\n"
-        if self.token and not self._has_token(headers, query):
+        if self.token and not self._has_token(request):
             return "Token needed: open the address with ?token=... from the log of the viewer.\n"
         return ""
 
-    def _has_token(self, headers: Mapping[str, str], query: str) -> bool:
-        presented = parse_qs(query).get("token", [])
-        try:
-            cookie = SimpleCookie(headers.get("cookie", "")).get(cookie_name(headers))
-        except CookieError:
-            cookie = None
-        presented += [] if cookie is None else [unquote(cookie.value)]
+    def _has_token(self, request: HTTPConnection) -> bool:
+        presented = request.query_params.getlist("token")
+        presented.append(unquote(request.cookies.get(_cookie_name(request), "")))
         return any(hmac.compare_digest(one.encode(), self.token.encode()) for one in presented)
 
-    def _cookie(self, headers: Mapping[str, str]) -> str:
-        value = quote(self.token)
-        return f"{cookie_name(headers)}={value}; HttpOnly; SameSite=Strict; Path=/"
+
+def _host(request: HTTPConnection) -> str:
+    return str(request.headers.get("host", "")).lower()
 
 
-def cookie_name(headers: Mapping[str, str]) -> str:
+def _cookie_name(request: HTTPConnection) -> str:
     """Return the name of the cookie with the token, one for each port.
 
     Browsers send the cookies of a host to all its ports.
     """
-    return "head_tracking_token_" + re.sub("[^0-9a-z]", "_", headers.get("host", "").lower())
+    return "head_tracking_token_" + re.sub("[^0-9a-z]", "_", _host(request))
 
 
 def is_loopback(host: str) -> bool:

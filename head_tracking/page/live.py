@@ -45,9 +45,8 @@ class Live:
         report: receives a text when a part begins to fail.
 
     Attributes:
-        robot_text: the robot as JSON; empty while there is no model.
-        slow_text: what changes slowly, as JSON.
-        state_text: the rest, as JSON.
+        texts: JSON objects by their type: `robot` (empty while there is no model), `about` (what
+            changes slowly) and `state` (the rest).
         pictures: the latest pictures by topic (empty: the default topic), each with a number that
             differs for each: stamp [ns, 8 bytes, little-endian], then a JPEG.
         failing: parts that can't be shown, each with the reason.
@@ -61,7 +60,7 @@ class Live:
         self._shown: RobotForBrowser | None = None
         self._slow_due = 0.0
         self._camera_requested = False
-        self.robot_text = self.slow_text = self.state_text = ""
+        self.texts = {"robot": "", "about": "", "state": ""}
         self.pictures: Mapping[str, tuple[int, bytes]] = {}
         self.failing: dict[str, str] = {}
         self.observation = Observation(0)
@@ -79,15 +78,14 @@ class Live:
         """
         self._attempt("robot", self._follow_model)
         self._attempt("motion", self._observe)
-        parts = {"joints": self._move, "boxes": self._boxes}
-        texts = [self._attempt(part, partial(_members, add)) for part, add in parts.items()]
-        self.state_text = _message("state", *texts)
+        joints = self._attempt("joints", lambda: _members(self._move()))
+        boxes = self._attempt("boxes", lambda: _members(self._boxes()))
+        self._set_text("state", joints, boxes)
         now = time.monotonic()
         if now >= self._slow_due:
             self._slow_due = now + _SLOW_PERIOD
-            slow = self._attempt("state", partial(_members, self._slow))
-            failing = f'"failing": {json.dumps(self.failing)}'
-            self.slow_text = _message("about", slow, failing)
+            slow = self._attempt("state", lambda: _members(self._slow()))
+            self._set_text("about", slow, f'"failing": {json.dumps(self.failing)}')
         self._attempt("picture", lambda: self._encode_all(topics))
 
     def point_at(self, u: float, v: float, stamp: int | None, topic: str = "") -> Vector3:
@@ -140,6 +138,10 @@ class Live:
             return None
         return found
 
+    def _set_text(self, kind: str, *members: str | None) -> None:
+        """Set the JSON object of a type; None: a part that failed."""
+        self.texts[kind] = "{" + ", ".join([f'"type": "{kind}"', *filter(None, members)]) + "}"
+
     def _follow_model(self) -> None:
         """Describe the robot anew when its model has changed."""
         model = self._robot.model()
@@ -148,8 +150,8 @@ class Live:
         self._model = model  # once: a model that fails is reported and not tried again
         self._shown = None
         self._shown = RobotForBrowser(model, self._robot.head, "/head/mesh/")
-        about = {"type": "robot", **self._shown.about, "view": self._view}
-        self.robot_text = json.dumps(about, allow_nan=False)
+        about = {**self._shown.about, "view": self._view}
+        self._set_text("robot", _members(about))
 
     def _observe(self) -> None:
         self.observation = self._robot.observe()
@@ -267,14 +269,9 @@ def _listed(health: Sequence[Part]) -> list[dict[str, Any]]:
     return found
 
 
-def _members(part: Callable[[], dict[str, Any]]) -> str:
-    """Return what a function returns as the inside of a JSON object."""
-    return json.dumps(part(), allow_nan=False)[1:-1]
-
-
-def _message(kind: str, *members: str | None) -> str:
-    """Return a JSON object of a type; None: a part that failed."""
-    return "{" + ", ".join([f'"type": "{kind}"', *filter(None, members)]) + "}"
+def _members(part: dict[str, Any]) -> str:
+    """Return the inside of a JSON object."""
+    return json.dumps(part, allow_nan=False)[1:-1]
 
 
 def _box(

@@ -25,10 +25,11 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
+from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.page.access import Access, Message, Receive, Scope, Send
+from head_tracking.page.access import Access
 from head_tracking.page.commands import commands
 from head_tracking.page.live import Live
 from head_tracking.page.replay import Replays
@@ -322,16 +323,13 @@ class Page:
                 await sending
 
     async def _send(self, browser: WebSocket, watcher: _Watcher) -> None:
-        live, robot, slow, sent = self._live, "", "", (-1, "")
+        live, texts, sent = self._live, {"robot": ""}, (-1, "")
         while True:
             await self._sampled.wait()
-            if robot != live.robot_text:
-                robot = live.robot_text
-                await browser.send_text(robot)
-            if slow != live.slow_text:
-                slow = live.slow_text
-                await browser.send_text(slow)
-            await browser.send_text(live.state_text)
+            for kind, text in live.texts.items():
+                if texts.get(kind) != text or kind == "state":  # which shows that all is well
+                    texts[kind] = text
+                    await browser.send_text(text)
             topic = watcher.topic
             if not watcher.ready or topic is None:
                 continue
