@@ -115,13 +115,5 @@ class Wall(Panel):
 
 Thing: TypeAlias = Ball | Board | Panel
 
-
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """Objects in a frame with z up.
-
-    Attributes:
-        things: objects by name.
-    """
-
-    things: dict[str, Thing]
+Scene: TypeAlias = dict[str, Thing]
+"""Objects by name, in a frame with z up."""

@@ -97,7 +97,7 @@ class Renderer:
 
     def _planes(self, T_scene_optical: Transform, time: float) -> list[_Plane]:
         """Return all things as flat images at a time [s]."""
-        things = list(self.scene.things.values())
+        things = list(self.scene.values())
         textures = [thing.image(time) for thing in things]
         corners = [
             _corners(thing, texture, time, T_scene_optical.translation)

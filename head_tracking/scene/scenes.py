@@ -109,9 +109,9 @@ SCENES = tuple(_THINGS)
 
 def make_scene(name: str, rng: np.random.Generator) -> Scene:
     """Return a scene by its name, in a room."""
-    return Scene({**room(rng), **_THINGS[name](rng)})
+    return {**room(rng), **_THINGS[name](rng)}
 
 
 def with_target(scene: Scene, point: Vector3) -> Scene:
     """Return a scene with a ball at the target [m]."""
-    return Scene({**scene.things, "target": Ball(0.06, MAGENTA, lambda _: point)})
+    return {**scene, "target": Ball(0.06, MAGENTA, lambda _: point)}

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from rendered_frames import SMALL
 
-from head_tracking.scene import Renderer, Scene, SensorNoise
+from head_tracking.scene import Renderer, SensorNoise
 from head_tracking.scene.drawings import pattern
 from head_tracking.scene.objects import Path, Thing, Wall
 from head_tracking.scene.people import FACE_WIDTH, Looks
@@ -86,7 +86,7 @@ def followed(
         time = step * PERIOD
         there = tuple(i for i, person in enumerate(people) if person.is_there(time))
         if there not in renderers:
-            scene = Scene({**around, **{names[i]: boards[names[i]] for i in there}})
+            scene = {**around, **{names[i]: boards[names[i]] for i in there}}
             renderers[there] = Renderer(scene, SMALL)
         seen = noise(renderers[there].render(_POSE, time))
         found = _faces([(i, people[i].path(time)) for i in there], rng)

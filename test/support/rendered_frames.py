@@ -27,14 +27,14 @@ PERIOD = 1 / 30  # s
 
 def position(scene: Scene, name: str, time: float) -> Vector3:
     """The middle of a ball, or the anchor of a board [m]."""
-    thing = scene.things[name]
+    thing = scene[name]
     assert isinstance(thing, Ball | Board), f"{name} is at rest"
     return thing.path(time)
 
 
 def seen_surface(scene: Scene, name: str, time: float, camera: Transform) -> Vector3:
     """The point that a depth camera measures [m]; of a ball, on its visible side."""
-    thing, middle = scene.things[name], position(scene, name, time)
+    thing, middle = scene[name], position(scene, name, time)
     if not isinstance(thing, Ball):
         return middle
     eye = camera.translation

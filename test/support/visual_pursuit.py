@@ -111,7 +111,7 @@ def pursue(
     world.listen("/target_point", on_target)
     world.listen("/visual_target/image", on_picture)
     if hide is not None:
-        shown = dict(seen.things)
+        shown = dict(seen)
         walls = {name: thing for name, thing in shown.items() if isinstance(thing, Wall)}
         for when, things in zip(hide, (walls, shown), strict=True):
             world.at(world.now + round(when * 1e9), lambda things=things: _show(eye, things))
@@ -125,4 +125,4 @@ def pursue(
 
 def _show(eye: SimulatedCameraNode, things: dict[str, Any]) -> None:
     """Lets the camera see only these; the truth about the others stays known."""
-    eye.scene = type(eye.scene)(things)
+    eye.scene = things

@@ -7,7 +7,7 @@ import pytest
 from rendered_frames import KINECT, SMALL, View, seen_surface, watch
 
 from head_tracking.run.node_sets import TARGETS
-from head_tracking.scene import SCENES, Ball, Board, Scene, Swing, make_scene
+from head_tracking.scene import SCENES, Ball, Board, Swing, make_scene
 from head_tracking.scene.drawings import marker
 from head_tracking.scene.people import FACE_WIDTH
 from head_tracking.scene.room import room
@@ -101,7 +101,7 @@ def test_an_empty_room_has_no_targets(kinectbot, what):
 
 
 def still(thing, **others):
-    return Scene({**room(np.random.default_rng(5)), "thing": thing, **others})
+    return {**room(np.random.default_rng(5)), "thing": thing, **others}
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_features_are_found_again_after_they_were_out_of_sight(kinectbot):
     here = scene("picture")
     view = View(here, kinectbot, KINECT)
     eye = tracker("features")
-    picture = here.things["picture"]
+    picture = here["picture"]
     shown = []
     for i, (time, frame, pose) in enumerate(view.frames(50)):
         if i == 0:
@@ -197,9 +197,9 @@ def test_features_are_found_again_after_they_were_out_of_sight(kinectbot):
             truth = seen_surface(here, "picture", time, pose)
             assert math.dist(pose @ sighting.point, truth) < 40 * MM
         if i == 19:
-            del here.things["picture"]
+            del here["picture"]
         if i == 29:
-            here.things["picture"] = picture
+            here["picture"] = picture
     assert all(shown[3:20])
     assert not any(shown[20:30]), "silence while it is away"
     assert all(shown[34:])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rendered_frames import SMALL, position, seen_surface
 
-from head_tracking.scene import SCENES, Ball, Board, Renderer, Scene, SensorNoise, Swing, make_scene
+from head_tracking.scene import SCENES, Ball, Board, Renderer, SensorNoise, Swing, make_scene
 from head_tracking.scene.render import Rendering
 from head_tracking.scene.scenes import face
 from head_tracking.transforms import Rotation, Transform
@@ -47,7 +47,7 @@ def test_colours_and_depths_are_where_geometry_says(thing, pan):
         "ball": Ball(0.1, (10, 200, 60), path),
         "board": Board(plain(), 0.2, path),
     }
-    scene = Scene({thing: things[thing]})
+    scene = {thing: things[thing]}
     pose = turned(pan, 0.0)
     seen = Renderer(scene, SMALL).render(pose, 0.0)
     u, v = SMALL.pixel(pose.inverse() @ position(scene, thing, 0.0))
@@ -66,7 +66,7 @@ def test_colours_and_depths_are_where_geometry_says(thing, pan):
 def test_the_nearer_one_hides_the_other_whatever_the_order():
     near, far = Ball(0.1, (0, 0, 255), Swing(1.0, 0.6)), Board(plain(), 0.5, Swing(2.0, 0.6))
     for things in ({"a": near, "b": far}, {"b": far, "a": near}):
-        seen = Renderer(Scene(things), SMALL).render(LEVEL, 0.0)
+        seen = Renderer(things, SMALL).render(LEVEL, 0.0)
         assert seen.depth[120, 160] == pytest.approx(0.9, abs=0.01)
         assert seen.picture[120, 160].argmax() == 2
         assert np.isclose(seen.depth, 2.0, atol=0.02).sum() > 1000
@@ -75,7 +75,7 @@ def test_the_nearer_one_hides_the_other_whatever_the_order():
 def test_objects_behind_or_around_the_camera_cause_no_error():
     for path in (Swing(-1.0, 0.6), Swing(0.02, 0.6), Swing(0.0, 0.6)):
         things = {"ball": Ball(0.1, (0, 0, 255), path), "board": Board(plain(), 0.5, path)}
-        seen = Renderer(Scene(things), SMALL).render(LEVEL, 0.0)
+        seen = Renderer(things, SMALL).render(LEVEL, 0.0)
         assert not np.isnan(seen.depth).any()
 
 
@@ -100,8 +100,8 @@ def test_a_person_walks_while_the_path_goes_on_and_stands_when_it_ends():
 
 
 def test_nothing_but_the_ball_looks_like_the_ball():
-    things = make_scene("everything", np.random.default_rng(1)).things
-    renderer = Renderer(Scene({name: one for name, one in things.items() if name != "ball"}), SMALL)
+    things = make_scene("everything", np.random.default_rng(1))
+    renderer = Renderer({name: one for name, one in things.items() if name != "ball"}, SMALL)
     noise = SensorNoise((SMALL.width, SMALL.height), np.random.default_rng(1), 4.0, 0.0, 0.0)
     detector = ColourDetector(ColourParameters())
     for pan, time in itertools.product(np.arange(-1.5, 1.6, 0.15), (0.0, 5.0)):

@@ -115,9 +115,7 @@ class SimulatedCameraNode(ClosingNode):
         self._measured = 0  # stamp of the latest pose [ns]
         self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
         rng = np.random.default_rng(p.seed)
-        self._shown = p.scene
-        self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
-        self.renderer = Renderer(self.scene, self._camera)
+        self._show(p.scene)
         self._target = LatestTarget(self, self._buffer)
         self._target.place_in(p.scene_frame)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
@@ -134,16 +132,13 @@ class SimulatedCameraNode(ClosingNode):
         steady_timer(self, 1.0 / p.rate, self._expose)
 
     def _on_parameters(self, changed: SimulatedCameraParameters) -> None:
-        if changed.scene == self._shown:
-            return
-        self._shown = changed.scene
-        scene = make_scene(changed.scene, np.random.default_rng(changed.seed))
-        renderer = Renderer(scene, self._camera)
+        if changed.scene != self._shown:
+            self._worker.do(lambda: self._show(changed.scene))
 
-        def change() -> None:
-            self.scene, self.renderer = scene, renderer
-
-        self._worker.do(change)
+    def _show(self, scene: str) -> None:
+        self._shown = scene
+        self.scene = make_scene(scene, np.random.default_rng(self._settings.value.seed))
+        self.renderer = Renderer(self.scene, self._camera)
 
     def _expose(self) -> None:
         publishers = (self._image, self._compressed, self._depth, self._info)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 from geometry_msgs.msg import Point, PointStamped, Pose, PoseArray
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
+from std_msgs.msg import Header
 
 from head_tracking.detectors import DETECTORS
 from head_tracking.exceptions import HeadTrackingError
@@ -72,14 +73,6 @@ class VisualTargetParameters:
         maximum=1.0,
         fixed=True,
     )
-
-
-class _Images(NamedTuple):
-    """Messages with the same time; stamp and frame are those of the first one."""
-
-    stamped: AnyImage
-    image: AnyImage | None
-    depth: AnyImage | None
 
 
 class VisualTargetNode(SightedTargetNode):
@@ -178,11 +171,11 @@ class VisualTargetNode(SightedTargetNode):
     def _on_image(self, message: AnyImage) -> None:
         depth = self._inputs.get("depth")
         if depth is None or not self.count_publishers(depth.topic_name):
-            self.worker.offer(_Images(message, message, None))
+            self.worker.offer((message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self.worker.offer(_Images(pair[0], *pair))
+            self.worker.offer(pair)
         elif self._pairs.dropped > 2:
             self.warn(
                 f"{self._pairs.dropped} images without a depth image within "
@@ -191,16 +184,16 @@ class VisualTargetNode(SightedTargetNode):
 
     def _on_depth(self, message: AnyImage) -> None:
         if DETECTORS[self._settings.follow].depth_only:
-            self.worker.offer(_Images(message, None, message))
+            self.worker.offer((None, message))
             return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self.worker.offer(_Images(pair[0], *pair))
+            self.worker.offer(pair)
 
-    def process(self, shot: _Images) -> None:
-        """See `SightedTargetNode`."""
-        stamped, image, depth = shot
-        header = stamped.header
+    def process(self, shot: tuple[Any, Any]) -> None:
+        """See `SightedTargetNode`; an image, its depths, or both, with the header of the first."""
+        image, depth = shot
+        header = (image or depth).header
         camera = self.camera_of(header.frame_id)
         picture = None if image is None else picture_of(image)
         depths = None if depth is None else depth_of(depth)
@@ -213,11 +206,9 @@ class VisualTargetNode(SightedTargetNode):
             others = _others(self.tracker.tracks, sighting)
             self._others.publish(PoseArray(header=header, poses=others))
         if self._annotated.get_subscription_count():
-            self._publish_annotated(frame, sighting, stamped)
+            self._publish_annotated(frame, sighting, header)
 
-    def _publish_annotated(
-        self, frame: Frame, sighting: Sighting | None, stamped: AnyImage
-    ) -> None:
+    def _publish_annotated(self, frame: Frame, sighting: Sighting | None, header: Header) -> None:
         tracker = self.tracker
         if frame.picture is not None:
             picture = frame.picture.bgr
@@ -225,7 +216,7 @@ class VisualTargetNode(SightedTargetNode):
             assert frame.depth is not None
             picture = depth_picture(frame.depth, tracker.distances.max_distance)
         drawn = annotated(picture, tracker.tracks, sighting)
-        self._annotated.publish(image_message(stamped.header, "bgr8", drawn))
+        self._annotated.publish(image_message(header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:
         self.worker.do(lambda: self._select(message))
