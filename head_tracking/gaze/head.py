@@ -11,8 +11,9 @@ that tilt turns the first of them towards the second.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, pairwise
 from operator import mul
 from typing import NamedTuple
 
@@ -45,8 +46,8 @@ _UNLIMITED = (-math.inf, math.inf)
 _NEARLY_SQUARE = 0.01  # rad; heads built like this have one gaze, and no other comes near it
 
 _SAME = 1e-15  # rad
-_REACHED = 1e-9  # rad
 _MOST_TURNS = 50  # of a loop that ends after 1 on a square head and after 4 on a nearly square one
+_SIDES = 64  # where a head of another build is tried, all round
 
 
 class GazeStatus(StrEnum):
@@ -195,18 +196,13 @@ class PanTiltHead:
                 nearest = wanted = solution
                 break
         else:
-            if not self._nearly_square and not on_axis:
-                start = solutions[0] if solutions else None
-                nearest = self._search(point, start, (pan, tilt))
-                wanted = start or nearest
-            elif solutions:
-                inside = {self._inside(point, solution): solution for solution in solutions}
-                nearest = min(inside, key=lambda positions: self._miss(point, *positions))
-                wanted = inside[nearest]
-            else:
+            inside = {self._inside(point, solution): solution for solution in solutions}
+            if not inside:
                 reason = "the target is too close: no turn of the head brings it before the camera"
                 miss = self._miss(point, pan, tilt)
                 return Gaze(pan, tilt, GazeStatus.TOO_CLOSE, miss, reason)
+            nearest = min(inside, key=lambda positions: self._miss(point, *positions))
+            wanted = inside[nearest]
         miss = self._miss(point, *nearest)
         if on_axis:
             reason = "the target is on the pan axis: every pan looks at it alike"
@@ -315,9 +311,16 @@ class PanTiltHead:
     def _solutions(
         self, point: Vector3, pan: float, tilt: float, *, on_axis: bool
     ) -> Iterator[tuple[float, float]]:
-        """Yield all turns that point the axis at the point: ahead first, then backwards."""
-        for backwards in (False,) if on_axis else (False, True):
-            direction = pan if on_axis else self._pan_to(point, backwards=backwards)
+        """Yield all turns that point the axis at the point: ahead first, then backwards.
+
+        On a head of another build than usual, others follow; if there are none, what comes nearest.
+        """
+        pans: Iterable[float | None] = (
+            [pan] if on_axis else (self._pan_to(point, backwards=side) for side in (False, True))
+        )
+        if not (on_axis or self._nearly_square):
+            pans = chain(pans, self._pans(point))
+        for direction in pans:
             angle = None if direction is None else self._tilt(point, direction, tilt)
             if direction is not None and angle is not None:
                 yield turn_near(direction, pan, self.pan_limits), angle
@@ -336,67 +339,6 @@ class PanTiltHead:
             beside = self._tilt(point, pan, tilt)
             tilt = tilt if beside is None else beside
         return pan, self.tilt_limits.clamp(tilt)
-
-    def _search(
-        self, point: Vector3, wanted: tuple[float, float] | None, present: tuple[float, float]
-    ) -> tuple[float, float]:
-        """Pan and tilt [rad] inside the limits that miss `point` least, on a head of any build.
-
-        Newton finds what is near its start: it starts from where the head stands, and from what was
-        computed or, where that came to nothing, from all sides until it gets there.
-        """
-        starts = [wanted or present, present]
-        if wanted is None:
-            bearing = math.atan2(point[1], point[0])
-            sides = (bearing + quarter * 0.5 * math.pi for quarter in range(4))
-            starts[1:] = [(turn_near(side, present[0], self.pan_limits), 0.0) for side in sides]
-        nearest, least = present, math.inf
-        for start in starts:
-            found = self._refined(point, start)
-            miss = self._miss(point, *found)
-            if miss < least:
-                nearest, least = found, miss
-            if least < _REACHED:
-                break
-        return nearest
-
-    def _refined(self, point: Vector3, start: tuple[float, float]) -> tuple[float, float]:
-        """Pan and tilt [rad] inside the limits that miss `point` least, near `start`.
-
-        Damped Newton on the two components of the direction to the point that are square to the
-        pointing axis; a step that does not come nearer is halved.
-        """
-        limits = self.pan_limits, self.tilt_limits
-        positions = limits[0].clamp(start[0]), limits[1].clamp(start[1])
-        miss = self._miss(point, *positions)
-        for _ in range(_MOST_TURNS):
-            if miss < 1e-13:
-                break
-            residual, by_pan, by_tilt = self._linearised(point, *positions)
-            step = _least_squares(residual, by_pan, by_tilt)
-            # a joint that stands on its limit and would leave it takes no part
-            free = [
-                limit.contains(position + math.copysign(1e-9, change))
-                for limit, position, change in zip(limits, positions, step, strict=True)
-            ]
-            if not free[0]:
-                step = 0.0, _alone(residual, by_tilt) if free[1] else 0.0
-            elif not free[1]:
-                step = _alone(residual, by_pan), 0.0
-            share = 1.0
-            while share > 1e-4:
-                trial = (
-                    limits[0].clamp(positions[0] + share * min(max(step[0], -1.0), 1.0)),
-                    limits[1].clamp(positions[1] + share * min(max(step[1], -1.0), 1.0)),
-                )
-                nearer = self._miss(point, *trial)
-                if nearer < miss:
-                    break
-                share *= 0.5
-            else:
-                break
-            positions, miss = trial, nearer
-        return positions
 
     def _out_of_reach(self, wanted: tuple[float, float], miss: float) -> str:
         needs = [
@@ -451,6 +393,32 @@ class PanTiltHead:
             reach = found
         return None
 
+    def _pans(self, point: Vector3) -> Iterator[float]:
+        """Yield every pan [rad] with which the axis can go through a point, on a head of any build.
+
+        If there is none, yield the one with which the axis passes it least aside.
+        """
+        sides = [math.tau * number / _SIDES for number in range(_SIDES + 1)]
+        tried = [(side, self._aside(point, side)) for side in sides]
+        found = False
+        for (side, before), (_, after) in pairwise(tried):
+            if before * after <= 0.0:
+                found, pan, step = True, side, math.tau / _SIDES
+                for _ in range(_MOST_TURNS):
+                    step *= 0.5
+                    if self._aside(point, pan + step) * before > 0.0:
+                        pan += step
+                yield pan
+        asides = {abs(aside): side for side, aside in tried if not math.isnan(aside)}
+        if asides and not found:
+            yield asides[min(asides)]
+
+    def _aside(self, point: Vector3, pan: float) -> float:
+        """Return how far the axis passes a point of C, along the tilt axis [m]; nan: not at all."""
+        u, v, w = self._beside(point, pan)
+        reach = self._range(u, v)
+        return math.nan if reach is None else w - self._camera[2] - reach * self._axis[2]
+
     def _tilt_to(self, point: Vector3, pan: float) -> float | None:
         """Return the tilt [rad] that brings the axis to a point of C, seen along the tilt axis.
 
@@ -469,38 +437,6 @@ class PanTiltHead:
         ax, ay, az = self._axis
         across = math.hypot(ay * z - az * y, az * x - ax * z, ax * y - ay * x)
         return math.atan2(across, ax * x + ay * y + az * z)
-
-    def _linearised(
-        self, point: Vector3, pan: float, tilt: float
-    ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-        """By how much the direction to a point is off, to two sides [rad], and its changes.
-
-        Returns:
-            The residual, its derivative by pan and that by tilt.
-        """
-        x, y, z = self._seen(point, pan, tilt)
-        distance = math.hypot(x, y, z)
-        dx, dy, dz = x / distance, y / distance, z / distance
-        px, py, _ = _turned(point, pan)
-        ny, nz = self._slant
-        by_pan = (*_turned((py, -nz * px, 0.0), tilt)[:2], -ny * px)
-        by_tilt = (y + self._camera[1], -x - self._camera[0], 0.0)
-        across = _across(self._axis)
-        first, second = (bx * dx + by * dy + bz * dz for bx, by, bz in across)
-        # the sine of the angle is a residual that vanishes behind the head as well: use the angle
-        sine = math.hypot(first, second)
-        ax, ay, az = self._axis
-        scale = math.atan2(sine, ax * dx + ay * dy + az * dz) / sine if sine > 1e-9 else 1.0
-        changes = []
-        for mx, my, mz in (by_pan, by_tilt):
-            along = mx * dx + my * dy + mz * dz
-            one, other = (
-                (bx * (mx - along * dx) + by * (my - along * dy) + bz * (mz - along * dz))
-                / distance
-                for bx, by, bz in across
-            )
-            changes.append((one, other))
-        return (first * scale, second * scale), changes[0], changes[1]
 
     def _beside(self, point: Vector3, pan: float) -> Vector3:
         """A point of C from the tilt axis, in the tilt basis at tilt 0 [m]."""
@@ -537,36 +473,6 @@ def _turned(point: Vector3, angle: float) -> Vector3:
 def _in_tilt_basis(vector: Vector3, slant: tuple[float, float]) -> Vector3:
     (x, y, z), (ny, nz) = vector, slant
     return x, nz * y - ny * z, ny * y + nz * z
-
-
-def _across(axis: Vector3) -> tuple[Vector3, Vector3]:
-    """Two unit vectors square to `axis` and to each other."""
-    x, y, z = axis
-    a, b, c = (0.0, z, -y) if abs(x) < 0.6 else (-z, 0.0, x)
-    norm = math.hypot(a, b, c)
-    a, b, c = a / norm, b / norm, c / norm
-    return (a, b, c), (y * c - z * b, z * a - x * c, x * b - y * a)
-
-
-def _least_squares(
-    residual: tuple[float, float], by_pan: tuple[float, float], by_tilt: tuple[float, float]
-) -> tuple[float, float]:
-    """Return the changes of pan and tilt that minimise the residual."""
-    (p, q), (a, c), (b, d) = residual, by_pan, by_tilt
-    determinant = a * d - b * c
-    if abs(determinant) > 1e-9 * (a * a + b * b + c * c + d * d):
-        return (b * q - d * p) / determinant, (c * p - a * q) / determinant
-    # both do the same: the shortest step
-    size = a * a + b * b + c * c + d * d
-    if size == 0.0:
-        return 0.0, 0.0
-    return -(a * p + c * q) / size, -(b * p + d * q) / size
-
-
-def _alone(residual: tuple[float, float], change: tuple[float, float]) -> float:
-    """Return the change of one joint that minimises the residual."""
-    size = change[0] ** 2 + change[1] ** 2
-    return -(residual[0] * change[0] + residual[1] * change[1]) / size if size > 0.0 else 0.0
 
 
 def turn_near(angle: float, present: float, limits: JointLimits) -> float:
