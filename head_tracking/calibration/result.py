@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree
@@ -183,19 +184,11 @@ class Calibration:
             return Calibration(
                 str(found["robot"]),
                 time.mktime(time.strptime(str(found["made"]), _TIME)),
-                tuple(
-                    CalibratedJoint(
-                        str(name),
-                        _transform(joint["origin"]),
-                        _three(joint["axis"]),
-                        _transform(joint["replaces"]),
-                    )
-                    for name, joint in found["joints"].items()
-                ),
+                tuple(_joint(str(name), joint) for name, joint in found["joints"].items()),
                 estimates={
                     str(name): Estimate(
-                        _finite(each["value"]),
-                        _positive(each["deviation"]),
+                        _number(each["value"]),
+                        _number(each["deviation"], 0.0),
                         bool(each["observable"]),
                     )
                     for name, each in found["estimates"].items()
@@ -266,8 +259,14 @@ def _numbers(transform: Transform) -> list[float]:
     return [float(number) for number in transform]
 
 
+def _joint(name: str, found: Mapping[str, Any]) -> CalibratedJoint:
+    x, y, z = map(_number, found["axis"])
+    origin, replaces = _transform(found["origin"]), _transform(found["replaces"])
+    return CalibratedJoint(name, origin, (x, y, z), replaces)
+
+
 def _transform(numbers: Any) -> Transform:
-    found = [_finite(number) for number in numbers]
+    found = [_number(number) for number in numbers]
     x, y, z, *quaternion = found
     length = math.hypot(*quaternion)
     if len(quaternion) != 4 or abs(length - 1.0) > 1e-3:
@@ -275,31 +274,19 @@ def _transform(numbers: Any) -> Transform:
     return Transform((x, y, z), Rotation(*(number / length for number in quaternion)))
 
 
-def _three(numbers: Any) -> tuple[float, float, float]:
-    x, y, z = map(_finite, numbers)
-    return x, y, z
-
-
-def _positive(number: Any) -> float:
-    found = _finite(number)
-    if found <= 0.0:
-        raise ValueError(f"{number!r} is not above 0")
-    return found
-
-
-def _finite(number: Any) -> float:
+def _number(number: Any, above: float = -math.inf) -> float:
     found = float(number)
-    if not math.isfinite(found):
-        raise ValueError(f"{number!r} is not finite")
+    if not above < found < math.inf:
+        raise ValueError(f"{number!r} is not a finite number above {above:g}")
     return found
 
 
 _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
-    "focal_length": _positive,
-    "noise": _positive,
+    "focal_length": partial(_number, above=0.0),
+    "noise": partial(_number, above=0.0),
     "views": int,
     "left_out": int,
-    "error_before": _finite,
-    "error_after": _finite,
+    "error_before": _number,
+    "error_after": _number,
 }
 """How the attributes that are numbers are read from a file."""

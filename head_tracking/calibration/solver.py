@@ -119,13 +119,13 @@ def solve(
         CalibrationError: there are too few views, or they contradict each other or the model.
     """
     images = len({(view.pan, view.tilt) for view in views})
-    observations = _Observations.of(views, camera)
     if images < FEWEST_VIEWS:
         raise CalibrationError(
             Reason.FEW_VIEWS,
             f"the target is visible from {images} positions of the joints; {FEWEST_VIEWS} are "
             "needed: use more light, a smaller distance, or wider limits of the joints",
         )
+    observations = _Observations.of(views, camera)
     free = [k for k in range(len(PARAMETERS)) if focal_length or k != FOCAL_LENGTH]
     if marker_size is None:
         shape, spread = np.zeros((1, 3)), _POINT_SPREAD
@@ -221,7 +221,7 @@ class _Observations(NamedTuple):
     Attributes:
         positions: measured pan and tilt, shape (N, 2) [rad].
         directions: directions of the last motion, shape (N, 2); see `View`.
-        images: index of the image of each view, shape (N,).
+        images: index of the positions of each view, shape (N,): an image was taken at each.
         markers: index of the marker of each view, shape (N,).
         rays: rays of the corners, x and y at z = 1, shape (N, K, 2).
     """
@@ -236,29 +236,17 @@ class _Observations(NamedTuple):
     def of(views: Sequence[View], camera: Camera) -> _Observations:
         """Convert views."""
         _, markers = np.unique([view.marker for view in views], return_inverse=True)
+        positions = np.array([(view.pan, view.tilt) for view in views])
+        _, images = np.unique(positions, axis=0, return_inverse=True)
         corners = np.array([view.corners for view in views], dtype=np.float64)
         rays = [camera.ray((u, v)) for u, v in corners.reshape(-1, 2).tolist()]
         return _Observations(
-            np.array([(view.pan, view.tilt) for view in views]),
+            positions,
             np.array([view.directions for view in views], dtype=np.float64),
-            _images(views),
+            images.ravel(),
             markers,
             np.array(rays).reshape(corners.shape),
         )
-
-
-def _images(views: Sequence[View]) -> npt.NDArray[np.intp]:
-    """Return the index of the image of each view; an image shows a marker once."""
-    images: list[int] = []
-    numbers: set[int] = set()
-    for before, view in zip((None, *views), views):  # noqa: B905
-        if before is None or view[:2] != before[:2] or view.marker in numbers:
-            numbers = set()
-            images.append(1 + images[-1] if images else 0)
-        else:
-            images.append(images[-1])
-        numbers.add(view.marker)
-    return np.array(images)
 
 
 class _Fit:

@@ -169,24 +169,21 @@ class Camera:
 
     def ray(self, pixel: tuple[float, float]) -> tuple[float, float]:
         """Return the ray of a pixel (column, row): x and y at z = 1 in the optical frame."""
-        x, y = self._ray_of_lens(pixel)
-        if self.turn == _UNTURNED:
-            return x, y
-        right, down, ahead = (_rows(self.turn) @ (x, y, 1.0)).tolist()
-        return right / ahead, down / ahead
+        if self._is_plain:
+            return (pixel[0] - self.cx) / self.fx, (pixel[1] - self.cy) / self.fy
+        points = np.array([[pixel]], np.float64)
+        lens = self.matrix, np.array(self.distortion or [0.0] * 4), _rows(self.turn)
+        if self.fisheye:
+            found = cv2.fisheye.undistortPoints(points, *lens)
+        else:
+            enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-8)
+            found = cv2.undistortPointsIter(points, *lens, np.eye(3), enough)
+        x, y = found.reshape(2).tolist()
+        return x, y
 
-    def _ray_of_lens(self, pixel: tuple[float, float]) -> tuple[float, float]:
-        if self.distortion:
-            points = np.array([[pixel]], np.float64)
-            lens = (self.matrix, np.array(self.distortion))
-            if self.fisheye:
-                found = cv2.fisheye.undistortPoints(points, *lens)
-            else:
-                enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-8)
-                found = cv2.undistortPointsIter(points, *lens, np.eye(3), np.eye(3), enough)
-            x, y = found.reshape(2).tolist()
-            return x, y
-        return (pixel[0] - self.cx) / self.fx, (pixel[1] - self.cy) / self.fy
+    @property
+    def _is_plain(self) -> bool:
+        return not self.distortion and self.turn == _UNTURNED
 
     def point(self, pixel: tuple[float, float], depth: float) -> Vector3:
         """Return the point [m] of a pixel in the optical frame.
@@ -205,18 +202,18 @@ class Camera:
         polynomial, which is not monotonic far outside the image.
         """
         x, y, z = point
-        if self.turn != _UNTURNED:
-            x, y, z = (_rows(self.turn).T @ (x, y, z)).tolist()
         if z <= 0:
             return None
-        if not self.distortion:
+        if self._is_plain:
             return self.fx * x / z + self.cx, self.fy * y / z + self.cy
+        if _rows(self.turn)[:, 2] @ (x, y, z) <= 0.0:  # behind the lens
+            return None
         project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
-        points = np.array([[[x / z, y / z, 1.0]]])
-        found, _ = project(points, np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion))
+        turn, _ = cv2.Rodrigues(_rows(self.turn).T)
+        points, lens = np.array([[[x / z, y / z, 1.0]]]), np.array(self.distortion or [0.0] * 4)
+        found, _ = project(points, turn, np.zeros(3), self.matrix, lens)
         u, v = found.reshape(2).tolist()
-        back = self._ray_of_lens((u, v))
-        return (u, v) if math.dist(back, (x / z, y / z)) < 1e-3 else None
+        return (u, v) if math.dist(self.ray((u, v)), (x / z, y / z)) < 1e-3 else None
 
     @property
     def matrix(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

@@ -41,15 +41,11 @@ class ColourDetector(Detector):
 
     Parameters = ColourParameters
 
-    def __init__(self, parameters: ColourParameters) -> None:
-        super().__init__(parameters)
-        self._selected: ColourParameters | None = None
-
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
         """Return the largest regions."""
         if frame.picture is None:
             return []
-        p = self._selected or self.parameters
+        p = self.selected or self.parameters
         mask = cv2.morphologyEx(_inside(frame.picture.hsv, p), cv2.MORPH_OPEN, _OPENING)
         if not cv2.countNonZero(mask):
             return []
@@ -86,16 +82,12 @@ class ColourDetector(Detector):
         angles = np.deg2rad(colourful[:, 0] * 2.0)
         hue = float(np.rad2deg(np.arctan2(np.sin(angles).sum(), np.cos(angles).sum()))) % 360.0
         saturation, value = np.percentile(colourful[:, 1:], 10, axis=0) / 255.0
-        self._selected = replace(
+        self.selected = replace(
             self.parameters,
             hue=hue,
             min_saturation=max(0.15, 0.7 * float(saturation)),
             min_value=max(0.1, 0.6 * float(value)),
         )
-
-    def reset(self) -> None:
-        """Use the colour of the parameters again."""
-        self._selected = None
 
 
 def _inside(hsv: npt.NDArray[np.uint8], p: ColourParameters) -> npt.NDArray[np.uint8]:

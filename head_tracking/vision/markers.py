@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,11 +50,10 @@ class MarkerDetector(Detector):
     def __init__(self, parameters: MarkerParameters) -> None:
         super().__init__(parameters)
         self._family, self._detector = parameters.dictionary, _detector(parameters.dictionary)
-        self._selected: int | None = None
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
         """Return all markers with the required number."""
-        wanted = self.parameters.marker_id if self._selected is None else self._selected
+        wanted = (self.selected or self.parameters).marker_id
         return [
             self._candidate(number, corners, frame.camera)
             for number, corners in self._markers(frame)
@@ -65,11 +64,7 @@ class MarkerDetector(Detector):
         """Follow the marker in a box."""
         for number, corners in self._markers(frame):
             if box.contains(_middle(corners)):
-                self._selected = number
-
-    def reset(self) -> None:
-        """Use the number of the parameters again."""
-        self._selected = None
+                self.selected = replace(self.parameters, marker_id=number)
 
     def _markers(self, frame: Frame) -> list[tuple[int, npt.NDArray[np.float32]]]:
         # minimum size for the adaptive threshold of OpenCV
