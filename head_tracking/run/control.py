@@ -104,19 +104,14 @@ class Composition:
         """Offer the service `node_starter/NAME` for each node that the page can start."""
         services, starting = UrgentServices(node), threading.Lock()
 
-        def start(name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            try:
-                with starting:
-                    if name not in self.nodes and name not in self._elsewhere:
-                        self._start(self._on_request[name])
-                response.success, response.message = True, f"{name} is running"
-            except Exception as error:
-                response.message = describe(error)
-                node.get_logger().error(f"{name} cannot start: {response.message}")
-            return response
+        def start(name: str, _: Trigger.Request) -> str:
+            with starting:
+                if name not in self.nodes and name not in self._elsewhere:
+                    self._start(self._on_request[name])
+            return f"{name} is running"
 
         for name in self._on_request:
-            services.offer(Trigger, f"node_starter/{name}", partial(start, name))
+            services.offer(f"node_starter/{name}", partial(start, name))
         node.closing.callback(services.close)
         services.start()
 

@@ -240,7 +240,7 @@ def stop_and_resume(pointed):
 
 
 def disable(pointed):
-    pointed.node._on_enable(SetBool.Request(data=False), SetBool.Response())
+    pointed.node._on_enable(SetBool.Request(data=False))
 
 
 def take_over(pointed):

@@ -25,13 +25,13 @@ def test_an_error_of_a_worker_ends_the_node_by_its_next_offer():
 
 
 def test_an_error_of_an_urgent_service_is_an_answer_without_success(threads):
-    def fail(request, response):
+    def fail(request):
         raise RuntimeError
 
     person, bus = Node("person"), Node("bus")
     threads.start(person)
     with closing(UrgentServices(bus)) as services:
-        services.offer(Trigger, "fail", fail)
+        services.offer("fail", fail)
         services.start()
         client = person.create_client(Trigger, "fail")
         wait_for(client.service_is_ready)

@@ -11,12 +11,11 @@ from concurrent.futures import Future, wait
 from typing import Any
 
 from rclpy.node import Node
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
-    DynamixelError,
     EepromSettings,
     ServoBus,
     TorqueError,
@@ -55,6 +54,7 @@ class BusServices:
         self._servos, self._loop, self._eeprom = servos, loop, eeprom
         everything = tuple(joint.joint_name for joint in servos.joints)
         self._services = UrgentServices(bus)
+        self._offer = self._services.offer
         for joint in servos.joints:
             self._offer_for_joint(joint.controller, (joint.joint_name,))
         prefixes = ("~/", "") if short_names else ("~/",)
@@ -79,17 +79,6 @@ class BusServices:
 
     def _offer_torque(self, name: str, joints: Joints) -> None:
         self._offer(name, lambda request: self._switch(joints, request.data), SetBool)
-
-    def _offer(self, name: str, act: Callable[[Any], str], kind: type = Trigger) -> None:
-        def callback(request: Any, response: Any) -> Any:
-            try:
-                response.message = act(request)
-                response.success = True
-            except (DynamixelError, TimeoutError) as error:
-                response.success, response.message = False, str(error)
-            return response
-
-        self._services.offer(kind, name, callback)
 
     def _relax(self, joints: Joints) -> str:
         if not self._loop.owners.stopped:

@@ -10,7 +10,6 @@ from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.control import ControlLoop, JointBackend
-from head_tracking.dynamixel import StoppedError
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_control import HeadControl
@@ -23,6 +22,7 @@ from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.target_point import target_from_message
+from head_tracking.ros.kit.threads import answering
 from head_tracking.ros.kit.topics import (
     LATCHED,
     OVERRIDABLE,
@@ -135,8 +135,8 @@ class HeadNode(ClosingNode):
             "target_point",
             lambda message: self.control.accept(target_from_message(message)),
         )
-        self.create_service(SetBool, "~/enable", self._on_enable)
-        self.create_service(Trigger, "~/recenter", self._on_recenter)
+        self.create_service(SetBool, "~/enable", answering(self._on_enable))
+        self.create_service(Trigger, "~/recenter", answering(self._on_recenter))
         steady_timer(self, _WATCH_PERIOD, self._watch)
         steady_timer(self, _UNHEARD_PERIOD, self._check_publishers)
 
@@ -179,25 +179,19 @@ class HeadNode(ClosingNode):
         if self._unheard:
             self.control.warn("unheard", self._unheard)
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _on_enable(self, request: SetBool.Request) -> str:
         title = self.control.targets.title
-        try:
-            if request.data:
-                self.control.enable()
-                response.message = f"{title} is enabled"
-            else:
-                self.control.disable(Blocked.DISABLED, title)
-                response.message = f"{title} is disabled; the head stops"
-            response.success = True
-        except StoppedError as error:
-            response.message = str(error)
-        return response
+        if request.data:
+            self.control.enable()
+            return f"{title} is enabled"
+        self.control.disable(Blocked.DISABLED, title)
+        return f"{title} is disabled; the head stops"
 
-    def _on_recenter(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_recenter(self, _: Trigger.Request) -> str:
         obstacle = self.control.recenter()
-        response.success = obstacle is None
-        response.message = str(obstacle or "recentring; the next target is followed again")
-        return response
+        if obstacle is not None:
+            raise HeadTrackingError(str(obstacle))
+        return "recentring; the next target is followed again"
 
     def _publish(self, error: float | None) -> None:
         """Publish the error, and the state if it has changed."""

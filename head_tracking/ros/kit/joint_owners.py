@@ -13,7 +13,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from head_tracking.control import STOPPED, JointOwners
-from head_tracking.dynamixel import StoppedError
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.ros.kit.topics import LATCHED
@@ -108,23 +108,16 @@ def offer_stop(
         prefixes: of their names.
     """
 
-    def on_stop(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def on_stop(_: Trigger.Request) -> str:
         problems = stop()
-        response.success = not any(problems.values())
-        response.message = ", ".join(stop_report(*each) for each in problems.items())
-        return response
-
-    def on_resume(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.message = resume_report(resume())
-            response.success = True
-        except StoppedError as error:
-            response.message = str(error)
-        return response
+        report = ", ".join(stop_report(*each) for each in problems.items())
+        if any(problems.values()):
+            raise HeadTrackingError(report)
+        return report
 
     for prefix in prefixes:
-        for name, callback in (("stop", on_stop), ("resume", on_resume)):
-            services.offer(Trigger, f"{prefix}{name}", callback)
+        services.offer(f"{prefix}stop", on_stop)
+        services.offer(f"{prefix}resume", lambda _: resume_report(resume()))
 
 
 class OwnersOutput:

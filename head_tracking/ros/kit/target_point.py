@@ -7,6 +7,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from head_tracking.ros.kit.threads import answering
 from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.tracking import Target
@@ -46,7 +47,7 @@ class TargetOutput:
         )
         self.topic, self._publish = targets.topic_name, targets.publish
         self._publisher = node.create_publisher(Bool, "~/enabled", LATCHED)
-        node.create_service(SetBool, "~/enable", self._on_enable)
+        node.create_service(SetBool, "~/enable", answering(self._on_enable))
         self._publisher.publish(Bool(data=True))
 
     def publish(self, target: Target) -> None:
@@ -59,8 +60,6 @@ class TargetOutput:
         self.on = on
         self._publisher.publish(Bool(data=on))
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _on_enable(self, request: SetBool.Request) -> str:
         self.set(request.data)
-        response.success = True
-        response.message = "targets are published" if self.on else "no targets are published"
-        return response
+        return "targets are published" if self.on else "no targets are published"

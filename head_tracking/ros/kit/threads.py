@@ -18,6 +18,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_services_default
 from rclpy.type_support import check_is_valid_srv_type
+from std_srvs.srv import Trigger
+
+from head_tracking.exceptions import HeadTrackingError
 
 T = TypeVar("T")
 
@@ -155,11 +158,30 @@ def take_message(subscription: Any) -> tuple[Any, dict[str, Any]] | None:
     return None
 
 
+def answering(act: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
+    """Return the callback of a service of type Trigger or SetBool.
+
+    Args:
+        act: receives the request, and returns the message of the answer. A HeadTrackingError or
+            TimeoutError that it raises is the reason of an answer without success.
+    """
+
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            response.message = act(request)
+            response.success = True
+        except (HeadTrackingError, TimeoutError) as error:
+            response.message = str(error)
+        return response
+
+    return answer
+
+
 class UrgentServices:
     """Services that each have a thread, which receives requests and calls the callback.
 
-    They belong to the node, have its name and remap rules, but its executor does not know them. An
-    error in a callback is logged; the client receives the response as the callback left it.
+    They belong to the node, have its name and remap rules, but its executor does not know them. Any
+    other error than those of `answering` is logged, and is an answer without success.
 
     Args:
         node: offers them.
@@ -169,15 +191,9 @@ class UrgentServices:
         self._node = node
         self._services: list[_Service] = []
 
-    def offer(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Offer a service.
-
-        Args:
-            kind: of the service.
-            name: as for `Node.create_service`.
-            callback: receives request and response, and returns the response.
-        """
-        self._services.append(_Service(self._node, kind, name, callback))
+    def offer(self, name: str, act: Callable[[Any], str], kind: Any = Trigger) -> None:
+        """Offer a service of type Trigger or SetBool; for `act` see `answering`."""
+        self._services.append(_Service(self._node, kind, name, answering(act)))
 
     def start(self) -> None:
         """Start to receive requests."""

@@ -19,6 +19,7 @@ from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
+from head_tracking.ros.kit.threads import answering
 from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.share import robot_file
 from head_tracking.tf import (
@@ -146,7 +147,7 @@ class RobotStatePublisherNode(Node):
         )
         if loop is not None:
             loop.observe(lambda stamp, _: self._send_moving(stamp))
-        self.create_service(Trigger, "~/frames", self._on_frames)
+        self.create_service(Trigger, "~/frames", answering(self._on_frames))
         if p.calibration:
             from head_tracking.calibration import Calibration, summary
 
@@ -199,10 +200,8 @@ class RobotStatePublisherNode(Node):
                 found.append(transform_stamped(core.lookup_transform(joint.parent, joint.child)))
         return found
 
-    def _on_frames(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = True
-        response.message = self._buffer.core.tree_as_string(self.get_clock().now().nanoseconds)
-        return response
+    def _on_frames(self, _: Trigger.Request) -> str:
+        return self._buffer.core.tree_as_string(self.get_clock().now().nanoseconds)
 
 
 def _check_model(parameters: RobotStatePublisherParameters) -> None:

@@ -15,7 +15,7 @@ from head_tracking.ros.kit.images import camera_of, frame_pose
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode
 from head_tracking.ros.kit.target_point import TargetOutput
-from head_tracking.ros.kit.threads import Worker
+from head_tracking.ros.kit.threads import Worker, answering
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform
@@ -83,7 +83,7 @@ class SightedTargetNode(ClosingNode):
         self.output = TargetOutput(self)
         self.confidence = self.create_publisher(Float32, "~/confidence", 10)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, LATEST_ONLY)
-        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/reset", answering(self._on_reset))
 
     def process(self, item: Any) -> None:
         """Detect the target in an item that was offered to the worker, and publish it.
@@ -152,7 +152,6 @@ class SightedTargetNode(ClosingNode):
             self._camera = None
             self.warn(str(error))
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self, _: Trigger.Request) -> str:
         self.worker.do(self.tracker.reset)
-        response.success, response.message = True, "searching for a new target"
-        return response
+        return "searching for a new target"
