@@ -6,10 +6,8 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
-import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -18,7 +16,8 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.ros.kit.node_parameters import NodeParameters, check_parameters
-from head_tracking.ros.kit.spinning import NodeThreads, start_ros
+from head_tracking.ros.kit.others import message_of, wait_for_answer
+from head_tracking.ros.kit.spinning import ros_threads
 from head_tracking.tf import listening_buffer
 from head_tracking.transforms import TransformBuffer
 
@@ -70,11 +69,7 @@ class Client:
             "ROS_DOMAIN_ID?",
         )
         client = next(client for client in clients if client.service_is_ready())
-        answer = client.call_async(Trigger.Request())
-        self.wait_for(answer.done, seconds, f"no answer from {client.srv_name}")
-        if not answer.result().success:
-            raise HeadTrackingError(answer.result().message)
-        return str(answer.result().message)
+        return message_of(wait_for_answer(client, Trigger.Request(), seconds))
 
 
 def run_client(
@@ -92,12 +87,10 @@ def run_client(
 
     def run() -> int:
         options = parse(without_ros_arguments(sys.argv[1:]))
-        with ExitStack() as resources:
-            start_ros()
-            resources.callback(rclpy.try_shutdown)
+        with ros_threads() as threads:
             node = Node(name, start_parameter_services=False)
             buffer = listening_buffer(node)
-            resources.enter_context(closing(NodeThreads())).start(node)
+            threads.start(node)
             return work(Client(node, buffer.core), options)
 
     return exit_code(name, run)

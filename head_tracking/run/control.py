@@ -6,12 +6,10 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent import futures
-from contextlib import closing
 from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -22,7 +20,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.head_claim import LOOK_TIME, HeadClaim, KeptStop, is_heard_elsewhere
 from head_tracking.ros.kit.joint_owners import resume_report, stop_report
 from head_tracking.ros.kit.node_parameters import check_parameters
-from head_tracking.ros.kit.spinning import ClosingNode, NodeThreads, describe, start_ros
+from head_tracking.ros.kit.spinning import ClosingNode, NodeThreads, describe, ros_threads
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.run.child import SupervisorLink
@@ -266,15 +264,13 @@ def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink
     """
     parse_in_child_process()
     status = StatusLine()
-    threads = NodeThreads()
     try:
         plan = parse_arguments(arguments)
-        start_ros(plan.ros_arguments)
-        with closing(threads):
+        with ros_threads(plan.ros_arguments) as threads:
             kept = KeptStop(plan.arguments) if plan.options.keep_stop else None
             ControlProcess(plan, stop, link, status).run(threads, kept)
-            if kept is not None and threads.exit_code() == 0:
-                kept.forget()
+        if kept is not None and not threads.problems:
+            kept.forget()
     except EndRequestedError:
         status.end("stopped during the start")
     except Exception as error:
@@ -282,5 +278,4 @@ def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink
         return 1
     finally:
         link.send(servos=[])  # they are relaxed, or the output names those that are not
-        rclpy.try_shutdown()
-    return threads.exit_code()
+    return 1 if threads.problems else 0

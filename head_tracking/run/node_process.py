@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from head_tracking.ros.kit.node_parameters import check_parameters
-from head_tracking.ros.kit.spinning import NodeThreads, describe, run_threads
+from head_tracking.ros.kit.spinning import NodeThreads, describe, run_ros
 from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.run.child import SupervisorLink
 from head_tracking.run.node_sets import NodeSpec
@@ -23,11 +23,10 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         stop: ends the process.
         link: receives the nodes to start, and reports the result of each start.
     """
-    threads = NodeThreads()
     resources: dict[str, Buffer] = {}
     running: dict[str, tuple[Any, bool]] = {}
 
-    def start(spec: NodeSpec) -> None:
+    def start(spec: NodeSpec, threads: NodeThreads) -> None:
         if spec.name in running:  # it was late, and was requested again
             report(spec.name, *running[spec.name])
             return
@@ -55,11 +54,11 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         settled = getattr(node, "settled", {})
         link.send(node=name, problem="", enabled=enabled, parameters=settled)
 
-    def update() -> None:
+    def update(threads: NodeThreads) -> None:
         while not link.messages.empty():
-            start(NodeSpec(**link.messages.get()))
+            start(NodeSpec(**link.messages.get()), threads)
         for name, (node, before) in list(running.items()):
             if hasattr(node, "output") and node.output.on != before:
                 report(name, node, node.output.on)
 
-    return run_threads(stop, threads, lambda: None, arguments, update)
+    return run_ros(lambda threads: threads.wait(stop, update=lambda: update(threads)), arguments)

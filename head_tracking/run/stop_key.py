@@ -7,7 +7,6 @@ import re
 import signal
 import sys
 import termios
-import tty
 from contextlib import suppress
 from typing import Any, Final, TextIO
 
@@ -60,8 +59,11 @@ class StopKey:
         with suppress(termios.error, OSError):  # closed
             settings = termios.tcgetattr(self._terminal)
             if not self.works or settings[3] & termios.ICANON:
-                # Ctrl-C and Ctrl-Z stay signals; a key that was pressed during the start is kept
-                tty.setcbreak(self._terminal, termios.TCSANOW)
+                single = termios.tcgetattr(self._terminal)
+                single[3] &= ~(termios.ICANON | termios.ECHO)  # Ctrl-C and Ctrl-Z stay signals
+                single[6][termios.VMIN], single[6][termios.VTIME] = 0, 0
+                # TCSANOW keeps a key that was pressed during the start
+                termios.tcsetattr(self._terminal, termios.TCSANOW, single)
                 self._original = settings
 
     def release(self) -> None:

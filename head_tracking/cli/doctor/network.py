@@ -7,15 +7,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from head_tracking.cli.doctor.findings import Finding, Grade
-from head_tracking.ros.kit.spinning import in_short
+from head_tracking.exceptions import HeadTrackingError
+from head_tracking.ros.kit.spinning import ros_threads
 
 _TOPICS: Final = {
     "servo_states": JointState,
@@ -51,8 +51,8 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
     """
     try:
         received = listen(arguments, seconds)
-    except RuntimeError as error:  # rclpy's
-        text = f"{in_short(error)}; see `env | grep -E 'ROS|RMW|DDS'` and docs/guide/network.md"
+    except HeadTrackingError as error:
+        text = f"{error}; see `env | grep -E 'ROS|RMW|DDS'` and docs/guide/network.md"
         yield Finding("network", Grade.RED, text)
         return
     yield Finding("network", Grade.GREEN, f"{received.nodes} other nodes")
@@ -63,7 +63,7 @@ def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]
 
 
 def listen(arguments: Sequence[str], seconds: float) -> Traffic:
-    """Receive messages with a silent node; raise RuntimeError if ROS does not start."""
+    """Receive messages with a silent node; raise HeadTrackingError if ROS does not start."""
     delays: dict[str, float] = {}
     diagnostics: dict[str, tuple[int, str]] = {}
 
@@ -77,18 +77,14 @@ def listen(arguments: Sequence[str], seconds: float) -> Traffic:
 
         return receive
 
-    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = rclpy.create_node("doctor", start_parameter_services=False, enable_rosout=False)
+    with ros_threads(arguments) as threads:
+        node = Node("doctor", start_parameter_services=False, enable_rosout=False)
         qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
         for topic, kind in _TOPICS.items():
             node.create_subscription(kind, topic, receiver(topic), qos)
-        deadline = time.monotonic() + seconds
-        while (remaining := deadline - time.monotonic()) > 0.0:
-            rclpy.spin_once(node, timeout_sec=remaining)
+        threads.start(node)
+        time.sleep(seconds)
         return Traffic(delays, diagnostics, len(node.get_node_names()) - 1)
-    finally:
-        rclpy.try_shutdown()
 
 
 def check_clocks(delays: Mapping[str, float]) -> Finding:

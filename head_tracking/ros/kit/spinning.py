@@ -11,8 +11,8 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +160,7 @@ class NodeThreads:
         """Stop what moves, end the thread, then destroy the nodes, the last one first.
 
         First the methods `make_safe` of the nodes are called, which return their problems; running
-        callbacks do not delay that.
+        callbacks do not delay that. Problems are printed.
         """
         if self._ending.is_set():
             return
@@ -174,15 +174,11 @@ class NodeThreads:
             self._thread.join(_PATIENCE)
         if self._thread.is_alive():
             self.problems.append("a callback does not return")
-            return
-        for node in reversed(nodes):
-            node.destroy_node()
-
-    def exit_code(self) -> int:
-        """Print the problems at the end; return 1 if there are any, else 0."""
+        else:
+            for node in reversed(nodes):
+                node.destroy_node()
         for problem in self.problems:
             print(problem, file=sys.stderr)
-        return 1 if self.problems else 0
 
     def _spin(self) -> None:
         assert self._executor is not None
@@ -235,55 +231,53 @@ def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> T
 
 
 def run_node(make: Callable[[], Node]) -> int:
-    """Run one node as a program until a signal ends it; see `StopSignal`.
-
-    Returns:
-        The exit code: 0, or 1 after an error at the start, in a callback, or at the end (servos
-        that are not confirmed relaxed); the error is printed.
+    """Run one node as a program until a signal ends it; see `StopSignal` and `run_ros`.
 
     Raises:
         SystemExit: there is an argument that is none of ROS.
     """
     parser = argparse.ArgumentParser(usage="%(prog)s [--ros-args ...]")
     parser.parse_args(without_ros_arguments(sys.argv[1:]))
-    threads = NodeThreads()
 
-    def begin() -> None:
+    def work(threads: NodeThreads) -> None:
         node = make()
         check_parameters([node])
         threads.start(node)
+        threads.wait(stop)
 
     with StopSignal() as stop:
-        return run_threads(stop, threads, begin)
+        return run_ros(work)
 
 
-def run_threads(
-    stop: StopSignal,
-    threads: NodeThreads,
-    begin: Callable[[], object],
-    args: Sequence[str] | None = None,
-    update: Callable[[], object] = lambda: None,
-) -> int:
-    """Run ROS and nodes until `stop`, and end both; return the exit code, see `run_node`.
+def run_ros(work: Callable[[NodeThreads], object], arguments: Sequence[str] | None = None) -> int:
+    """Run nodes in ROS.
 
     Args:
-        stop: ends the nodes.
-        threads: of the nodes.
-        begin: starts the first nodes, after ROS.
-        args: of ROS.
-        update: called ten times a second.
+        work: starts the nodes and waits.
+        arguments: of ROS; see `start_ros`.
+
+    Returns:
+        The exit code: 0, or 1 after an error at the start, in a callback, or at the end (servos
+        that are not confirmed relaxed); the error is printed.
     """
     try:
-        start_ros(args)
-        begin()
-        threads.wait(stop, update=update)
+        with ros_threads(arguments) as threads:
+            work(threads)
     except Exception as error:
         print(describe(error), file=sys.stderr)
         return 1
+    return 1 if threads.problems else 0
+
+
+@contextmanager
+def ros_threads(arguments: Sequence[str] | None = None) -> Iterator[NodeThreads]:
+    """Start ROS and yield threads for nodes; end both at the end of the block; see `start_ros`."""
+    start_ros(arguments)
+    try:
+        with closing(NodeThreads()) as threads:
+            yield threads
     finally:
-        threads.close()
         rclpy.try_shutdown()
-    return threads.exit_code()
 
 
 def start_ros(arguments: Sequence[str] | None = None) -> None:
