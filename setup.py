@@ -67,6 +67,7 @@ setup(
         NAME: [
             "py.typed",
             "page/static/*",
+            "scene/pictures/*.jpg",
             "dynamixel/tables/*.toml",
             "feetech/tables/*.toml",
             "simulation/facts/*.csv",

@@ -109,7 +109,7 @@ SCENES = tuple(_THINGS)
 
 def make_scene(name: str, rng: np.random.Generator) -> Scene:
     """Return a scene by its name, in a room."""
-    return {**room(rng), **_THINGS[name](rng)}
+    return {**room(), **_THINGS[name](rng)}
 
 
 def with_target(scene: Scene, point: Vector3) -> Scene:

@@ -103,7 +103,7 @@ def followed(
 def _surroundings(colourful: bool) -> tuple[dict[str, Thing], SensorNoise]:
     """Return a room, with a pale wall or one of many colours behind the people, and noise."""
     rng = np.random.default_rng(5)
-    things = room(rng)
+    things = room()
     if colourful:
         front = things["front"]
         assert isinstance(front, Wall)

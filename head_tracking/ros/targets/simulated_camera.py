@@ -76,7 +76,9 @@ class SimulatedCameraParameters:
         "Depths in millimetres or in metres; empty: none.",
         choices=("16UC1", "32FC1", ""),
     )
-    seed: int = parameter(1, "Seed of noise and room.", minimum=0, maximum=2**31 - 1, fixed=True)
+    seed: int = parameter(
+        1, "Seed of the noise and of a random picture.", minimum=0, maximum=2**31 - 1, fixed=True
+    )
 
 
 class _Exposure(NamedTuple):
