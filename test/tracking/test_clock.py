@@ -39,32 +39,6 @@ def watch(clocks):
     return ClockWatch(lambda: clocks.now, lambda: clocks.steady)
 
 
-@pytest.mark.parametrize("simulated", [False, True])
-def test_time_that_goes_by_is_nothing(clocks, watch, simulated):
-    for seconds in (0.02, 0.02, 0.5, 0.001, 3.0):
-        clocks.go(seconds)
-        assert watch.check(simulated=simulated) == ""
-    assert watch.standing == ""
-
-
-@pytest.mark.parametrize(
-    ("jump", "simulated", "words"),
-    [
-        (-7.5, False, "back by 7.5 s"),
-        (0.3, False, "forward by 0.3 s"),
-        (-9999.0, True, "back by 9999.0 s"),
-    ],
-)
-def test_a_clock_that_is_set_is_noticed(clocks, watch, jump, simulated, words):
-    clocks.go(DT)
-    watch.check(simulated=simulated)
-    clocks.go(DT)
-    clocks.now += jump
-    assert words in watch.check(simulated=simulated)
-    clocks.go(DT)
-    assert watch.check(simulated=simulated) == ""
-
-
 def test_a_clock_that_is_being_slewed_has_not_jumped(clocks, watch):
     for _ in range(1000):
         clocks.go(DT, speed=1.0005)
@@ -92,31 +66,6 @@ def test_simulated_time_in_pieces_is_no_jump(clocks, watch, speed):
         for _ in range(5):
             clocks.steady += 0.02
             assert watch.check(simulated=True) == ""
-
-
-def test_a_simulation_that_is_paused_is_said_and_goes_on(clocks, watch):
-    watch.check(simulated=True)
-    said = []
-    for _ in range(20):
-        clocks.steady += 0.1
-        said.append(watch.check(simulated=True))
-    assert [text for text in said if text] == [watch.standing]
-    clocks.go(0.1)
-    assert watch.check(simulated=True) == ""
-    assert watch.standing == ""
-
-
-def test_a_clock_that_nobody_sets_is_said(clocks):
-    clocks.now = 0.0
-    watch = ClockWatch(lambda: clocks.now, lambda: clocks.steady)
-    said = ""
-    for _ in range(20):
-        clocks.steady += 0.1
-        said = said or watch.check(simulated=True)
-    assert said == "use_sim_time is set, but /clock is not published"
-    clocks.now = 1_700_000_000.0
-    assert watch.check(simulated=True) == ""
-    assert watch.standing == ""
 
 
 class Rig(IdealHead):

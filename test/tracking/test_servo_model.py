@@ -1,7 +1,6 @@
 """What is learned of a servo from its commands and its encoder."""
 
 import math
-from itertools import pairwise
 
 import pytest
 
@@ -61,30 +60,6 @@ def test_a_dead_band_is_told_from_a_delay(band):
     assert model.dead_band == pytest.approx(band, abs=0.003)
 
 
-def test_a_new_mean_is_applied_without_a_jump():
-    servo, model = Servo(0.25), ShaftModel()
-    model.restart(0.0, 0.0)
-    delays = []
-    for k in range(1, 400):
-        t = k * DT
-        model.measured(t - 0.01, servo.encoder(t - 0.01))
-        speed = 1.5 * math.cos(3.0 * t)
-        servo.command(t, speed)
-        model.command(t, speed, math.copysign(10.0, speed))
-        delays.append(model.delay)
-    steps = [abs(b - a) for a, b in pairwise(delays)]
-    assert delays[-1] == pytest.approx(0.25, abs=0.01)
-    assert max(steps) < 0.003
-
-
-def test_a_held_servo_stays():
-    model = ShaftModel()
-    model.restart(0.0, 0.0)
-    model.command(0.0, -1.0, -2.0)
-    model.hold(0.1, -0.1)
-    assert model.setpoint(3.0) == pytest.approx(-0.1)
-
-
 class LimitedServo(Servo):
     """A shaft that follows its set-point with a lag of 25 ms and a limited acceleration."""
 
@@ -112,41 +87,3 @@ def kinks(t):
 def test_the_acceleration_of_a_weak_shaft_is_found(delay, limit):
     model, _ = swing(LimitedServo(delay, limit), 6.0, speed=kinks)
     assert 0.5 * limit < model.acceleration < 1.6 * limit
-
-
-@pytest.mark.parametrize("delay", [0.02, 0.2])
-def test_a_shaft_that_follows_is_given_more_acceleration(delay):
-    model, _ = swing(LimitedServo(delay, 150.0), 6.0, speed=kinks)
-    assert model.acceleration > 1.2 * ShaftModel().acceleration
-
-
-def test_a_shaft_that_was_thrown_off_is_met_where_it_will_be():
-    servo = LimitedServo(0.02, 5.0)
-    model, t = swing(servo, 6.0, speed=kinks)
-    assert model.astray(t) is None
-    servo.shaft += 0.4  # it stands still there, and comes back
-    servo.speed = 0.0
-    met = []
-    for _ in range(20):
-        t += DT
-        model.measured(t - 0.01, servo.encoder(t - 0.01))
-        servo.command(t, 0.0)
-        model.command(t, 0.0, 0.0)
-        if (found := model.astray(t)) is not None:
-            met.append((found, t + model.delay))
-    assert met
-    (position, speed), _ = met[len(met) // 2]
-    assert position < servo.setpoint + 0.45
-    assert speed < 0.0
-
-
-@pytest.mark.parametrize("lag", [0.0, 0.1, 1.0])
-def test_late_readings_are_judged_across_the_shift_of_the_buffer(lag):
-    model = ShaftModel()
-    model.restart(0.0, 0.0)
-    for step in range(1, 1200):  # the buffer holds 10 s
-        now = step * DT
-        model.command(now, math.cos(now), math.copysign(10.0, math.cos(now)))
-        if now > lag:
-            model.measured(now - lag, math.sin(now - lag))
-    assert math.isfinite(model.delay)
