@@ -119,17 +119,6 @@ def test_the_fictitious_target_is_switched_off_and_on(bench):
     wait_for(lambda: len(targets) > count + 3)
 
 
-def test_a_face_before_the_heads_camera_is_tracked(bench):
-    """A ball: see test_supervisor."""
-    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
-    run = bench.start("head_tracking", "--sim", "--target", "face")
-    wait_for(lambda: bench.person.state("head_tracker") == "tracking", 60.0)
-    targets = bench.person.hear("target_point", PointStamped)
-    wait_for(lambda: targets)
-    assert targets[-1].point.z > 0.3  # in front of the camera
-    assert run.end(signal.SIGINT) == 0, run.output
-
-
 def test_a_target_of_the_heads_camera_is_used_at_its_stamp(tracked):
     """A ball stands still; the camera says where it saw it late, but with the picture's time."""
     person, ball = tracked.person, PointStamped(point=Point(x=1.5, y=0.8, z=0.3))

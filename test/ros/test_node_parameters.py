@@ -67,28 +67,6 @@ def test_a_value_can_be_changed_while_running(make, monkeypatch, distribution):
     assert seen == [Example(speed=0.5)]
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("speed", 9, "speed is 9.0; allowed is 0.1 to 2 rad/s"),
-        ("speed", "fast", "speed"),
-        ("law", "magic", "allowed are speed, position"),
-        ("axis", [1.0, 2.0], "axis needs three numbers"),
-        ("port", "b", "read-only"),
-    ],
-)
-def test_a_bad_value_is_refused_and_the_old_one_stays(make, name, value, words):
-    node, seen = make(), []
-    parameters = NodeParameters(node, Example, on_change=seen.append)
-    before = node.describe_parameter(name).type
-    result = node.set_parameters([Parameter(name, value=value)])[0]
-    assert not result.successful
-    assert words in result.reason
-    assert parameters.value == Example()
-    assert not seen
-    assert node.describe_parameter(name).type == before
-
-
 def test_parameters_change_the_delivery_of_topics(make):
     publisher = {f"qos_overrides./angle.publisher.{k}": v for k, v in ONCE.items()}
     subscription = {f"qos_overrides./angle.subscription.{k}": v for k, v in ONCE.items()}
