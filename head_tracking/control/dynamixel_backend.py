@@ -50,7 +50,6 @@ class DynamixelBackend(JointBackend):
 
     Attributes:
         threads: one for each bus.
-        measured: set as soon as every joint has been measured.
     """
 
     def __init__(
@@ -74,7 +73,6 @@ class DynamixelBackend(JointBackend):
         )
         self.period = 1.0 / rate
         self.joints = tuple(joint for bus in buses for joint in bus.joints)
-        self.measured = threading.Event()
         self._loop, self._report = loop, report
         self._on_reading = on_reading
         self._read: dict[ServoBus, Mapping[str, Any]] = {}
@@ -82,7 +80,6 @@ class DynamixelBackend(JointBackend):
         self._by_joint = {
             name: thread for thread in self.threads for name in self._names[thread.bus]
         }
-        self._unmeasured = set(self._by_joint)
         controllers = {each.controller for each in self.joints}
         if min(len(self._by_joint), len(controllers)) < len(self.joints):
             raise ConfigurationError(
@@ -285,10 +282,6 @@ class DynamixelBackend(JointBackend):
                 self._loop.stuck[event.joint_name] = event.text
         self._on_reading(bus, reading)
         self._loop.publish(self._names[bus], reading.stamp, self._read[bus])
-        if self._unmeasured:
-            self._unmeasured.difference_update(reading.states)
-            if not self._unmeasured:
-                self.measured.set()
 
     def _by_bus(self, joints: Iterable[str]) -> dict[BusThread, tuple[str, ...]]:
         """Return the joints of each bus; raise GoalError if one is unknown."""

@@ -42,7 +42,7 @@ class JointOwners:
     """Owners of joints, and whether the head is stopped; for any thread.
 
     A controller owns its joints until it releases them. A sender of commands owns them while it
-    sends (a lease). STOP takes all joints from their owners, until `resume` gives them back.
+    sends (a lease). During a STOP nobody owns a joint; `resume` gives them back to controllers.
 
     A request or a goal carries the epoch in which it was made, from `permit` or `check`.
 
@@ -63,7 +63,6 @@ class JointOwners:
         self._exclusive = exclusive
         self._lock = threading.RLock()  # a signal handler may stop the head meanwhile
         self._owners: dict[str, tuple[str, float]] = {}
-        self._interrupted: dict[str, str] = {}
         self._elsewhere: dict[str, str] = {}
         self._observers: list[Callable[[], object]] = []
 
@@ -71,14 +70,21 @@ class JointOwners:
         """Call a function after each change of an owner or of `stopped`, in the changing thread."""
         self._observers.append(changed)
 
-    def permit(self) -> int:
+    def permit(self, epoch: int | None = None) -> int:
         """Return the epoch of a request that is made now.
 
+        Args:
+            epoch: in which it was made; None: now.
+
         Raises:
-            StoppedError: the head is stopped.
+            StoppedError: the head is stopped, or was after the request was made.
         """
         with self._lock:
-            return self._permit()
+            if self.stopped:
+                raise StoppedError(STOPPED)
+            if epoch not in (None, self.epoch.value):
+                raise StoppedError(_OVERTAKEN)
+            return self.epoch.value
 
     def check(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> int:
         """Return the epoch of a command for joints; raise what `claim` would raise.
@@ -93,8 +99,9 @@ class JointOwners:
             StoppedError: the head is stopped, or was after the command was made.
         """
         with self._lock:
+            now = self.permit(epoch)
             self._check(owner, joints, LEASE)
-            return self._permit(epoch)
+            return now
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
         """Give joints to an owner, all or none, for `lease` seconds unless it claims them again.
@@ -107,10 +114,10 @@ class JointOwners:
         """
         joints = tuple(joints)
         with self._lock:
+            if self.stopped and math.isinf(lease) and not self._owners.keys() & set(joints):
+                self._owners |= dict.fromkeys(joints, (owner, lease))
+            self.permit()
             self._check(owner, joints, lease)
-            if self.stopped and math.isinf(lease) and not self._interrupted.keys() & set(joints):
-                self._interrupted |= dict.fromkeys(joints, owner)
-            self._permit()
             before = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
             given = [
                 j for j, (other, until) in before.items() if other == owner or until < math.inf
@@ -127,7 +134,7 @@ class JointOwners:
             StoppedError: the head is stopped, or was after `epoch`, in which this was requested.
         """
         with self._lock:
-            self._permit(epoch)
+            self.permit(epoch)
             for joint in joints:
                 self._owners[joint] = (owner, math.inf)
         self._notify()
@@ -135,10 +142,7 @@ class JointOwners:
     def release(self, owner: str) -> None:
         """Take all joints from an owner, including those that `resume` would give back."""
         with self._lock:
-            self._interrupted = {j: name for j, name in self._interrupted.items() if name != owner}
-            its = [joint for joint, (other, _) in self._owners.items() if other == owner]
-            for joint in its:
-                del self._owners[joint]
+            self._owners = {j: each for j, each in self._owners.items() if each[0] != owner}
         self._notify()
 
     def stop(self, relax: Callable[[], _T]) -> _T:
@@ -167,9 +171,10 @@ class JointOwners:
         with self._lock:
             if epoch not in (None, self.epoch.value):
                 raise StoppedError(_OVERTAKEN)
-            resumed = self._resume()
+            resumed = dict.fromkeys(owner for owner, _ in self._owners.values())
+            was_stopped, self.stopped = self.stopped, False
         self._notify()
-        return resumed
+        return tuple(resumed) if was_stopped else ()
 
     def follow(self, stopped: bool, epoch: int, owners: Mapping[str, str] | None = None) -> bool:
         """Adopt the state of a servo bus in another process; return whether it knows our STOP.
@@ -190,8 +195,7 @@ class JointOwners:
             self.epoch.value = epoch
             if changed and stopped:
                 self._stop()
-            elif changed:
-                self._resume()
+            self.stopped = stopped
             for joint, other in self._elsewhere.items():
                 owner, _ = self._owners.get(joint, ("", 0.0))
                 known = owner if changed else before.get(joint)  # a claim may be on its way
@@ -208,13 +212,15 @@ class JointOwners:
 
     def owns(self, owner: str, joints: Iterable[str]) -> bool:
         """Return whether all these joints belong to an owner."""
-        return all([self._owners.get(joint, ("", 0.0))[0] == owner for joint in joints])
+        owners = {} if self.stopped else self._owners
+        return all([owners.get(joint, ("", 0.0))[0] == owner for joint in joints])
 
     def of(self, joints: Iterable[str]) -> Mapping[str, str]:
         """Return the owner of each joint; empty: none."""
         now = self._clock()
         with self._lock:
-            found = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
+            owners = {} if self.stopped else self._owners
+            found = {joint: owners.get(joint, ("", 0.0)) for joint in joints}
         return {joint: owner if now < until else "" for joint, (owner, until) in found.items()}
 
     def _notify(self) -> None:
@@ -222,13 +228,6 @@ class JointOwners:
             changed()
 
     # with the lock held
-
-    def _permit(self, epoch: int | None = None) -> int:
-        if self.stopped:
-            raise StoppedError(STOPPED)
-        if epoch not in (None, self.epoch.value):
-            raise StoppedError(_OVERTAKEN)
-        return self.epoch.value
 
     def _check(self, owner: str, joints: Iterable[str], lease: float) -> None:
         now = self._clock()
@@ -239,16 +238,5 @@ class JointOwners:
                 raise OwnershipError(joint, other, leased=math.isfinite(until))
 
     def _stop(self) -> None:
-        if not self.stopped:
-            self._interrupted = {
-                joint: owner for joint, (owner, until) in self._owners.items() if math.isinf(until)
-            }
         self.stopped = True
-        self._owners = {}
-
-    def _resume(self) -> tuple[str, ...]:
-        given, self._interrupted = self._interrupted, {}
-        if self.stopped:
-            self._owners = {joint: (owner, math.inf) for joint, owner in given.items()}
-        self.stopped = False
-        return tuple(dict.fromkeys(given.values()))
+        self._owners = {j: each for j, each in self._owners.items() if math.isinf(each[1])}

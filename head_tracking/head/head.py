@@ -7,7 +7,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -39,7 +39,7 @@ from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.motions import MotionEnd, PointMotion, Tracking, TrackingSettings
-from head_tracking.head.obstacle import Blocked, Obstacle
+from head_tracking.head.obstacle import Blocked
 from head_tracking.parameters import changed
 from head_tracking.share import robot_file, robot_parameters
 from head_tracking.signals import ending_signals, postponed_signals
@@ -103,14 +103,6 @@ class HeadState(StrEnum):
     RELAXED = "relaxed"
     STOPPED = "stopped"
     CLOSED = "closed"
-
-
-_REFUSING = {
-    Blocked.STOPPED: HeadState.STOPPED,
-    Blocked.FAULT: HeadState.STOPPED,
-    Blocked.RELAXED: HeadState.RELAXED,
-    Blocked.CLOSED: HeadState.CLOSED,
-}
 
 
 class Head:
@@ -198,13 +190,16 @@ class Head:
         self._control.use(model)
         self._control.begin()
         self._failure: BaseException | None = None
+        self._stopped_as = HeadState.STOPPED
         self._follower: CameraFollower | None = None
         self._signals = ExitStack()
         atexit.register(self.close)
         self._servos.start()
         try:
-            if not self._servos.measured.wait(_TIMEOUT):
-                raise BusStoppedError(f"the servos on {port} answer, but cannot be read")
+            self.frames.lookup_transform(self._head.base_frame, pointing_frame, timeout=_TIMEOUT)
+        except TransformException:
+            self.close()
+            raise BusStoppedError(f"the servos on {port} answer, but cannot be read") from None
         except BaseException:  # Ctrl-C, too
             self.close()
             raise
@@ -309,11 +304,7 @@ class Head:
         target, epoch, control = _target(point, frame, stamp), self._permit(), self._control
         self._end_following()
         miss = self._check(target)
-        with control.lock:
-            self._permit(epoch)
-            disabled = control.disabled
-            switched = self._servos.switch_torque(None, True, epoch)
-        self._confirm_on(switched, disabled)
+        self._switch_on(epoch)
         ended: SimpleQueue[PointingResult | Exception] = SimpleQueue()
         with control.lock:
             self._permit(epoch)
@@ -497,6 +488,7 @@ class Head:
         Returns:
             The problem of each joint; empty if its servo has confirmed.
         """
+        self._stopped_as = HeadState.STOPPED
         return self._loop.stop()
 
     def relax(self) -> None:
@@ -507,11 +499,12 @@ class Head:
             RefusedCommandError: the head is closed.
         """
         self._require_open()
-        with self._control.lock:
-            self._end_following()
-            self._control.disable(Blocked.RELAXED)
-            switched = self._servos.switch_torque(None, False)
-        _confirm(switched)
+        self._end_following()
+        if not self._owners.stopped:
+            self._stopped_as = HeadState.RELAXED
+        problems = {joint: problem for joint, problem in self._loop.stop().items() if problem}
+        if problems:
+            raise TorqueError(False, problems)
 
     def resume(self) -> None:
         """End a `stop` or a `relax`: the servos hold where they are, and commands are accepted.
@@ -523,23 +516,18 @@ class Head:
             RefusedCommandError: the head is closed, or was stopped or relaxed meanwhile.
         """
         self._require_open()
-        control, owners = self._control, self._owners
-        with control.lock:
-            epoch, stopped, disabled = owners.epoch.value, owners.stopped, control.disabled
-            switched = self._servos.switch_torque(None, True, epoch)
+        owners = self._owners
+        epoch, stopped = owners.epoch.value, owners.stopped
         try:
-            self._confirm_on(switched, disabled)
+            self._switch_on(epoch)
         except BaseException:
             if stopped and epoch == owners.epoch.value:
-                self.stop()
-            elif self._refusing is HeadState.RELAXED:
-                self._servos.switch_torque(None, False)
+                self._loop.stop()
             raise
-        with control.lock, _refused_if_stopped():
-            if control.disabled is not disabled:
-                raise RefusedCommandError(self._refusing or HeadState.RELAXED)
+        with self._control.lock, self._refused_if_stopped():
             owners.resume(epoch)
-            control.enable()
+            self._control.enable(cautious=self._stopped_as is HeadState.STOPPED)
+            self._stopped_as = HeadState.STOPPED
 
     def close(self) -> None:
         """Brake and relax the servos and close the port; may be called twice.
@@ -701,7 +689,9 @@ class Head:
     def _refusing(self) -> HeadState | None:
         """The state in which commands are refused; None: they are accepted."""
         off = self._control.off
-        return None if off is None else _REFUSING.get(off.reason)
+        if off is None:
+            return None
+        return HeadState.CLOSED if off.reason is Blocked.CLOSED else self._stopped_as
 
     def _require_open(self) -> None:
         if self._refusing is HeadState.CLOSED:
@@ -711,20 +701,31 @@ class Head:
         """Return the epoch of a command that is given now; refuse one of an earlier epoch."""
         if (refusing := self._refusing) is not None:
             raise RefusedCommandError(refusing)
-        with _refused_if_stopped():
-            now = self._owners.permit()
-        if epoch not in (None, now):
-            raise RefusedCommandError(HeadState.STOPPED)
-        return now
+        with self._refused_if_stopped():
+            return self._owners.permit(epoch)
 
-    def _confirm_on(self, switched: Sequence[Future[None]], disabled: Obstacle) -> None:
-        """Wait until torque is on; refused if another call has replaced `disabled` meanwhile."""
+    @contextmanager
+    def _refused_if_stopped(self) -> Iterator[None]:
         try:
-            _confirm(switched)
-        except (TorqueError, BusStoppedError) as error:
-            refusing = _REFUSING.get(self._control.disabled.reason)
-            if self._control.disabled is not disabled and refusing is not None:
-                raise RefusedCommandError(refusing) from error
+            yield
+        except StoppedError:
+            raise RefusedCommandError(self._stopped_as) from None
+
+    def _switch_on(self, epoch: int) -> None:
+        """Switch the torque on, and wait until all servos have confirmed; not after a STOP."""
+        # Ctrl-C in `concurrent.futures.wait` could leave a lock locked, which the bus needs
+        switched, done = self._servos.switch_torque(None, True, epoch), SimpleQueue[Future[None]]()
+        for future in switched:
+            future.add_done_callback(done.put)
+        try:
+            for _ in switched:
+                done.get(timeout=_TIMEOUT).result()
+        except Empty:
+            raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
+        except (StoppedError, TorqueError, BusStoppedError):
+            self._require_open()
+            if epoch != self._owners.epoch.value:
+                raise RefusedCommandError(self._stopped_as) from None
             raise
 
     def _end_following(self, follower: CameraFollower | None = None) -> CameraFollower | None:
@@ -762,28 +763,6 @@ def _load_robot(
         known = Calibration.load(calibration)
         model = known.apply(model)
     return model, configured_head(robot_parameters(name)), known
-
-
-def _confirm(switched: Sequence[Future[None]]) -> None:
-    """Wait until the servos have confirmed that their torque was switched."""
-    # Ctrl-C in `concurrent.futures.wait` could leave a lock locked, which the bus needs
-    done: SimpleQueue[Future[None]] = SimpleQueue()
-    for future in switched:
-        future.add_done_callback(done.put)
-    try:
-        with _refused_if_stopped():
-            for _ in switched:
-                done.get(timeout=_TIMEOUT).result()
-    except Empty:
-        raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
-
-
-@contextmanager
-def _refused_if_stopped() -> Iterator[None]:
-    try:
-        yield
-    except StoppedError:
-        raise RefusedCommandError(HeadState.STOPPED) from None
 
 
 def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:

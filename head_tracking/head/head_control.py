@@ -184,8 +184,11 @@ class HeadControl(Controller):
             return Obstacle(Blocked.OWNED, other)
         return off or self.trouble
 
-    def enable(self) -> None:
+    def enable(self, *, cautious: bool = True) -> None:
         """Take over the joints, whoever owns them.
+
+        Args:
+            cautious: whether a STOP before this makes the head slow at first.
 
         Raises:
             StoppedError: the head is stopped.
@@ -197,6 +200,7 @@ class HeadControl(Controller):
         if self._loop.backend is not None:
             self._loop.backend.claim()
         self.watch()
+        self.is_cautious = self.is_cautious and cautious
 
     def disable(self, reason: Blocked, detail: str = "") -> None:
         """Stop the head and release the joints, also after a STOP has ended."""

@@ -12,7 +12,6 @@ class Blocked(StrEnum):
     """Why a head does not move."""
 
     STOPPED = "stopped"
-    RELAXED = "relaxed"
     CLOSED = "closed"
     DISABLED = "disabled"
     OWNED = "owned by another controller"
@@ -27,7 +26,6 @@ class Blocked(StrEnum):
 
 _SENTENCES = {
     Blocked.STOPPED: STOPPED,
-    Blocked.RELAXED: "the head is relaxed",
     Blocked.CLOSED: "the head is closed",
     Blocked.DISABLED: "{} is disabled",
     Blocked.OWNED: "the joints belong to {}",

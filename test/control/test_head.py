@@ -10,8 +10,6 @@ from rig import Servos, swing_until_learned
 
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
-from head_tracking.dynamixel import TorqueError
-from head_tracking.head import head as head_module
 
 
 @pytest.fixture
@@ -55,14 +53,14 @@ def test_learned_servo_values_are_saved_for_the_next_run(servos, kinectbot, tmp_
     "command", [lambda head: head.look_at((2.0, 2.0, 0.6)), lambda head: head.resume()]
 )
 def test_a_command_is_refused_if_relax_comes_before_its_torque(monkeypatch, command):
-    confirm = head_module._confirm
+    switch = DynamixelBackend.switch_torque
 
-    def relaxing_before(switched):
-        monkeypatch.setattr(head_module, "_confirm", confirm)
+    def relaxing_before(*arguments):
+        monkeypatch.setattr(DynamixelBackend, "switch_torque", switch)
         head.relax()
-        raise TorqueError(True, {"head_pan_joint": "relaxed on request"})
+        return switch(*arguments)
 
-    monkeypatch.setattr(head_module, "_confirm", relaxing_before)
+    monkeypatch.setattr(DynamixelBackend, "switch_torque", relaxing_before)
     with Head.simulated() as head:
         with pytest.raises(RefusedCommandError) as refused:
             command(head)
