@@ -223,28 +223,16 @@ def mesh_file(address: str) -> Path:
         MeshError: there is none; with what to do.
     """
     kind, separator, rest = address.partition("://")
-    if not separator:
-        path = Path(address)
-        if not path.is_absolute():
-            raise MeshError(
-                f"the mesh {address!r} has a relative path: write package://<package>/<path> or "
-                "file:///<path>"
-            )
-    elif kind == "package":
+    path: Path | None = Path(unquote(rest) if kind == "file" else address)
+    if kind == "package" and separator:
         package, _, inside = unquote(rest).partition("/")
         folder = find_package(package)
-        if folder is None:
-            raise MeshError(
-                f"the mesh {address!r} is in the package {package!r}, which is not installed here: "
-                "install or source it and start the viewer again"
-            )
-        path = folder / inside
-    elif kind == "file":
-        path = Path(unquote(rest))
-    else:
-        raise MeshError(f"the mesh {address!r}: addresses of {kind}:// are not supported")
-    if not path.is_file():
-        raise MeshError(f"the mesh {address!r}: there is no file {path}")
+        path = None if folder is None else folder / inside
+    if path is None or not path.is_absolute() or not path.is_file():
+        raise MeshError(
+            f"there is no file for the mesh {address!r}: write package://<package>/<path> or "
+            "file:///<path>, install or source the package, and start the viewer again"
+        )
     return path
 
 
