@@ -571,7 +571,9 @@ class Head:
     @property
     def reason(self) -> str:
         """Why `follow` has its state, or why its targets are refused; empty: there are none."""
-        machine = self._tracker.machine
+        machine, off = self._tracker.machine, self._control.off
+        if off is not None:
+            return str(off)
         return machine.refusal if machine.state is TargetState.IDLE else machine.reason
 
     @property

@@ -35,6 +35,7 @@ from head_tracking.tracking import (
     Refusal,
     SpeedLimits,
     Target,
+    TargetState,
     TrajectoryCode,
     stalled,
 )
@@ -254,6 +255,9 @@ class HeadControl(Controller):
             joints = self._measure()
             if joints is None:
                 self.error = None
+            elif self.off is not None:
+                self.error = None
+                self.frames.forget()
             elif self._is_due(joints.stamp, self._clock.checked):
                 self._advance(joints, self._clock.checked)
                 self._is_fresh = True
@@ -454,8 +458,7 @@ class HeadControl(Controller):
     def _restart_targets(self) -> None:
         self.error, self.refusal = None, ""
         self.frames.forget()
-        off = self.off
-        self.targets.restart("" if off is None else str(off))
+        self.targets.restart()
 
     # Motions
 
@@ -472,7 +475,7 @@ class HeadControl(Controller):
                     self._loop.stuck.pop(joint, None)  # problems of earlier motions
                     watch.restart()
                 self.motion = motion
-                self.targets.restart(motion.title)
+                self.targets.restart()
             self.frames.forget()
             self.result = None
 
@@ -542,7 +545,7 @@ class HeadControl(Controller):
             return
         self.held = None
         if self.motion is self.targets:
-            self.send(self.targets.restart("stopping"))
+            self.send(self.targets.restart())
         else:
             self.send(self.law.stop(joints))
 
@@ -574,9 +577,9 @@ class HeadControl(Controller):
     def state(self) -> tuple[str, str]:
         """Return the state of the head, as a code and as text."""
         if self.off is not None:
-            return "disabled", f"disabled: {self.off}"
+            return TargetState.DISABLED, f"disabled: {self.off}"
         if self.trouble is not None:
-            return "idle", f"idle: {self.trouble}"
+            return TargetState.IDLE, f"idle: {self.trouble}"
         if self.motion is not self.targets:
             title, rejected = self.motion.title, self.result
             return "turning", title if rejected is None else f"{title}; {rejected}"

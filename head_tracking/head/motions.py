@@ -390,16 +390,12 @@ class TargetMotion(Motion):
         self.control = control
 
     @abstractmethod
-    def restart(self, disabled: str) -> HeadCommand | None:
-        """Forget the target; return the command that stops the head, if this moves it.
-
-        Args:
-            disabled: why targets are ignored from now on; empty: they are used.
-        """
+    def restart(self) -> HeadCommand | None:
+        """Forget the target; return the command that stops the head, if this moves it."""
 
     def reset(self, reason: str) -> HeadCommand | None:
         """Forget everything measured, because the clock has jumped; return a command to stop."""
-        return self.restart("")
+        return self.restart()
 
     @abstractmethod
     def recenter(self, joints: JointReading) -> HeadCommand | None:
@@ -499,7 +495,7 @@ class Tracking(TargetMotion):
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
         self.miss, control.held = step.error, None
-        if tracker.camera.fault and control.off is None:
+        if tracker.camera.fault:
             control.send(step.command)
             control.disable(Blocked.FAULT, tracker.camera.fault)
             return None
@@ -513,16 +509,10 @@ class Tracking(TargetMotion):
         (pan, tilt), (pan_velocity, tilt_velocity) = joints.positions, joints.velocities
         return JointPoint(pan, pan_velocity), JointPoint(tilt, tilt_velocity)
 
-    def restart(self, disabled: str) -> HeadCommand | None:
+    def restart(self) -> HeadCommand | None:
         """See `TargetMotion`."""
         self.miss = None
-        tracker = self.tracker
-        if tracker is None:
-            return None
-        moving = tracker.state not in (TargetState.IDLE, TargetState.DISABLED)
-        tracker.machine.off = disabled
-        command = tracker.enable(not disabled)
-        return command if moving else None
+        return None if self.tracker is None else self.tracker.restart()
 
     def reset(self, reason: str) -> HeadCommand | None:
         """See `TargetMotion`."""
@@ -559,12 +549,7 @@ class Pointing(TargetMotion):
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`."""
-        control = self.control
-        if control.off is not None:
-            control.frames.forget()
-            self.miss = None
-            return None
-        is_new = self._accept(joints, now)
+        control, is_new = self.control, self._accept(joints, now)
         motion = self._motion
         if motion is None:
             return None
@@ -616,7 +601,7 @@ class Pointing(TargetMotion):
         motion = self._motion
         return None if motion is None or motion.result is not None else motion.desired(time)
 
-    def restart(self, disabled: str) -> HeadCommand | None:
+    def restart(self) -> HeadCommand | None:
         """See `TargetMotion`."""
         was_turning = self._motion is not None and self._motion.result is None
         self._forget()

@@ -11,7 +11,12 @@ from head_tracking.head.head_control import HeadControl
 from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.tracking import ErrorStatistics, TargetState, TrackingJudge
 
-_GIVEN_UP = TargetState.IDLE, TargetState.RECENTERING, TargetState.SEARCHING
+_GIVEN_UP = (
+    TargetState.DISABLED,
+    TargetState.IDLE,
+    TargetState.RECENTERING,
+    TargetState.SEARCHING,
+)
 
 SETTLING_TIME = 2.0
 """Time [s] from the first target until the tracking error counts."""

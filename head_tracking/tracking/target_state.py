@@ -61,19 +61,16 @@ class TargetStateParameters:
 class TargetStateMachine:
     """Decide by the time since the last point [s]; before the first point nothing moves.
 
-    `enabled`, `refusal` and `stalled` are independent of the state: transitions do not change them.
+    `refusal` and `stalled` are independent of the state: transitions do not change them.
 
     Attributes:
         parameters: may change at any time.
-        enabled: targets are followed.
-        off: why not, while they are not.
         refusal: why a recent target was refused; empty: none was.
         stalled: which joints do not follow their commands; empty: all follow.
     """
 
     def __init__(self, head: PanTiltHead, parameters: TargetStateParameters) -> None:
         self.parameters = parameters
-        self.enabled, self.off = True, "tracking is switched off"
         self.stalled = ""
         self._state = TargetState.IDLE
         self._reason = "no target has come yet"
@@ -88,22 +85,13 @@ class TargetStateMachine:
     @property
     def state(self) -> TargetState:
         """The present state."""
-        if not self.enabled:
-            return TargetState.DISABLED
         return TargetState.STALLED if self.stalled else self._state
 
     @property
     def reason(self) -> str:
         """The reason for the state, a sentence."""
-        if not self.enabled:
-            return self.off
         reason = self.stalled or self._reason
         return f"{reason}; a target was refused: {self.refusal}" if self.refusal else reason
-
-    def enable(self, on: bool) -> None:
-        """Enable or disable following."""
-        self.enabled = on
-        self.forget("tracking was switched on; no target has come since")
 
     def seen(self, now: float, *, new: bool) -> None:
         """Record that a point was used at the time `now` [s], perhaps the first of a new target."""

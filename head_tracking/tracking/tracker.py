@@ -62,7 +62,7 @@ class Tracker:
         head: as given.
         law: may be replaced at any time.
         machine: the state machine.
-        camera: the estimates of a camera on the head; its `fault` disables the tracker.
+        camera: the estimates of a camera on the head; its `fault` ends tracking until `restart`.
         message_age: mean age of a point at arrival [s].
         interval: mean time between points [s].
         reading_age: mean age of a joint reading when it is used [s].
@@ -128,7 +128,7 @@ class Tracker:
             now: the time [s].
             moving: whether the sensor moves with the head.
         """
-        if not self.machine.enabled:
+        if self.camera.fault:
             return Verdict.IGNORED
         came = now
         if moving and self._readings.latest is not None:
@@ -170,7 +170,7 @@ class Tracker:
     def step(self, now: float) -> TrackingStep:
         """Return the command for now; none before the joints were measured."""
         joints = self._readings.latest
-        if joints is None or not self.machine.enabled:
+        if joints is None:
             return TrackingStep()
         again = self.camera.update(self.estimator.rate)
         if again:
@@ -179,8 +179,7 @@ class Tracker:
                 self._add(stamp, point, stamp, is_unsure=self.camera.is_unsure)
             self.machine.seen(now, new=False)
         if self.camera.fault:
-            self.machine.off = self.camera.fault
-            return TrackingStep(self.enable(False))
+            return TrackingStep(self._halt(self.camera.fault))
         if self.estimator.settle(now):
             self.machine.seen(now, new=True)
             self._came, self._jumps = now, 0
@@ -206,21 +205,21 @@ class Tracker:
         self._watch_servos(command, joints)
         return TrackingStep(command)
 
-    def enable(self, on: bool) -> HeadCommand | None:
-        """Discard the target, and enable or disable tracking.
+    def restart(self) -> HeadCommand | None:
+        """Discard the target, and a fault of the camera.
 
         Returns:
-            The command that stops the head; None before the joints were measured.
+            The command that stops the head at the measured position; None if it does not move.
         """
-        self._forget_target()
-        if on and self.camera.fault:
+        command = self._halt("no target has come since tracking began")
+        if self.camera.fault:
             self.camera = self._new_camera()
-        self.machine.enable(on)
-        return self._stop()
+        return command
 
     def recenter(self) -> None:
         """Discard the target and turn both joints to 0, or to the limit next to it."""
-        self._forget_target()
+        self.estimator.reset()
+        self.camera.forget_target()
         self.machine.recenter()
 
     def reset(self, reason: str) -> HeadCommand | None:
@@ -232,21 +231,23 @@ class Tracker:
         Returns:
             The command that stops the head at the measured position; None if it does not move.
         """
-        moving = self.machine.state not in (TargetState.IDLE, TargetState.DISABLED)
-        command = self._stop()
+        command = self._halt(f"{reason}; no target has come since")
         self._readings.clear()
         self.message_age = self.interval = self.reading_age = 0.0
         self._came = None
         before, self.camera = self.camera, self._new_camera()
         if self._learning.camera_learning == Learning.FREEZE:
             self.camera.keep(before)
-        self.estimator.reset()
-        self.machine.forget(f"{reason}; no target has come since")
-        return command if moving else None
+        return command
 
-    def _forget_target(self) -> None:
+    def _halt(self, reason: str) -> HeadCommand | None:
+        """Discard the target; return the command that stops the head, if it moves."""
+        moving = self.state is not TargetState.IDLE
         self.estimator.reset()
         self.camera.forget_target()
+        self.machine.forget(reason)
+        command = self._stop()
+        return command if moving else None
 
     def _follows(self, now: float) -> bool:
         return self.machine.follows(now, self.estimator.parameters.target_timeout)

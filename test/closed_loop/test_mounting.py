@@ -71,7 +71,7 @@ def run(head, path, turns, watched, conditions=ON_HEAD):
 def test_it_is_named_and_the_head_stops(head, law, turns, joint, said):
     watched = run(head, still, turns, Watched(head, law))
     assert said in watched.tracker.machine.reason
-    assert watched.tracker.state is TargetState.DISABLED
+    assert watched.tracker.state is TargetState.IDLE
     late = watched.named - watched.moved(joint)
     assert late < 0.4
     standing = [at for stamp, *at in watched.joints if stamp > watched.named + 0.3]
@@ -79,20 +79,20 @@ def test_it_is_named_and_the_head_stops(head, law, turns, joint, said):
     assert not any(command for now, command in watched.commands if now > watched.named)
 
 
-def test_it_goes_on_when_it_is_enabled_anew_and_says_it_again(head):
+def test_it_goes_on_when_it_restarts_and_says_it_again(head):
     watched, faults = Watched(head), []
     step = watched.step
 
-    def enabling(now):
+    def restarting(now):
         done = step(now)
-        if watched.tracker.state is TargetState.DISABLED and now > 1_001.5 and len(faults) < 2:
+        if watched.tracker.camera.fault and now > 1_001.5 and len(faults) < 2:
             faults.append(watched.tracker.camera.fault)
-            watched.tracker.enable(True)
+            watched.tracker.restart()
             assert watched.tracker.camera.fault == ""
             assert watched.tracker.state is TargetState.IDLE
         return done
 
-    watched.step = enabling
+    watched.step = restarting
     run(head, still, ((-1, 0), (0, 1)), watched, replace(ON_HEAD, duration=3.0))
     assert len(faults) == 2
     assert faults[0] == faults[1] != ""

@@ -109,18 +109,12 @@ class Facts(RuleBasedStateMachine):
     @initialize()
     def begin(self):
         self.machine = TargetStateMachine(HEAD, TargetStateParameters(enable_target_search=True))
-        self.now, self.enabled, self.stalled, self.seen = 100.0, True, "", False
-
-    @rule(on=st.booleans())
-    def enable(self, on):
-        self.machine.enable(on)
-        self.enabled, self.stalled, self.seen = on, "", False
+        self.now, self.stalled, self.seen = 100.0, "", False
 
     @rule(new=st.booleans())
     def see(self, new):
-        if self.enabled:  # the tracker keeps points from a machine that is switched off
-            self.machine.seen(self.now, new=new)
-            self.seen = True
+        self.machine.seen(self.now, new=new)
+        self.seen = True
 
     @rule(error=st.floats(0.0, 3.0), gaze=st.sampled_from([REACHED, BEYOND]))
     def follow(self, error, gaze):
@@ -130,9 +124,8 @@ class Facts(RuleBasedStateMachine):
     @rule(pan=st.floats(-2.0, 2.0))
     def wait(self, pan):
         self.now += 3.0
-        if self.enabled:
-            goal = self.machine.goal((pan, 0.0), there, self.now)
-            assert self.seen or goal is None or self.machine.state is not TargetState.IDLE
+        goal = self.machine.goal((pan, 0.0), there, self.now)
+        assert self.seen or goal is None or self.machine.state is not TargetState.IDLE
 
     @rule(joint=st.sampled_from(["", "pan does not move"]))
     def stall(self, joint):
@@ -150,10 +143,7 @@ class Facts(RuleBasedStateMachine):
     @invariant()
     def facts_are_independent(self):
         machine = self.machine
-        assert machine.enabled == self.enabled
-        assert (machine.state is TargetState.DISABLED) == (not self.enabled)
-        if self.enabled:
-            assert (machine.state is TargetState.STALLED) == bool(self.stalled)
+        assert (machine.state is TargetState.STALLED) == bool(self.stalled)
         assert machine.reason
         assert self.seen or not machine.follows(self.now, 0.5)
 

@@ -33,13 +33,12 @@ def make(head):
     return make
 
 
-def test_tracking_that_is_enabled_anew_has_no_target(make):
-    """A STOP that ends before the next cycle enables what was never disabled."""
+def test_tracking_that_restarts_has_no_target(make):
     tracker = make()
     tracker.joints_read(1.0, (0.0, 0.0))
     tracker.target_seen(1.0, TARGET, 1.0)
     assert tracker.step(1.02).command is not None
-    tracker.enable(True)
+    assert tracker.restart() is not None
     assert tracker.state is TargetState.IDLE
     assert tracker.step(1.04).command is None
 
@@ -48,7 +47,7 @@ def test_nothing_is_commanded_before_the_joints_are_known(make):
     tracker = make()
     tracker.target_seen(1.0, TARGET, 1.0)
     assert tracker.step(1.0).command is None
-    assert tracker.enable(False) is None
+    assert tracker.restart() is None
 
 
 def test_a_point_that_is_published_once_is_followed_after_another_target(make, law):

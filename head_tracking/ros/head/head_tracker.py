@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from head_tracking.control import ControlLoop
 from head_tracking.head.motions import Tracking, TrackingSettings
+from head_tracking.head.obstacle import Blocked
 from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.kit.diagnostics import Level, report
@@ -99,12 +100,12 @@ class HeadTrackerNode(HeadNode):
 
     def _publish_diagnostics(self) -> None:
         """Publish the state, the law, and the measured delays."""
-        control, tracker = self.control, self._tracking.tracker
+        control = self.control
         with control.lock:
             values = {"law": self._own.value.law, **self._measured()}
             state, text = control.state()
         has_problem = control.trouble is not None or state == TargetState.STALLED
         level = Level.WARN if has_problem else Level.OK
-        if tracker is not None and tracker.camera.fault:
+        if control.off is not None and control.off.reason is Blocked.FAULT:
             level = Level.ERROR
         self._diagnostics.publish(report(self, "target", level, text, values))
