@@ -161,8 +161,7 @@ class Head:
         self._joints = pan.joint_name, tilt.joint_name
         self._owners = JointOwners()
         self._loop = ControlLoop(self.frames, self._owners)
-        self._settings = TrackingSettings()
-        self._tracking = Tracking(lambda: self._settings)
+        self._tracking = Tracking(TrackingSettings())
         self._bus = ServoBus(
             DynamixelPort(port, baud_rate, reply_timeout=reply_timeout, open_device=open_device),
             servos,
@@ -473,9 +472,8 @@ class Head:
             "camera_delay": camera_delay,
         }
         learning = changed(changed(LearningParameters(), both), given)
-        self._settings = TrackingSettings(learning=learning)
         with self._control.lock:
-            self._tracking.tune()
+            self._tracking.tune(TrackingSettings(learning=learning))
 
     def hold(self) -> None:
         """End the present motion, also that of another thread; the head stays where it is."""
@@ -613,7 +611,13 @@ class Head:
             FrameError: a frame is unknown, or was not known at that time.
             ValueError: the time is not finite.
         """
-        return self._lookup(frame, link, stamp, _TIMEOUT)
+        at = _nanoseconds(stamp)
+        try:
+            found = self.frames.lookup_transform(frame, link, at, _TIMEOUT if at else 0.0)
+        except TransformException as error:
+            unknown = link if frame in self.frames.frames() else frame
+            raise FrameError(unknown, str(error)) from error
+        return found.transform
 
     # Private
 
@@ -633,15 +637,6 @@ class Head:
             raise BusStoppedError("the servos have not answered since the clock jumped")
         return pan[1], tilt[1]
 
-    def _lookup(self, target: str, source: str, stamp: float | None, timeout: float) -> Transform:
-        """Return `T_target_source`."""
-        at, patience = _nanoseconds(stamp), 0.0 if stamp is None else timeout
-        try:
-            return self.frames.lookup_transform(target, source, at, patience).transform
-        except TransformException as error:
-            frame = source if target in self.frames.frames() else target
-            raise FrameError(frame, str(error)) from error
-
     def _check(self, target: Target) -> float:
         """Return by how much the head misses a target now [rad].
 
@@ -653,8 +648,7 @@ class Head:
         """
         head, frame = self._head, target.frame_id
         stamp = target.stamp * 1e-9 if target.stamp else None
-        pose = self._lookup(head.base_frame, frame, stamp, self._control.frames.timeout)
-        point = pose @ target.point
+        point = self.pose(frame, head.base_frame, stamp=stamp) @ target.point
         joints = self._positions()
         gaze = head.gaze(point, *joints)
         if not gaze.reached:

@@ -431,7 +431,7 @@ class Tracking(TargetMotion):
     """Keeps the head on a moving target.
 
     Args:
-        settings: returns the present settings.
+        settings: until `tune`.
 
     Attributes:
         tracker: of the head; None: no model is known.
@@ -439,11 +439,10 @@ class Tracking(TargetMotion):
 
     title = "tracking"
 
-    def __init__(self, settings: Callable[[], TrackingSettings] = TrackingSettings) -> None:
+    def __init__(self, settings: TrackingSettings) -> None:
         super().__init__()
         self.tracker: Tracker | None = None
         self._settings = settings
-        self._law = ""
 
     def use(self, control: HeadControl) -> None:
         """See `TargetMotion`."""
@@ -452,16 +451,16 @@ class Tracking(TargetMotion):
         assert head is not None
         law = self._new_law(head)
         self.tracker = Tracker(head, law, base=control.frames.base, readings=control.readings)
-        self.tune()
+        self.tune(self._settings)
         if before is not None:
             control.send(before.reset("another robot_description has come"))
 
-    def tune(self) -> None:
-        """Use the present settings."""
-        settings, tracker = self._settings(), self.tracker
+    def tune(self, settings: TrackingSettings) -> None:
+        """Use other settings from now on."""
+        before, self._settings, tracker = self._settings, settings, self.tracker
         if tracker is None:
             return
-        if settings.law != self._law:
+        if settings.law != before.law:
             tracker.law = self._new_law(tracker.head)
         tracker.law.limits = settings.limits
         tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
@@ -474,8 +473,8 @@ class Tracking(TargetMotion):
 
     def _new_law(self, head: PanTiltHead) -> TrackingLaw:
         """Return the law of the settings; it shares the servo models of the other motions."""
-        self._law, control = self._settings().law, self.control
-        return LAWS[self._law](head, control.period, servos=control.law.servos)
+        control = self.control
+        return LAWS[self._settings.law](head, control.period, servos=control.law.servos)
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`."""

@@ -62,7 +62,7 @@ class HeadTrackerNode(HeadNode):
         self._estimator = NodeParameters(self, EstimatorParameters, on_change=self._tune)
         self._target_state = NodeParameters(self, TargetStateParameters, on_change=self._tune)
         self._learning = NodeParameters(self, LearningParameters, on_change=self._tune)
-        self._tracking = Tracking(self._settings)
+        self._tracking = Tracking(self._settings())
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         period = 1.0 / own.value.rate
         self.create_control("~/tracking_error", loop, self._tracking, period)
@@ -83,7 +83,7 @@ class HeadTrackerNode(HeadNode):
 
     def _tune(self, _: object) -> None:
         with self.control.lock:
-            self._tracking.tune()
+            self._tracking.tune(self._settings())
 
     def _measured(self) -> dict[str, str]:
         """Return the measured delays, for `/diagnostics`."""
