@@ -57,6 +57,7 @@ from head_tracking.transforms import (
     Transform,
     TransformBuffer,
     TransformException,
+    Vector3,
     load_robot_model,
 )
 
@@ -302,7 +303,7 @@ class Head:
             raise ValueError(f"timeout is {timeout}; allowed are times above 0 s")
         target, epoch, control = _target(point, frame, stamp), self._permit(), self._control
         self._end_following()
-        miss = self._check(target)
+        place, miss = self._check(target)
         self._switch_on(epoch)
         ended: SimpleQueue[PointingResult | Exception] = SimpleQueue()
         with control.lock:
@@ -311,7 +312,7 @@ class Head:
                 target,
                 PointingParameters(max_velocity=max_velocity, clamp_to_limits=True),
                 lambda motion: self._conclude(motion, ended.put),
-                at_stamp=stamp is not None,
+                fixed=None if stamp is None else place,
             )
         try:
             end = ended.get(timeout=min(timeout, threading.TIMEOUT_MAX))
@@ -637,8 +638,8 @@ class Head:
             raise BusStoppedError("the servos have not answered since the clock jumped")
         return pan[1], tilt[1]
 
-    def _check(self, target: Target) -> float:
-        """Return by how much the head misses a target now [rad].
+    def _check(self, target: Target) -> tuple[Vector3, float]:
+        """Return a target in the head's base frame [m], and by how much the head misses it [rad].
 
         It may wait for the joints of the target's stamp.
 
@@ -654,7 +655,7 @@ class Head:
         if not gaze.reached:
             miss = head.miss(point, gaze.pan, gaze.tilt)
             raise UnreachableError(target.point, frame, miss, gaze.reason)
-        return head.miss(point, *joints)
+        return point, head.miss(point, *joints)
 
     def _conclude(
         self, motion: PointMotion, put: Callable[[PointingResult | Exception], object]

@@ -39,7 +39,7 @@ from head_tracking.tracking import (
     TrajectoryCode,
     stalled,
 )
-from head_tracking.transforms import RobotModel, RobotModelError
+from head_tracking.transforms import RobotModel, RobotModelError, Vector3
 
 _LOG_PERIOD = 1.0  # s
 _CAUTIOUS_TIME = 2.0  # s with a target after a STOP, until the speed limit rises
@@ -486,16 +486,13 @@ class HeadControl(Controller):
         notify: Callable[[PointMotion], object],
         head: PanTiltHead | None = None,
         min_duration: float = 0.0,
-        *,
-        at_stamp: bool = False,
+        fixed: Vector3 | None = None,
     ) -> PointMotion:
         """Begin to turn the head to a point; see `PointMotion`."""
         with self.lock:
             joints = self._measure()
             measured = joints or JointReading(0.0, (0.0, 0.0))
-            motion = PointMotion(
-                self, target, p, measured, notify, head, min_duration, at_stamp=at_stamp
-            )
+            motion = PointMotion(self, target, p, measured, notify, head, min_duration, fixed)
             if joints is None:
                 motion.end(MotionEnd.ABORTED, str(self.trouble))
             else:

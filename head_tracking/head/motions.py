@@ -157,7 +157,6 @@ class PointMotion(Motion):
         notify: see `Motion`.
         head: the head, pointing another frame; None: the usual one.
         min_duration: minimum duration [s].
-        at_stamp: the point stays where it was at its stamp.
         fixed: where the point stays in `fixed_frame`, shape (3,) [m]; None: see `target`.
     """
 
@@ -170,12 +169,10 @@ class PointMotion(Motion):
         notify: Callable[[PointMotion], object] | None = None,
         head: PanTiltHead | None = None,
         min_duration: float = 0.0,
-        *,
-        at_stamp: bool = False,
         fixed: Vector3 | None = None,
     ) -> None:
         super().__init__(notify)
-        self._frames, self._at_stamp = control.frames, at_stamp
+        self._frames, self._readings = control.frames, control.readings
         head = head or self._frames.head
         assert head is not None
         self.title = f"turning {head.pointing_frame} to {target}"
@@ -199,8 +196,6 @@ class PointMotion(Motion):
         self._settling = Arrival(p.success_angle_threshold, p.settle_time)
         self._ending = Arrival(_SMALL_MISS * p.success_angle_threshold, _ON_TARGET)
         self._has_settled = self._is_on_target = False
-        self._rest = (0.0, 0.0)
-        self._still_since = 0.0
 
     def retarget(self, target: Target, fixed: Vector3 | None) -> None:
         """Turn to another point; see `PointMotion`."""
@@ -253,7 +248,7 @@ class PointMotion(Motion):
         """
         frames, target = self._frames, self.target
         if self._fixed is None:
-            if not (self._at_stamp or frames.moves_with_head(target.frame_id)):
+            if not frames.moves_with_head(target.frame_id):
                 return frames.latest_in_base(target)
             self._fixed = frames.in_fixed_frame(target, self._held)
         return frames.in_base(self._fixed, now), None
@@ -275,7 +270,6 @@ class PointMotion(Motion):
             self._began = now
             longest = max(abs(b - a) for a, b in zip(self._start, positions, strict=True))
             self._duration = max(self._min_duration, longest / self._speed + _RAMP)
-            self._rest, self._still_since = present, now
         self.miss = self._head.miss(point, *present)
         if stamp is None or not self._gazes or stamp > self._gazes[-1][0]:
             self._seen = now if stamp is None else stamp
@@ -290,8 +284,6 @@ class PointMotion(Motion):
                 self._rate = pan, tilt
         self._has_settled = self._settling.step(self.miss, now)
         self._is_on_target = self._ending.step(self.miss, now)
-        if any(abs(a - b) > _STILL for a, b in zip(present, self._rest, strict=True)):
-            self._rest, self._still_since = present, now
         return gaze
 
     def _judge(self, now: float) -> PointingResult | None:
@@ -301,9 +293,10 @@ class PointMotion(Motion):
         moves = max(map(abs, self._rate)) > _STILL
         if self._is_on_target or (moves and self._has_settled):
             return PointingResult(True, self.miss)
-        if moves:
+        settle_time, latest = self._p.settle_time, self._readings.latest
+        if moves or latest is None or now - self._began < settle_time:
             return None
-        if now - self._still_since < self._p.settle_time:
+        if max(self._readings.ranges(latest.stamp - settle_time)) > _STILL:
             return None
         return PointingResult(self.miss <= self._p.success_angle_threshold, self.miss)
 

@@ -128,7 +128,7 @@ def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
     tracked.path = lambda now: now - begun
     tracked.world.run(1.0)
     p = PointingParameters(max_velocity=1.0)
-    tracked.node.control.point(tracked.target(2.0), p, lambda motion: None, at_stamp=True)
+    tracked.node.control.point(tracked.target(2.0), p, lambda motion: None)
     speeds = tracked.speeds(0.2)
     assert speeds[0] > 0.7
     assert min(speeds) > 0.5
