@@ -16,6 +16,8 @@ from head_tracking.tracking import LAWS, LearningParameters
 _DECADES = 99.0
 """Ranges of at least this ratio have a logarithmic slider: two decades, rounded in degrees."""
 
+_ROUNDED = 0.01  # a slider sends three digits
+
 _DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s^2": "°/s²", "rad/s^3": "°/s³"}
 _OFFERED = {
     "head_tracker": {
@@ -134,10 +136,6 @@ def described(setting: Setting) -> dict[str, Any]:
     factor, unit = _factor(setting), setting.unit
     low, high = factor * setting.minimum, factor * setting.maximum
     value = shown_value(setting)
-    if factor != 1.0 and 1.0 < high - low < math.inf:  # rounded towards the inside
-        step = 10.0 ** max(_decimals(max(abs(low), abs(high))), 0)
-        low, high = math.ceil(step * low) / step, math.floor(step * high) / step
-        value = min(max(value, low), high) if isinstance(value, (int, float)) else value
     return {
         "node": setting.node,
         "name": setting.name,
@@ -171,17 +169,13 @@ def shown_value(setting: Setting) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)  # JSON has no such number
     factor = _factor(setting)
-    return value if factor == 1.0 else round(value * factor, _decimals(value * factor))
-
-
-def _decimals(number: float) -> int:
-    """Return the number of decimals that shows four digits, at most three; negative: of tens."""
-    digits = math.floor(math.log10(abs(number))) + 1 if 1.0 <= abs(number) < math.inf else 1
-    return 4 - digits
+    return value if factor == 1.0 else float(f"{value * factor:.4g}")
 
 
 def sent_value(setting: Setting, shown: Any) -> Any:
     """Return a value from the page in the type and unit of its parameter.
+
+    A number that is beyond the range only because it was rounded becomes the end of the range.
 
     Raises:
         ValueError: it does not fit the type.
@@ -199,7 +193,9 @@ def sent_value(setting: Setting, shown: Any) -> Any:
         if number != round(number):
             raise ValueError(f"{setting.name} must be a whole number, not {shown!r}.")
         return int(number)
-    return number / _factor(setting)
+    sent = number / _factor(setting)
+    nearest = min(max(sent, setting.minimum), setting.maximum)
+    return nearest if math.isclose(sent, nearest, rel_tol=_ROUNDED) else sent
 
 
 def finite(shown: Any) -> float:
