@@ -19,14 +19,14 @@ DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
 """Exit codes of tools; 2 is argparse's, for a wrong command line."""
 
 
-def exit_code(tool: str, work: Callable[[], int]) -> int:
-    """Run a tool and return its exit code; print errors that the user can correct in one line.
+def exit_code(tool: str, work: Callable[[], int | None]) -> int:
+    """Run a tool and return its exit code, or DONE; print errors that the user can correct.
 
     SIGTERM and a closed terminal end it as Ctrl-C does, with 128 + the number of the signal.
     """
     try:
         with ending_signals():
-            return work()
+            return work() or DONE
     except RefusedError as error:
         print(f"{tool}: refused: {error}", file=sys.stderr)
         return REFUSED

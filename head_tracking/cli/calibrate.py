@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from head_tracking.calibration import Calibration, summary
 from head_tracking.cli.terminal import Terminal
-from head_tracking.command_line import DONE, between, exit_code, writable_file
+from head_tracking.command_line import between, exit_code, writable_file
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head import Head
 from head_tracking.transforms import Rotation, Transform
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return exit_code("calibrate", lambda: _calibrate(options))
 
 
-def _calibrate(options: argparse.Namespace) -> int:
+def _calibrate(options: argparse.Namespace) -> None:
     from head_tracking.vision import MarkerParameters, camera_with_view, pictures
 
     marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
@@ -81,7 +81,6 @@ def _calibrate(options: argparse.Namespace) -> int:
         f"written: {options.output}\n"
         f"use it:  head_tracking --robot {options.robot} --calibration {options.output}"
     )
-    return DONE
 
 
 def _simulated_images(head: Head, target: str) -> Iterable[tuple[float, Pixels]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from head_tracking.command_line import DONE, exit_code
+from head_tracking.command_line import exit_code
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return exit_code("check_model", lambda: _check(name))
 
 
-def _check(name: str) -> int:
+def _check(name: str) -> None:
     """Print the tree in the format of urdf's check_urdf, and the number of links and joints."""
     model = load_robot_model(robot_file(name))
     print(f"robot name is: {model.name}\n---------- Successfully Parsed XML ---------------")
@@ -42,4 +42,3 @@ def _check(name: str) -> int:
         f"{len(model.links)} links, {len(model.joints)} joints: {len(moving)} move, "
         f"{mimics} of them mimic another"
     )
-    return DONE

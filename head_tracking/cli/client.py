@@ -75,17 +75,17 @@ class Client:
 def run_client(
     name: str,
     parse: Callable[[Sequence[str]], argparse.Namespace],
-    work: Callable[[Client, argparse.Namespace], int],
+    work: Callable[[Client, argparse.Namespace], int | None],
 ) -> int:
     """Run a tool with a client; return its exit code.
 
     Args:
         name: of the tool and its node.
         parse: parses the command line without ROS arguments.
-        work: the tool; returns the exit code.
+        work: the tool; see `exit_code`.
     """
 
-    def run() -> int:
+    def run() -> int | None:
         options = parse(without_ros_arguments(sys.argv[1:]))
         with ros_threads() as threads:
             node = Node(name, start_parameter_services=False)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from head_tracking.cli.terminal import Terminal
-from head_tracking.command_line import DONE, exit_code
+from head_tracking.command_line import exit_code
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.share import PACKAGE, share_directory
 
@@ -128,8 +128,8 @@ def carry_out(
     steps: Sequence[Step],
     terminal: Terminal,
     execute: Callable[[Sequence[str]], int] = subprocess.call,
-) -> int:
-    """Print the steps, ask, and run them; return the exit code.
+) -> None:
+    """Print the steps, ask, and run them.
 
     Raises:
         RefusedError: they are not confirmed.
@@ -142,7 +142,6 @@ def carry_out(
         if code:
             remedy = "; it needs python3-pip and the network" if "pip" in step.command else ""
             raise HeadTrackingError(f"failed: {shlex.join(step.command)}{remedy}")
-    return DONE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -166,13 +165,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if rest and options.what != "service":
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
 
-    def run() -> int:
+    def run() -> None:
         if options.what in _LIBRARIES:
             steps = library_steps(options.what)
         elif options.what == "udev":
             steps = udev_steps(share_directory())
         else:
             steps = service_steps(share_directory(), rest)
-        return carry_out(steps, Terminal(assume_yes=options.yes))
+        carry_out(steps, Terminal(assume_yes=options.yes))
 
     return exit_code("head_setup", run)

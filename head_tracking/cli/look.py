@@ -28,7 +28,7 @@ _SETTLE_TIME = 0.3  # s
 _TOLERANCE = math.radians(2.0)  # largest miss that counts as arrived
 
 
-def look(client: Client, options: argparse.Namespace) -> int:
+def look(client: Client, options: argparse.Namespace) -> None:
     """Turn the head, wait until it has arrived, and print the miss."""
     frames, head = client.frames, client.head(options.wait)
     joints = head.pan_joint, head.tilt_joint
@@ -47,7 +47,8 @@ def look(client: Client, options: argparse.Namespace) -> int:
     if options.centre:
         client.call(["head_tracker/recenter", "point_head/recenter"], options.wait)
         centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
-        return _wait(options, lambda: math.dist(positions(), centre))
+        _wait(options, lambda: math.dist(positions(), centre))
+        return
     point, frame = options.where
     targets = client.node.create_publisher(PointStamped, "target_point", 10)
     client.wait_for(
@@ -71,12 +72,12 @@ def look(client: Client, options: argparse.Namespace) -> int:
         count = client.node.count_publishers(targets.topic_name) - 1
         return f"; {count} other publishers of target_point: end them" if count else ""
 
-    return _wait(options, miss, others)
+    _wait(options, miss, others)
 
 
 def _wait(
     options: argparse.Namespace, miss: Callable[[], float], others: Callable[[], str] = str
-) -> int:
+) -> None:
     """Call `miss` until the head has arrived; with --follow until Ctrl-C."""
     arrival, missed, has_arrived = Arrival(_TOLERANCE, _SETTLE_TIME), math.inf, False
     end = math.inf if options.follow else time.monotonic() + options.timeout
@@ -95,7 +96,6 @@ def _wait(
     if not has_arrived:
         raise HeadTrackingError(f"did not arrive: {text}{others()}")
     print(f"{'stopped' if options.follow else 'arrived'}: {text}")
-    return 0
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -22,7 +22,6 @@ from head_tracking.cli.servo.overview import FoundServo, find_servos
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session, ToolError, find_servo
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import (
-    DONE,
     baud_rate,
     between,
     exit_code,
@@ -85,7 +84,7 @@ def main(
 
 def _describe(
     options: argparse.Namespace, make_session: Callable[[Terminal, str, int], Session]
-) -> int:
+) -> None:
     terminal = Terminal(assume_yes=options.yes)
     urdf, parameters = files = _new_files(options)
     measures = {name: _measure(terminal, options, name) for name in _MEASURES}
@@ -102,7 +101,6 @@ def _describe(
         print(f"see it:    {program} --sim --viewer --robot {urdf}")
         print(f"turn it:   {program} --port {options.port} --robot {urdf} --viewer")
     print(f"in Python: Head.open({options.port!r}, robot={str(urdf)!r})")
-    return DONE
 
 
 def _parser() -> argparse.ArgumentParser:

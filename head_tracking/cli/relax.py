@@ -20,6 +20,5 @@ def main() -> int:
     return run_client("relax", parser.parse_args, _relax)
 
 
-def _relax(client: Client, _: argparse.Namespace) -> int:
+def _relax(client: Client, _: argparse.Namespace) -> None:
     print(client.call(["servo_bus/relax", "relax"], _TIMEOUT))
-    return 0

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from random import Random
 
 from head_tracking.command_line import (
-    DONE,
-    FAILED,
     baud_rate,
     between,
     exit_code,
@@ -40,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return exit_code("simulated_bus", lambda: _simulate(options, stop))
 
 
-def _simulate(options: argparse.Namespace, stop: StopSignal) -> int:
+def _simulate(options: argparse.Namespace, stop: StopSignal) -> None:
     random = Random(options.seed)
     ids = options.ids or (() if options.servo else (1, 2))
     servos = [(options.model, number) for number in ids] + (options.servo or [])
@@ -66,9 +64,7 @@ def _simulate(options: argparse.Namespace, stop: StopSignal) -> int:
         if counts:
             print(f"{title}: {', '.join(counts)}", file=sys.stderr)
     if port.failure is not None:
-        print("simulated_bus: the simulator itself failed; the port has vanished", file=sys.stderr)
-        return FAILED
-    return DONE
+        raise SimulationError("the simulator itself failed; the port has vanished")
 
 
 def _parser() -> argparse.ArgumentParser:

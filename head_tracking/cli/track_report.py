@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from head_tracking.cli.client import Client, run_client
 from head_tracking.cli.terminal import Terminal
-from head_tracking.command_line import DONE, positive, writable_file
+from head_tracking.command_line import positive, writable_file
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.tf.conversions import stamp_to_ns
@@ -89,7 +89,7 @@ def main() -> int:
     return run_client("track_report", _parse, _report)
 
 
-def _report(client: Client, options: argparse.Namespace) -> int:
+def _report(client: Client, options: argparse.Namespace) -> None:
     recording = TrackRecording(client)
     client.wait_for(lambda: bool(recording.ages), _TIMEOUT, "no target_point is published")
     steps = range(max(1, round(options.duration / _STEP)))
@@ -106,7 +106,6 @@ def _report(client: Client, options: argparse.Namespace) -> int:
     title = f"{recording.head.pointing_frame} and its target"
     options.output.write_text(picture(trace, title))
     print(f"\nplot: {options.output}")
-    return DONE
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -20,7 +20,7 @@ def main() -> int:
     return run_client("transforms", _parse, lambda client, options: options.work(client, options))
 
 
-def echo(client: Client, options: argparse.Namespace) -> int:
+def echo(client: Client, options: argparse.Namespace) -> None:
     """Print the transform between two frames periodically, until Ctrl-C."""
     remaining, missed = options.count, 0.0
     with suppress(KeyboardInterrupt):
@@ -36,7 +36,6 @@ def echo(client: Client, options: argparse.Namespace) -> int:
                 remaining -= 1
                 print(echo_text(transform), flush=True)
             time.sleep(1.0 / options.rate)
-    return 0
 
 
 def tree(client: Client, options: argparse.Namespace) -> int:

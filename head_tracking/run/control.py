@@ -248,7 +248,7 @@ def execute(
     """
     try:
         if key == STOP:
-            return f"STOP: {', '.join(stop_report(*each) for each in stop().items())}; r resumes"
+            return f"STOP: {stop_report(stop())}; r resumes"
         return f"resumed: {resume_report(resume())}"
     except Exception as error:
         return f"{'STOP: NOT confirmed' if key == STOP else 'not resumed'}: {describe(error)}"

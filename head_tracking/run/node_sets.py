@@ -67,14 +67,10 @@ MODES: Mapping[str, NodeSpec] = {
 }
 
 
-def _fictitious(**parameters: Any) -> tuple[NodeSpec, ...]:
-    return (NodeSpec("fictitious_target", parameters=parameters),)
-
-
 TARGETS: Mapping[str, tuple[NodeSpec, ...]] = {
     "none": (),
-    "fictitious": _fictitious(),
-    "smooth": _fictitious(path="harmonic"),
+    "fictitious": (NodeSpec("fictitious_target"),),
+    "smooth": (NodeSpec("fictitious_target", parameters={"path": "harmonic"}),),
     "mux": (NodeSpec("target_mux", ("buffer",)),),
     **{
         spec.target: (NodeSpec("visual_target", ("buffer",), {"follow": name}, VISION),)
@@ -111,13 +107,3 @@ def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
     targets = (*TARGETS["fictitious"], *TARGETS["face"])
     specs = (*MODES.values(), *targets, *([CAMERA] if simulated else []))
     return {spec.name: spec for spec in specs}
-
-
-def frame_target(frame: str) -> tuple[NodeSpec, ...]:
-    """Return the node that publishes the position of a frame as the target."""
-    return (NodeSpec("frame_target", ("buffer",), {"frame": frame}),)
-
-
-def fixed_target(point: tuple[float, float, float], frame_id: str) -> tuple[NodeSpec, ...]:
-    """Return the node that publishes one point [m]: the fictitious target at rest."""
-    return _fictitious(frame_id=frame_id, center=list(point), amplitude=[0.0, 0.0, 0.0])

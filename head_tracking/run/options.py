@@ -29,8 +29,6 @@ from head_tracking.run.node_sets import (
     TARGETS,
     VIEWER,
     NodeSpec,
-    fixed_target,
-    frame_target,
     simulated_camera,
 )
 from head_tracking.share import NotInstalledError, robot_file, robot_parameters
@@ -184,11 +182,13 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
     if text in TARGETS:
         return TARGETS[text], SCENES.get(text, "")
     if text.startswith("@") and text != "@":
-        return frame_target(text[1:]), ""
+        return (NodeSpec("frame_target", ("buffer",), {"frame": text[1:]}),), ""
     try:
-        return fixed_target(*point_in_frame(text)), ""
+        point, frame_id = point_in_frame(text)
     except argparse.ArgumentTypeError:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a target; give {', '.join(TARGETS)}, a frame such as @gripper_link, "
             "or a point in metres and its frame such as 1,0.5,0@base_link"
         ) from None
+    at_rest = {"frame_id": frame_id, "center": list(point), "amplitude": [0.0, 0.0, 0.0]}
+    return (NodeSpec("fictitious_target", parameters=at_rest),), ""

@@ -28,8 +28,8 @@ _PROMPTS = (
 
 def calibrate(
     session: Session, named: Sequence[tuple[str, int]], *, output: Path | None, margin: float
-) -> int:
-    """Ask for three poses of each joint, write the configuration and return the exit code.
+) -> None:
+    """Ask for three poses of each joint, and write the configuration.
 
     Args:
         session: the terminal and the port.
@@ -62,7 +62,6 @@ def calibrate(
     else:
         output.write_text(text)
         terminal.print(f"written: {output}")
-    return 0
 
 
 def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:

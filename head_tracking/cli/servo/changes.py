@@ -32,8 +32,8 @@ from head_tracking.exceptions import RefusedError
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 
 
-def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
-    """Write a register of a servo and return the exit code."""
+def set_register(session: Session, servo_id: int, name: str, text: str) -> None:
+    """Write a register of a servo."""
     with session.port() as port:
         servo = find_servo(port, servo_id, session.model)
         register = find_register(servo.model.control_table, name)
@@ -54,7 +54,6 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> int:
     if name in ("ID", "Baud Rate"):
         _readdress(session, servo, name, value, shown)
     session.terminal.show(f"servo {servo_id}: {shown}")
-    return 0
 
 
 def _write(session: Session, servo: Servo, register: Register, value: int, shown: str) -> None:
@@ -172,8 +171,8 @@ def _range(servo: Servo) -> tuple[int, int]:
     return servo.range
 
 
-def relax(session: Session, ids: Sequence[int]) -> int:
-    """Switch torque off, of all servos if there are no ids; return the exit code."""
+def relax(session: Session, ids: Sequence[int]) -> None:
+    """Switch torque off, of all servos if there are no ids."""
     with session.port() as port:
         if not ids:
             _relax_all(port, session.model)
@@ -181,7 +180,6 @@ def relax(session: Session, ids: Sequence[int]) -> int:
         for servo_id in ids:
             find_servo(port, servo_id, session.model).set("Torque Enable", 0)
             session.terminal.show(f"servo {servo_id} is relaxed")
-    return 0
 
 
 def _is_feetech_line(port: DynamixelPort, model: ServoModel | None) -> bool:

@@ -67,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     def add_command(
-        name: str, purpose: str, run: Callable[[Session, argparse.Namespace], int], *ids: str
+        name: str, purpose: str, run: Callable[[Session, argparse.Namespace], None], *ids: str
     ) -> Callable[..., argparse.Action]:
         command = commands.add_parser(name, help=purpose, parents=[_common()])
         command.set_defaults(run=run)
@@ -134,9 +134,9 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _scan(session: Session, options: argparse.Namespace) -> int:
+def _scan(session: Session, options: argparse.Namespace) -> None:
     rates = options.bauds or ([options.baud] if options.baud else USUAL_BAUD_RATES)
-    return scan(session, rates, sorted({number for ids in options.ids for number in ids}))
+    scan(session, rates, sorted({number for ids in options.ids for number in ids}))
 
 
 def _once(ids: Sequence[int]) -> list[int]:

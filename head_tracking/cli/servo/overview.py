@@ -63,8 +63,8 @@ class FoundServo(NamedTuple):
     is_corrupt: bool
 
 
-def scan(session: Session, baud_rates: Sequence[int], ids: Sequence[int]) -> int:
-    """Find servos, show them, and return the exit code: 1 if there are none."""
+def scan(session: Session, baud_rates: Sequence[int], ids: Sequence[int]) -> None:
+    """Find servos and show them; raise a ToolError if there are none."""
     terminal = session.terminal
     found = find_servos(session, baud_rates, ids)
     if not found:
@@ -86,7 +86,6 @@ def scan(session: Session, baud_rates: Sequence[int], ids: Sequence[int]) -> int
             f"id {servo_id} {certainty} used twice; each servo needs its own id: connect one of "
             "them alone and use `servo set-id`"
         )
-    return 0
 
 
 def find_servos(
@@ -144,8 +143,8 @@ def _found(port: DynamixelPort, servo_id: int, protocol: int, tries: int) -> Fou
     return FoundServo(rate, servo_id, protocol, model, is_corrupt)
 
 
-def info(session: Session, servo_id: int, *, all_of_them: bool) -> int:
-    """Show the registers of a servo and return the exit code."""
+def info(session: Session, servo_id: int, *, all_of_them: bool) -> None:
+    """Show the registers of a servo."""
     with session.port() as port:
         servo = find_servo(port, servo_id, session.model)
         registers = servo.registers()
@@ -160,11 +159,10 @@ def info(session: Session, servo_id: int, *, all_of_them: bool) -> int:
             access = "RW" if register.writable else "R"
             table.add_row(str(register.address), register.name, str(value), meaning, kept, access)
     session.terminal.show(table)
-    return 0
 
 
-def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) -> int:
-    """Show the measured values of servos `count` times, 0: until Ctrl-C; return the exit code."""
+def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) -> None:
+    """Show the measured values of servos `count` times; 0: until Ctrl-C."""
     with session.port() as port:
         present = ids or [
             servo_id
@@ -194,9 +192,8 @@ def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) ->
                     _add_row(table, servo, measured)
                 update(table)
                 if shown == count or is_output_closed():
-                    return 0
+                    return
                 session.pause(max(0.0, due - session.clock()))
-    return 0
 
 
 def _add_row(table: Table, servo: Servo, measured: dict[int, list[str]]) -> None:

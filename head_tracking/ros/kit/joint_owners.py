@@ -82,9 +82,12 @@ def sender_from(frame_id: str) -> tuple[str, int | None]:
         return frame_id, None
 
 
-def stop_report(joint: str, problem: str) -> str:
-    """Return the text for a joint after a STOP: relaxed, or the problem."""
-    return f"{joint} NOT confirmed: {problem}" if problem else f"{joint} relaxed"
+def stop_report(problems: Mapping[str, str]) -> str:
+    """Return the response text of `stop`: each joint is relaxed, or has a problem."""
+    return ", ".join(
+        f"{joint} NOT confirmed: {problem}" if problem else f"{joint} relaxed"
+        for joint, problem in problems.items()
+    )
 
 
 def resume_report(resumed: Iterable[str]) -> str:
@@ -110,10 +113,9 @@ def offer_stop(
 
     def on_stop(_: Trigger.Request) -> str:
         problems = stop()
-        report = ", ".join(stop_report(*each) for each in problems.items())
         if any(problems.values()):
-            raise HeadTrackingError(report)
-        return report
+            raise HeadTrackingError(stop_report(problems))
+        return stop_report(problems)
 
     for prefix in prefixes:
         services.offer(f"{prefix}stop", on_stop)

@@ -75,22 +75,16 @@ class ClosingNode(Node):
 
 
 class NodeDied(Exception):
-    """A node ended with an error.
-
-    Attributes:
-        name: the node.
-        error: what ended it.
-    """
+    """A node ended with an error, which is the cause of this one."""
 
     def __init__(self, name: str, error: Exception) -> None:
         super().__init__(f"{name} died: {error or type(error).__name__}")
-        self.name = name
-        self.error = self.__cause__ = error
+        self.__cause__ = error
 
 
 def describe(error: Exception) -> str:
     """Return the message of an error, and its traceback if the error is unexpected."""
-    cause = error.error if isinstance(error, NodeDied) else error
+    cause = error.__cause__ if isinstance(error, NodeDied) else error
     if isinstance(cause, RefusedError):
         return str(cause)
     if isinstance(cause, EXPLAINED):
