@@ -67,7 +67,7 @@ setup(
         NAME: [
             "py.typed",
             "page/static/*",
-            "scene/pictures/*.jpg",
+            "scene/pictures/*",
             "dynamixel/tables/*.toml",
             "feetech/tables/*.toml",
             "simulation/facts/*.csv",

@@ -1,8 +1,9 @@
-"""Textures of markers and patterns."""
+"""Textures: pictures, markers and patterns."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -15,6 +16,14 @@ Texture: TypeAlias = npt.NDArray[np.uint8]
 """An image, shape (height, width, 4): blue, green, red, alpha."""
 
 _MARKER, _BALL = 320, 128  # pixels: width of their textures
+_PICTURES = Path(__file__).with_name("pictures")
+
+
+@cache
+def picture(name: str) -> Texture:
+    """Return the picture in a file of the folder `pictures`, by its name."""
+    read = cv2.imread(str(_PICTURES / name), cv2.IMREAD_UNCHANGED)
+    return np.asarray(read if read.shape[2] == 4 else cv2.cvtColor(read, cv2.COLOR_BGR2BGRA))
 
 
 def marker(dictionary: str, number: int) -> Texture:
@@ -53,9 +62,3 @@ def ball(colour: Colour) -> Texture:
     texture[..., :3] = np.clip(shade[..., None] * np.array(colour), 0, 255)
     texture[..., 3] = np.clip((1.0 - np.hypot(x, y)) * _BALL / 2.0 * 255 + 127, 0, 255)
     return texture
-
-
-def shaded(colour: Colour, factor: float) -> Colour:
-    """Return a colour with another brightness."""
-    b, g, r = (min(255, round(c * factor)) for c in colour)
-    return b, g, r

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from head_tracking.scene.drawings import Texture, marker, pattern
+from head_tracking.scene.drawings import Texture, marker, pattern, picture
 from head_tracking.scene.objects import Ball, Board, Path, Scene, Swing, Thing
-from head_tracking.scene.people import FACE_CENTRE, PERSON_WIDTH, STEPS, Looks, person
 from head_tracking.scene.room import bench, room
 from head_tracking.transforms import Vector3
 
@@ -22,38 +21,49 @@ MAGENTA = (200, 80, 230)
 TARGET = "target"
 """The empty scene with a ball at the target."""
 
-TALL_DARK = Looks((90, 120, 170), (20, 20, 20), (60, 130, 40), (92, 98, 106))
-FAIR = Looks((165, 190, 232), (104, 138, 172), (70, 62, 170), (90, 66, 48), long_hair=True)
+FACE_WIDTH = 0.24
+"""Width of the box of a face detector around the face of a person [m]."""
+
+_PERSON_WIDTH = 0.72
+"""Width of the picture of a person [m]."""
+
+_FACE_CENTRE = (0.5, 0.1105)
+"""Middle of the face for a face detector, relative to the picture of a person."""
 
 _PACE = 0.55  # s: one stride
 _GLANCE = 7.0  # s: period of the head motion of a person who sits
 
 
-def face(path: Path, looks: Looks | None = None) -> Board:
+def stride(person: str) -> list[Texture]:
+    """Return the pictures of a person's stride; in the first one the person stands."""
+    return [picture(f"{person}_{pose}.png") for pose in ("stands", "left", "stands", "right")]
+
+
+def face(path: Path, pictures: Sequence[Texture] = ()) -> Board:
     """Return a person who stands or walks and faces the robot.
 
     Args:
         path: path of the middle of the face.
-        looks: appearance of the person.
+        pictures: a stride, as of `stride`; empty: that of a person in blue.
     """
-    appearance = looks or Looks()
+    shown = pictures or stride("walker")
 
     def image(time: float) -> Texture:
         stands = math.dist(path(time), path(time + 0.1)) < 0.015
-        return person(appearance, None if stands else int(time / _PACE * STEPS) % STEPS)
+        return shown[0 if stands else int(time / _PACE * len(shown)) % len(shown)]
 
-    return Board(image, PERSON_WIDTH, path, FACE_CENTRE)
+    return Board(image, _PERSON_WIDTH, path, _FACE_CENTRE)
 
 
-def sitter(place: Vector3, looks: Looks) -> Board:
+def sitter(place: Vector3) -> Board:
     """Return a person on a chair, who turns the head from time to time."""
 
     def image(time: float) -> Texture:
         glance = time % _GLANCE
-        turn = 0.0 if glance % 3.5 >= 1.2 else 1.0 if glance < 3.5 else -1.0
-        return person(looks, turn=turn, sits=True)
+        turn = "ahead" if glance % 3.5 >= 1.2 else "right" if glance < 3.5 else "left"
+        return picture(f"sitter_{turn}.png")
 
-    return Board(image, PERSON_WIDTH, lambda time: place, FACE_CENTRE)
+    return Board(image, _PERSON_WIDTH, lambda time: place, _FACE_CENTRE)
 
 
 def marker_board(path: Path, number: int = 7, dictionary: str = "4X4_50") -> Board:
@@ -80,8 +90,8 @@ def _people(distance: float, **swing: float) -> dict[str, Thing]:
     """Return a person who walks, one who crosses behind, and one who sits beside the first view."""
     return {
         "face": face(_moving(distance)),
-        "second face": face(_moving(distance + 0.7, bob=0.0, **swing), TALL_DARK),
-        "third face": sitter((2.7, -1.9, 0.3), FAIR),
+        "second face": face(_moving(distance + 0.7, bob=0.0, **swing), stride("tall_walker")),
+        "third face": sitter((2.7, -1.9, 0.3)),
     }
 
 

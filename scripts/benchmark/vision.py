@@ -14,8 +14,7 @@ from rendered_frames import KINECT, SMALL, View, watch
 from visual_pursuit import pursue, tutorial_law
 
 from head_tracking.scene import make_scene
-from head_tracking.scene.people import FACE_WIDTH
-from head_tracking.scene.scenes import MARKER_SIZE
+from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 from head_tracking.vision import (

@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from rendered_frames import SMALL
 
 from head_tracking.scene import Renderer, SensorNoise
-from head_tracking.scene.drawings import pattern
+from head_tracking.scene.drawings import Texture, pattern
 from head_tracking.scene.objects import Path, Thing, Wall
-from head_tracking.scene.people import FACE_WIDTH, Looks
 from head_tracking.scene.room import room
-from head_tracking.scene.scenes import face
+from head_tracking.scene.scenes import FACE_WIDTH, face, stride
 from head_tracking.transforms import Rotation, Transform, Vector3
 from head_tracking.vision import (
     Box,
@@ -34,9 +34,36 @@ SHIRTS = (
     (160, 60, 140), (130, 130, 125), (70, 90, 120), (180, 160, 60),
 )  # fmt: skip
 """Blue, green, red: bright and pale ones, white, grey and black."""
+_DRAWN = np.array([(150, 180, 225), (35, 45, 70), (150, 80, 40)], float)
+"""Skin, hair and shirt of the person in blue; the three are told apart by their colours."""
 HAIR = ((35, 45, 70), (20, 20, 20), (120, 190, 220), (150, 150, 155))
 SKIN = ((150, 180, 225), (90, 120, 170), (60, 85, 130), (175, 200, 240))
 _POSE = Transform((0.0, 0.0, 0.75), Rotation.from_rpy(-math.pi / 2, 0.0, -math.pi / 2))
+
+
+class Looks(NamedTuple):
+    """The colours of a person: blue, green, red."""
+
+    skin: tuple[int, int, int]
+    hair: tuple[int, int, int]
+    shirt: tuple[int, int, int]
+
+
+@cache
+def dressed(looks: Looks) -> list[Texture]:
+    """Return the stride of the person in blue with other colours, as light and dark as before."""
+    return [_recoloured(one, looks) for one in stride("walker")]
+
+
+def _recoloured(picture: Texture, looks: Looks) -> Texture:
+    pixels = picture[..., :3].astype(float)
+    shades = pixels @ _DRAWN.T / (_DRAWN**2).sum(axis=1)
+    away = np.linalg.norm(pixels[..., None, :] - shades[..., None] * _DRAWN, axis=-1)
+    part = away.argmin(axis=-1)
+    shade = np.take_along_axis(shades, part[..., None], axis=-1)
+    is_part = away.min(axis=-1) < 0.2 * np.linalg.norm(pixels, axis=-1)
+    new = np.where(is_part[..., None], np.clip(shade * np.array(looks)[part], 0, 255), pixels)
+    return np.dstack([new.round().astype(np.uint8), picture[..., 3]])
 
 
 @dataclass(frozen=True)
@@ -77,7 +104,8 @@ def followed(
     rng = np.random.default_rng(seed)
     names = [f"person {i}" for i in range(len(people))]
     boards = {
-        name: face(person.path, person.looks) for name, person in zip(names, people, strict=True)
+        name: face(person.path, dressed(person.looks))
+        for name, person in zip(names, people, strict=True)
     }
     around, noise = _surroundings(seed % 4 > 1)
     renderers: dict[tuple[int, ...], Renderer] = {}

@@ -9,9 +9,8 @@ from rendered_frames import KINECT, SMALL, View, seen_surface, watch
 from head_tracking.run.node_sets import TARGETS
 from head_tracking.scene import SCENES, Ball, Board, Swing, make_scene
 from head_tracking.scene.drawings import marker
-from head_tracking.scene.people import FACE_WIDTH
 from head_tracking.scene.room import room
-from head_tracking.scene.scenes import MARKER_SIZE, ORANGE, face, marker_board
+from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, ORANGE, face, marker_board
 from head_tracking.vision import (
     DETECTORS,
     Box,
