@@ -11,9 +11,8 @@ from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Box
 from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.depth import surface_depth
-from head_tracking.vision.identity import IdentityParameters, Located, Track
+from head_tracking.vision.identity import IdentityParameters, Located, Track, colours_of
 from head_tracking.vision.images import ImageError
-from head_tracking.vision.looks import colours_of
 from head_tracking.vision.opencv import cv2
 
 _LONGEST_PAUSE = 5.0  # s
