@@ -35,18 +35,6 @@ class Rendering(NamedTuple):
     depth: npt.NDArray[np.float32]
 
 
-class Canvas(NamedTuple):
-    """Image and depths during rendering.
-
-    Attributes:
-        picture: shape (height, width, 4), because copying four bytes is faster than three.
-        nearness: inverse of the depth [1/m], shape (height, width); None: not requested.
-    """
-
-    picture: Texture
-    nearness: npt.NDArray[np.float32] | None
-
-
 class _Plane(NamedTuple):
     """A flat image in the optical frame.
 
@@ -59,11 +47,6 @@ class _Plane(NamedTuple):
     thing: Thing
     texture: Texture
     corners: Array
-
-    @property
-    def is_wall(self) -> bool:
-        """Whether it is a side of the room."""
-        return isinstance(self.thing, Wall)
 
 
 class Renderer:
@@ -85,11 +68,11 @@ class Renderer:
             depth: whether to compute depths; otherwise their array is empty.
         """
         shape = (self.camera.height, self.camera.width)
-        nearness = np.zeros(shape, np.float32) if depth else None
-        canvas = Canvas(np.full((*shape, 4), 120, np.uint8), nearness)
+        nearness = np.zeros(shape, np.float32) if depth else None  # inverse depths [1/m]
+        canvas = np.full((*shape, 4), 120, np.uint8)  # copying four bytes is faster than three
         for plane in sorted(self._planes(T_scene_optical, time), key=_order):
-            self._draw_plane(canvas, plane)
-        picture = np.asarray(cv2.cvtColor(canvas.picture, cv2.COLOR_BGRA2BGR))
+            self._draw_plane(canvas, nearness, plane)
+        picture = np.asarray(cv2.cvtColor(canvas, cv2.COLOR_BGRA2BGR))
         if nearness is None:
             return Rendering(picture, np.empty((0, 0), np.float32))
         with np.errstate(divide="ignore"):
@@ -126,12 +109,14 @@ class Renderer:
         a, b, c = row.astype(np.float32)
         return np.asarray(a * self._u[columns] + (b * self._v[rows] + c))
 
-    def _draw_plane(self, canvas: Canvas, plane: _Plane) -> None:
+    def _draw_plane(
+        self, canvas: Texture, inverse_depths: npt.NDArray[np.float32] | None, plane: _Plane
+    ) -> None:
         """Draw a plane. In a convex room, the nearest wall is visible."""
         outline = self._outline(plane)
         if outline is None:
             return
-        rows, columns = _bounds(outline, canvas.picture.shape)
+        rows, columns = _bounds(outline, canvas.shape)
         if rows.stop <= rows.start or columns.stop <= columns.start:
             return
         inverse = self._inverse(plane)
@@ -145,9 +130,9 @@ class Renderer:
         middle = (_EDGE - 0.5) * inverse[2]
         x = depth * self._linear(width * inverse[0] + middle, rows, columns)
         y = depth * self._linear(height * inverse[1] + middle, rows, columns)
-        part = canvas.picture[rows, columns]
-        near = None if canvas.nearness is None else canvas.nearness[rows, columns]
-        if plane.is_wall:
+        part = canvas[rows, columns]
+        near = None if inverse_depths is None else inverse_depths[rows, columns]
+        if isinstance(plane.thing, Wall):
             cv2.remap(texture, x, y, cv2.INTER_LINEAR, part, cv2.BORDER_TRANSPARENT)
             if near is not None:
                 np.maximum(near, nearness, out=near)
@@ -187,7 +172,7 @@ class Renderer:
 
 def _order(plane: _Plane) -> tuple[bool, float]:
     """Order walls first, then by the farthest corner: objects on a plane are drawn after it."""
-    return not plane.is_wall, -float(np.square(plane.corners).sum(axis=1).max())
+    return not isinstance(plane.thing, Wall), -float(np.square(plane.corners).sum(axis=1).max())
 
 
 def _corners(thing: Thing, texture: Texture, time: float, camera: Vector3) -> Array:

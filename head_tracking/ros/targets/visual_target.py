@@ -90,7 +90,6 @@ class VisualTargetNode(SightedTargetNode):
             self, VisualTargetParameters, on_change=self._on_follow
         ).value
         self._declare(p.follow)
-        self._followed = p.follow  # by the detector of the thread
         self.set_detector(self._detector(p.follow))
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._frame: Frame | None = None
@@ -128,7 +127,6 @@ class VisualTargetNode(SightedTargetNode):
         """Change the detector, unless `follow` has changed again."""
         if follow != self._settings.follow:
             return
-        self._followed = follow
         try:
             self.set_detector(self._detector(follow))
         except HeadTrackingError as error:
@@ -153,12 +151,13 @@ class VisualTargetNode(SightedTargetNode):
             elif topic not in self._inputs:
                 self._inputs[topic] = self._subscribe(topic, transport, callback)
 
-    def _on_parameters(self, _: Any) -> None:
-        self.worker.do(self._apply_parameters)
+    def _on_parameters(self, parameters: Any) -> None:
+        def apply() -> None:
+            detector = self.tracker.detector
+            if detector is not None and isinstance(parameters, detector.Parameters):
+                detector.parameters = parameters
 
-    def _apply_parameters(self) -> None:
-        if self.tracker.detector is not None:
-            self.tracker.detector.parameters = self._kinds[self._followed].value
+        self.worker.do(apply)
 
     def _subscribe(
         self, topic: str, transport: str, callback: Callable[[AnyImage], None]
