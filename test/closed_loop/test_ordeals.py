@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from closed_loop import WEBCAM, ClosedLoop, Conditions
 from plant import PlainServo
-from runs import around, circle, sine, still, swing, tracker
+from runs import circle, from_rest, sine, still, swing, tracker
 
 ON_HEAD = Conditions(duration=10.0, noise=0.002, delay=0.1, on_head=True)
 
@@ -88,11 +88,8 @@ def test_at_rest_the_head_is_quieter_than_the_points(head, conditions, most):
 
 
 def test_gaps_do_not_carry_the_head_past_its_target(head):
-    def path(t):  # it begins at rest and comes to its speed within 2 s
-        return around(0.5 * math.sin(math.pi * (0.25 * t * t if t < 2.0 else t - 1.0)), 0.16)
-
     gaps = tuple((start, start + 1.5) for start in (3.8, 6.1, 8.4, 10.7))
     conditions = replace(ON_HEAD, duration=12.0, servos=PlainServo(), gaps=gaps)
-    recording = ClosedLoop(path, conditions).run(tracker(head)).recording
+    recording = ClosedLoop(from_rest(0.5, 0.16), conditions).run(tracker(head)).recording
     assert abs(recording.positions[:, 0]).max() < 0.75
     assert recording.rms < 0.43

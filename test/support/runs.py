@@ -25,6 +25,13 @@ def sine(frequency: float, amplitude: float = 0.5, middle: float = 0.0) -> Path:
     return lambda t: around(middle + amplitude * math.sin(math.tau * frequency * t))
 
 
+def from_rest(frequency: float, level: float = LEVEL) -> Path:
+    """Return an oscillation that begins at rest and comes to its speed within 2 s [Hz]."""
+    return lambda t: around(
+        0.5 * math.sin(math.tau * frequency * (0.25 * t * t if t < 2.0 else t - 1.0)), level
+    )
+
+
 swing = sine(0.2)
 
 

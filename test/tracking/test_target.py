@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from head_tracking.tracking import HeadBase, Target, TargetPlacer
-from head_tracking.transforms import Rotation, Transform, TransformBuffer
+from head_tracking.tracking import Target, TargetPlacer
+from head_tracking.transforms import TransformBuffer
 
 SECOND = 1_000_000_000
 
@@ -125,49 +125,3 @@ def test_a_target_that_is_nowhere_is_refused(placer, bad):
     assert refusal.reason
     assert refusal.target.frame_id == "camera_link"
     assert len(str(refusal.target)) < 60
-
-
-def set_base(buffer, stamp, yaw):
-    pose = Transform((3.0, -2.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
-    buffer.set_transform(stamp, "odom", "base_link", pose)
-
-
-@pytest.fixture
-def turning_base(buffer):
-    """It turns at 1 rad/s, and is told 20 times a second."""
-    for k in range(21):
-        set_base(buffer, SECOND + k * SECOND // 20, 0.05 * k)
-    return buffer
-
-
-def test_a_target_is_placed_with_the_base_as_it_was_at_its_stamp(turning_base):
-    placer = TargetPlacer(turning_base, "odom", 1.0)
-    still = (5.0, 1.0, 0.4)
-    for tenths in (10, 14, 18):
-        stamp = tenths * SECOND // 10
-        point = turning_base.transform_point(still, "camera_link", "odom", stamp)
-        placer.offer(Target(stamp, "camera_link", point), 0.0)
-    assert [point for _, point in placer.place(0.0, {})] == [pytest.approx(still, abs=1e-9)] * 3
-
-
-def test_the_base_moves_on_as_it_moved_last(turning_base):
-    base = HeadBase(turning_base, "odom", "head_pan_link")
-    assert base.update() == ""
-    before = base.pose(2.0)
-    later = base.pose(2.1)
-    assert before.translation == pytest.approx(
-        turning_base.lookup_transform("odom", "head_pan_link").transform.translation
-    )
-    assert later.rotation.as_rpy()[2] - before.rotation.as_rpy()[2] == pytest.approx(0.1, abs=1e-3)
-    # not for ever
-    assert base.pose(9.0).rotation.as_rpy()[2] == pytest.approx(1.3, abs=0.01)
-
-
-def test_a_base_of_which_only_one_pose_is_known_stands_still(kinectbot):
-    buffer = TransformBuffer()
-    buffer.set_model(kinectbot)
-    base = HeadBase(buffer, "odom", "head_pan_link")
-    assert "odom" in base.update()
-    set_base(buffer, SECOND, 0.0)
-    assert base.update() == ""
-    assert base.pose(1.0) == base.pose(3.0)
