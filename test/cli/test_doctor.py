@@ -13,7 +13,7 @@ from simulated_device import Bench, as_device
 
 from head_tracking.cli.doctor import configured, network
 from head_tracking.cli.doctor.__main__ import main
-from head_tracking.cli.doctor.findings import Finding, Grade, show
+from head_tracking.cli.doctor.findings import Grade
 from head_tracking.cli.doctor.network import Traffic, check_clocks
 from head_tracking.dynamixel import Adapter, DynamixelPort, PortBusyError, servo_model
 from head_tracking.dynamixel.exceptions import PortMissingError, PortPermissionError
@@ -286,14 +286,3 @@ def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head: Head) 
     head[2].supply_voltage = 9.0
     head.check()
     assert (head.levels["servo 1"], head.levels["servo 2"]) == ("red", "amber")
-
-
-def test_a_narrow_terminal_breaks_no_words(monkeypatch, capsys):
-    text = "Switch the adapter's latency timer from 16 ms to 1 ms: /sys/bus/usb-serial/devices"
-    monkeypatch.setenv("COLUMNS", "60")
-    monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    show(Finding("adapter", Grade.AMBER, text))
-    shown = capsys.readouterr().out
-    assert shown.split() == ["amber", "adapter", *text.split()]
-    assert max(map(len, shown.splitlines())) <= 60

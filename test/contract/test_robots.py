@@ -81,25 +81,6 @@ def test_the_camera_looks_ahead_and_its_picture_is_upright(robot):
     assert robot.direction((0.0, 0.0), (0.0, 1.0, 0.0)) == pytest.approx(down, abs=1e-6)
 
 
-def test_a_target_to_the_upper_left_turns_the_head_there(robot):
-    straight = dict.fromkeys(robot.names, 0.0)
-    x, y, z = robot.model.transform(robot.head.base_frame, "camera_link", straight).translation
-    gaze = robot.head.gaze((x + 2.0, y + 0.8, z + 0.3), 0.0, 0.0)
-    left = robot.direction((gaze.pan, 0.0), AHEAD)
-    assert left[1] > 0.2
-    higher = robot.direction((0.0, gaze.tilt), AHEAD)[2]
-    assert higher > robot.direction((0.0, 0.0), AHEAD)[2]
-
-
-def test_a_target_out_of_reach_is_looked_at_as_nearly_as_the_limits_allow(robot):
-    limits = robot.model.joints[robot.names[1]].limits
-    for tilt, beyond in ((limits.lower, -0.1), (limits.upper, 0.1)):
-        pose = dict(zip(robot.names, (0.3, tilt + beyond), strict=True))
-        seen = robot.model.transform(robot.head.base_frame, "camera_link", pose)
-        gaze = robot.head.gaze(seen @ (3.0, 0.0, 0.0), 0.0, 0.0)
-        assert gaze.miss < 0.11
-
-
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_simulated_head_looks_there(name):
     robot = Robot(name)

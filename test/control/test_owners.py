@@ -32,40 +32,6 @@ def resume(owners):
     return owners.resume(owners.epoch.value)
 
 
-def test_a_joint_of_another_owner_is_refused(owners):
-    owners.claim("/head_tracker", JOINTS)
-    with pytest.raises(OwnershipError) as refusal:
-        owners.claim("somebody", [TILT], LEASE)
-    assert (refusal.value.joint, refusal.value.owner) == (TILT, "/head_tracker")
-    assert not refusal.value.leased
-    with pytest.raises(OwnershipError):
-        owners.check("somebody", [TILT])
-    assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
-
-
-def test_only_resume_ends_a_stop(owners, clock):
-    owners.claim("/head_tracker", JOINTS)
-    epoch = owners.permit()
-    assert owners.stop(lambda: "relaxed") == "relaxed"
-    assert owners.epoch.value > epoch
-    for _ in range(3):
-        for attempt in (
-            owners.permit,
-            lambda: owners.check("/head_tracker", JOINTS),
-            lambda: owners.claim("/head_tracker", JOINTS),
-            lambda: owners.take_over("/point_head", JOINTS),
-        ):
-            with pytest.raises(StoppedError):
-                attempt()
-        owners.release("/point_head")
-        clock.now += 10.0
-    assert owners.stopped
-    assert owners.of(JOINTS) == {PAN: "", TILT: ""}
-    assert resume(owners) == ("/head_tracker",)
-    assert not owners.stopped
-    assert owners.of(JOINTS) == {PAN: "/head_tracker", TILT: "/head_tracker"}
-
-
 def test_a_resume_older_than_a_stop_does_not_end_it(owners):
     owners.stop(dict)
     epoch = owners.epoch.value
@@ -138,6 +104,7 @@ REQUESTS = st.one_of(
     st.tuples(st.just("claim"), st.sampled_from(WHO), JOINT_SETS),
     st.tuples(st.just("lease"), st.sampled_from(WHO), JOINT_SETS),
     st.tuples(st.just("take"), st.sampled_from(WHO), JOINT_SETS),
+    st.tuples(st.just("check"), st.sampled_from(WHO), JOINT_SETS),
     st.tuples(st.just("release"), st.sampled_from(WHO)),
     st.tuples(st.just("stop")),
     st.tuples(st.just("resume")),
@@ -156,17 +123,22 @@ def test_random_requests_match_a_model(requests):
     for request in requests:
         model = {j: own if clock.now < own[1] else nobody for j, own in model.items()}
         match request:
-            case ("claim" | "lease" | "take" as how, who, joints):
+            case ("claim" | "lease" | "take" | "check" as how, who, joints):
                 lease = LEASE if how == "lease" else math.inf
-                attempt = owners.take_over if how == "take" else owners.claim
+                attempt = {"take": owners.take_over, "check": owners.check}.get(how, owners.claim)
                 given = (lease,) if how == "lease" else ()
                 free = how == "take" or all(model[joint][0] in ("", who) for joint in joints)
                 if free and not stopped:
                     attempt(who, joints, *given)
-                    model |= dict.fromkeys(joints, (who, clock.now + lease))
+                    if how != "check":
+                        model |= dict.fromkeys(joints, (who, clock.now + lease))
                 else:
-                    with pytest.raises(StoppedError if stopped else OwnershipError):
+                    with pytest.raises(StoppedError if stopped else OwnershipError) as refusal:
                         attempt(who, joints, *given)
+                    if not stopped:
+                        owner, until = model[refusal.value.joint]
+                        assert refusal.value.owner == owner != who
+                        assert refusal.value.leased == math.isfinite(until)
                     if how == "claim" and stopped and not before.keys() & joints:
                         before |= dict.fromkeys(joints, (who, math.inf))
             case ("release", who):
@@ -174,12 +146,14 @@ def test_random_requests_match_a_model(requests):
                 model = {j: nobody if own[0] == who else own for j, own in model.items()}
                 before = {j: own for j, own in before.items() if own[0] != who}
             case ("stop",):
-                owners.stop(dict)
+                epoch = owners.epoch.value
+                assert owners.stop(lambda: "relaxed") == "relaxed"
+                assert owners.epoch.value > epoch
                 if not stopped:
                     before = {j: own for j, own in model.items() if own[0] and math.isinf(own[1])}
                 stopped, model = True, dict.fromkeys(JOINTS, nobody)
             case ("resume",):
-                resume(owners)
+                assert {*resume(owners)} == {own[0] for own in before.values()}
                 if stopped:
                     model |= before
                 stopped, before = False, {}
@@ -188,3 +162,8 @@ def test_random_requests_match_a_model(requests):
         expected = {j: own[0] if clock.now < own[1] else "" for j, own in model.items()}
         assert owners.of(JOINTS) == expected
         assert owners.stopped is stopped
+        if stopped:
+            with pytest.raises(StoppedError):
+                owners.permit()
+        else:
+            assert owners.permit() == owners.epoch.value

@@ -1,12 +1,11 @@
 """Traces of a pursuit: their figures, and the report of them."""
 
 import math
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from head_tracking.tracking import Sample, Trace, lag, picture, table
+from head_tracking.tracking import Sample, Trace, lag, table
 
 
 def swing(behind=0.1, seconds=8.0, period=0.02, rate=2.0):
@@ -49,12 +48,3 @@ def test_the_table_has_the_figures():
     assert f"{1e3 * swing().rms:.1f} mrad" in text
     assert rows["head behind its target"].strip() == "100 ms"
     assert "2.00 rad/s for a target at 2.00" in text
-
-
-def test_the_picture_is_svg_with_all_curves():
-    root = ElementTree.fromstring(picture(swing(), "head & target"))
-    names = [element.tag.split("}")[1] for element in root]
-    assert names.count("polyline") == 9
-    text = " ".join(element.text or "" for element in root.iter())
-    for word in ("head & target", "pan, °", "error, °", "tilt, rad/s"):
-        assert word in text

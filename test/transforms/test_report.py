@@ -27,17 +27,6 @@ def test_the_tree_has_a_line_for_each_frame_with_joints_rates_and_ages(buffer):
     assert "0.500" not in buffer.tree_as_string()
 
 
-def test_several_trees_are_below_each_other(buffer):
-    buffer.set_transform(SECOND, "map", "ball", STILL)
-    root, ball = buffer.tree_as_string().splitlines()[-2:]
-    assert root == "map"
-    assert ball.startswith("└── ball")
-
-
-def test_a_tree_that_is_connected_and_recent_has_no_problems(buffer):
-    assert buffer.problems(11 * SECOND, SECOND) == []
-
-
 def test_each_tree_and_each_old_frame_is_a_problem(buffer):
     buffer.set_transform(SECOND, "map", "ball", STILL)
     trees, pan, tilt, ball = buffer.problems(14 * SECOND, SECOND)
