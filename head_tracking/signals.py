@@ -6,7 +6,7 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -21,9 +21,6 @@ def ending_signals() -> Iterator[None]:
     Further ones within a second would interrupt what relaxes the servos, and are ignored. Signals
     that were ignored before stay ignored: nohup does that.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     raised = -math.inf
 
     def interrupt(number: int, _frame: FrameType | None) -> None:
@@ -33,15 +30,9 @@ def ending_signals() -> Iterator[None]:
             raised = now
             raise KeyboardInterrupt(number)
 
-    handled = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
-    for number in handled:
-        signal.signal(number, interrupt)
-    try:
+    unhandled = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    with _handled(unhandled, interrupt):
         yield
-    finally:
-        for number in handled:
-            if signal.getsignal(number) is interrupt:  # else the program has set another handler
-                signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
@@ -50,18 +41,30 @@ def postponed_signals() -> Iterator[None]:
 
     They could leave servos with torque on, or a lock locked.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *_ENDING)}
-    handlers = {n: each for n, each in before.items() if each not in (None, signal.SIG_IGN)}
-    for number in handlers:
-        signal.signal(number, lambda number, _: came.append(number))
+    came: dict[int, None] = {}
+    numbers = [
+        number
+        for number in (signal.SIGINT, *_ENDING)
+        if signal.getsignal(number) not in (None, signal.SIG_IGN)
+    ]
+    try:
+        with _handled(numbers, lambda number, _: came.setdefault(number)):
+            yield
+    finally:
+        for number in came:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def _handled(
+    numbers: list[signal.Signals], handler: Callable[[int, FrameType | None], object]
+) -> Iterator[None]:
+    """Handle signals in the block; outside of the main thread nothing can be handled."""
+    is_main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, handler) for number in numbers if is_main}
     try:
         yield
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for each in dict.fromkeys(came):
-            signal.raise_signal(each)
+        for number, previous in before.items():
+            if signal.getsignal(number) is handler:  # else the program has set another handler
+                signal.signal(number, previous)

@@ -42,7 +42,8 @@ def _simulate(options: argparse.Namespace, stop: StopSignal) -> None:
     random = Random(options.seed)
     ids = options.ids or (() if options.servo else (1, 2))
     servos = [(options.model, number) for number in ids] + (options.servo or [])
-    faults = Faults(random, options.faults / 100.0, options.kinds or tuple(Fault))
+    kinds = [Fault[name.upper()] for name in options.kinds]
+    faults = Faults(random, options.faults / 100.0, kinds)
     simulated = [_servo(model, number, options, random) for model, number in servos]
     with SimulatedPort(
         SimulatedBus(simulated, faults=faults, echo=options.echo),
@@ -96,8 +97,11 @@ def _parser() -> argparse.ArgumentParser:
         "--faults", type=between(0.0, 100.0, "percent"), default=0.0, metavar="PERCENT",
         help="share of transactions with a fault",
     )  # fmt: skip
-    names = ", ".join(kind.name.lower() for kind in Fault)
-    add("--kinds", type=_fault, nargs="+", metavar="KIND", help=f"kinds of faults (all): {names}")
+    names = [kind.name.lower() for kind in Fault]
+    add(
+        "--kinds", type=str.lower, choices=names, nargs="+", default=names, metavar="KIND",
+        help=f"kinds of faults (all): {', '.join(names)}",
+    )  # fmt: skip
     add("--seed", type=int, default=1, metavar="N", help="of the random numbers (default: 1)")
     return parser
 
@@ -127,10 +131,3 @@ def _servo(
 def _named_servo(text: str) -> tuple[ServoModel, int]:
     name, number = named_id(text)
     return _model(name), number
-
-
-def _fault(text: str) -> Fault:
-    try:
-        return Fault[text.upper()]
-    except KeyError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a kind of fault") from None

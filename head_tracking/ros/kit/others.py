@@ -14,7 +14,6 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterTyp
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from rclpy.node import NodeNameNonExistentError as NodeHasGone
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
@@ -22,7 +21,7 @@ from head_tracking.exceptions import HeadTrackingError
 
 
 class Graph:
-    """The nodes of a namespace and their services, as of the last `look`.
+    """The nodes of a namespace, and all services, as of the last `look`.
 
     Args:
         node: in that namespace; nodes whose names begin with its name are left out.
@@ -30,7 +29,7 @@ class Graph:
     Attributes:
         namespace: of the nodes.
         nodes: their names without the namespace, sorted.
-        services: the full names of their services.
+        services: the full names of all services that are offered or have clients.
     """
 
     def __init__(self, node: Node) -> None:
@@ -41,19 +40,11 @@ class Graph:
 
     def look(self) -> None:
         """Discover nodes and services."""
-        own = self._node.get_name()
-        nodes: set[str] = set()
-        services: set[str] = set()
-        for name, namespace in self._node.get_node_names_and_namespaces():
-            if namespace != self.namespace or name.startswith(own):
-                continue
-            nodes.add(name)
-            try:
-                offered = self._node.get_service_names_and_types_by_node(name, namespace)
-            except NodeHasGone:
-                continue
-            services.update(service for service, _ in offered)
-        self.nodes, self.services = tuple(sorted(nodes)), frozenset(services)
+        own, found = self._node.get_name(), self._node.get_node_names_and_namespaces()
+        nodes = {name for name, namespace in found if namespace == self.namespace}
+        self.nodes = tuple(sorted(name for name in nodes if not name.startswith(own)))
+        services = self._node.get_service_names_and_types()
+        self.services = frozenset(name for name, _ in services)
 
     def is_own(self, node: str) -> bool:
         """Return whether a node, given by its full name, is in the namespace."""
@@ -199,7 +190,7 @@ class OtherParameters:
             if f"{base}/{name}/list_parameters" in self._graph.services
         }
         silent = {owner for owner in self._settings if not self._answers(owner)}
-        for owner in ((self._clients.keys() | self._settings.keys()) - found) | silent:
+        for owner in (self._clients.keys() - found) | silent:
             for client in self._clients.pop(owner, {}).values():
                 self._node.destroy_client(client)
             self._settings.pop(owner, None)

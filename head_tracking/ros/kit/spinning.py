@@ -154,7 +154,7 @@ class NodeThreads:
         """Stop what moves, end the thread, then destroy the nodes, the last one first.
 
         First the methods `make_safe` of the nodes are called, which return their problems; running
-        callbacks do not delay that. Problems are printed.
+        callbacks do not delay that.
         """
         if self._ending.is_set():
             return
@@ -168,11 +168,9 @@ class NodeThreads:
             self._thread.join(_PATIENCE)
         if self._thread.is_alive():
             self.problems.append("a callback does not return")
-        else:
-            for node in reversed(nodes):
-                node.destroy_node()
-        for problem in self.problems:
-            print(problem, file=sys.stderr)
+            return
+        for node in reversed(nodes):
+            node.destroy_node()
 
     def _spin(self) -> None:
         assert self._executor is not None
@@ -265,13 +263,19 @@ def run_ros(work: Callable[[NodeThreads], object], arguments: Sequence[str] | No
 
 @contextmanager
 def ros_threads(arguments: Sequence[str] | None = None) -> Iterator[NodeThreads]:
-    """Start ROS and yield threads for nodes; end both at the end of the block; see `start_ros`."""
+    """Start ROS and yield threads for nodes; end both, and print the problems of that.
+
+    For the arguments see `start_ros`.
+    """
     start_ros(arguments)
+    threads = NodeThreads()
     try:
-        with closing(NodeThreads()) as threads:
+        with closing(threads):
             yield threads
     finally:
         rclpy.try_shutdown()
+        for problem in threads.problems:
+            print(problem, file=sys.stderr)
 
 
 def start_ros(arguments: Sequence[str] | None = None) -> None:
