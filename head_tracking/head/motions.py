@@ -55,6 +55,8 @@ _ON_TARGET = 0.1  # s with a small miss after which the turn ends
 _SMALL_MISS = 0.3  # of the threshold
 _WINDOW = 0.15  # s over which the target's velocity is measured
 _LEAD_TIME = 0.3  # s for which that velocity is extrapolated at most
+_RESERVE = 0.8  # of the speed limit after a STOP; the rest is for catching up
+_SLOWEST = 1e-6  # rad/s
 _SAME_GOAL = 0.006  # rad; a little over one tick of an AX-12
 
 
@@ -334,6 +336,8 @@ class PointMotion(Motion):
 class TrajectoryMotion(Motion):
     """A trajectory of both joints, until the measured joints are at its end.
 
+    After a STOP its time passes as slowly as the speed limit requires.
+
     Args:
         trajectory: of both joints.
         law: the control law for the joints.
@@ -349,12 +353,16 @@ class TrajectoryMotion(Motion):
         notify: Callable[[TrajectoryMotion], object] | None = None,
     ) -> None:
         super().__init__(notify)
-        self.trajectory, self._law = trajectory, law
+        self._trajectory, self._law = trajectory, law
+        self._rate, self._late, self._now = 1.0, 0.0, 0.0
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`."""
-        law = self._law
-        result = self.trajectory.judge(joints.stamp, joints.positions, now)
+        trajectory, law, time = self._trajectory, self._law, self._passed(now)
+        fastest = max(abs(point.velocity or 0.0) for point in trajectory.at(time))
+        self._late, self._now = now - time, now
+        self._rate = min(1.0, _RESERVE * law.at_most / max(fastest, _SLOWEST))
+        result = trajectory.judge(self._passed(joints.stamp), joints.positions, time)
         if result is None:
             return law.along(self._positions, law.fastest, joints, now)
         if result.code is TrajectoryCode.SUCCESSFUL:
@@ -363,14 +371,22 @@ class TrajectoryMotion(Motion):
         self.end(MotionEnd.ABORTED, result.text, result.code)
         return law.stop(joints)
 
-    def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
+    def desired(self, time: float) -> tuple[JointPoint, JointPoint]:
         """See `Motion`."""
-        pan, tilt = self.trajectory.at(time)
+        rate = self._rate
+        pan, tilt = (
+            JointPoint(position, rate * (velocity or 0.0), rate * rate * (acceleration or 0.0))
+            for position, velocity, acceleration in self._trajectory.at(self._passed(time))
+        )
         return pan, tilt
 
     def _positions(self, time: float) -> tuple[float, float]:
-        pan, tilt = self.trajectory.at(time)
+        pan, tilt = self._trajectory.at(self._passed(time))
         return pan.position, tilt.position
+
+    def _passed(self, time: float) -> float:
+        """Return the time of the trajectory at a time [s] near the latest update."""
+        return time - self._late - (1.0 - self._rate) * (time - self._now)
 
 
 class TargetMotion(Motion):

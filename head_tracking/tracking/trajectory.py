@@ -11,13 +11,11 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import pairwise
 from typing import NamedTuple
 
 from head_tracking.parameters import parameter
 from head_tracking.transforms import JointLimits
 
-_SAMPLES, _SAMPLE = 8, 0.02  # of the speed: the most between two waypoints, and the time [s]
 _BRAKING = 10.0  # rad/s^2, of a joint that moves before a trajectory that starts later
 _BESIDE = 1e-3  # rad; a waypoint may be beyond a limit by this: planners round
 
@@ -86,15 +84,6 @@ class Waypoint(NamedTuple):
     positions: tuple[float, ...]
     velocities: tuple[float, ...] = ()
     accelerations: tuple[float, ...] = ()
-
-    def slowed(self, factor: float) -> Waypoint:
-        """Return the same waypoint of a trajectory that takes `factor` times as long."""
-        return Waypoint(
-            self.time * factor,
-            self.positions,
-            tuple(velocity / factor for velocity in self.velocities),
-            tuple(acceleration / factor**2 for acceleration in self.accelerations),
-        )
 
 
 class JointPoint(NamedTuple):
@@ -277,19 +266,6 @@ class JointTrajectory:
                 point = _between(points[after - 1], points[after], end - begin, time - begin)
             found.append(point._replace(position=self._limits[joint].clamp(point.position)))
         return tuple(found)
-
-    @property
-    def peak_speed(self) -> float:
-        """The highest desired speed of a joint, sampled between the waypoints [rad/s]."""
-        fastest = 0.0
-        for times, points in self._knots.values():
-            for (begin, a), (end, b) in pairwise(zip(times, points, strict=True)):
-                duration = end - begin
-                samples = min(_SAMPLES, math.ceil(duration / _SAMPLE))
-                for sample in range(samples + 1) if samples else ():
-                    point = _between(a, b, duration, duration * sample / samples)
-                    fastest = max(fastest, abs(point.velocity or 0.0))
-        return fastest
 
     def judge(self, stamp: float, measured: Sequence[float], now: float) -> TrajectoryResult | None:
         """Return the result; None while the trajectory is under way.

@@ -161,12 +161,10 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     assert max(speeds) < 0.4  # rad/s
 
 
-@pytest.mark.parametrize("what", ["the check", "the highest speed"])
-def test_the_cycle_goes_on_while_a_trajectory_is_examined(pointed, monkeypatch, what):
+def test_the_cycle_goes_on_while_a_trajectory_is_checked(pointed, monkeypatch):
     control, free = pointed.node.control, []
-    control.is_cautious = True
 
-    def examining(*_):
+    def checking(*_):
         """Let another thread, like that of the bus, use the head meanwhile."""
 
         def use():
@@ -177,12 +175,8 @@ def test_the_cycle_goes_on_while_a_trajectory_is_examined(pointed, monkeypatch, 
         cycle = threading.Thread(target=use)
         cycle.start()
         cycle.join()
-        return 0.1
 
-    if what == "the check":
-        monkeypatch.setattr(head_actions, "checked_waypoints", examining)
-    else:
-        monkeypatch.setattr(head_actions.JointTrajectory, "peak_speed", property(examining))
+    monkeypatch.setattr(head_actions, "checked_waypoints", checking)
     pointed.node.actions.follow(goals.HeldGoal(following((0.2, (0.1, 0.1)))))
     assert free
     assert all(free)

@@ -102,23 +102,6 @@ def test_a_moving_joint_brakes_and_waits_for_a_start_in_the_future():
     assert made.at(NOW + 59.0)[0].velocity == 0.0
 
 
-@given(finite, finite, st.floats(0.1, 3.0))
-def test_the_peak_speed_is_that_of_the_path(position, velocity, duration):
-    made = trajectory(
-        Waypoint(duration, (position, 0.5), (velocity, 0.0)), Waypoint(duration + 1.0, (0.0, 0.0))
-    )
-    end = NOW + duration + 1.0
-    fastest = max(
-        abs(point.velocity) for k in range(2000) for point in made.at(NOW + (end - NOW) * k / 2000)
-    )
-    assert made.peak_speed == pytest.approx(fastest, rel=0.05)
-
-
-def test_the_peak_speed_of_a_trajectory_of_years_is_found():
-    made = trajectory(Waypoint(1.0, (0.5, 0.5)), start=2.0**31)
-    assert made.peak_speed == pytest.approx(0.5)
-
-
 def test_a_point_for_now_is_now_and_nothing_is_where_it_is():
     made = trajectory(Waypoint(0.0, (1.0, 0.0)))
     assert made.at(NOW)[0].position == 1.0

@@ -17,6 +17,7 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import (
+    JointPoint,
     JointReading,
     JointTrajectory,
     Tolerances,
@@ -37,7 +38,6 @@ try:
 except ImportError:
     TrajectoryMessage = None
 
-_RESERVE = 0.8  # of the speed limit after a STOP; the rest is for catching up
 _LOG_PERIOD = 0.5  # s
 
 
@@ -173,18 +173,8 @@ class HeadActions:
                 goal.end(result.end, _result(result.code, result.reason))
             elif control.readings.latest is not None:
                 latest = control.readings.latest
-                goal.feedback(_feedback(motion.trajectory, latest.stamp, latest.positions))
-
-        def through(waypoints: list[Waypoint]) -> JointTrajectory:
-            with control.lock:
-                joints, limits = self._measured()
-                if control.epoch != epoch:
-                    stopped = "the head was stopped after this was requested"
-                    raise TrajectoryError(TrajectoryCode.INVALID_GOAL, stopped)
-                present = dict(zip(control.joints, control.present(joints), strict=True))
-                now, stamp = control.now, stamp_to_ns(message.header.stamp)
-                start = stamp * 1e-9 if stamp else now
-                return JointTrajectory(names, waypoints, start, now, present, limits, tolerances)
+                meant = motion.desired(latest.stamp)
+                goal.feedback(_feedback(control.joints, meant, latest))
 
         # What takes long for many points is done without the lock, which the cycle needs.
         names = tuple(message.joint_names) if waypoints else ()
@@ -194,19 +184,18 @@ class HeadActions:
         if waypoints:
             checked_waypoints(names, waypoints, limits)
         tolerances = _tolerances(goal, names, tuple(limits), self._tolerances.value)
-        if control.is_cautious:
-            possible = max(limit.velocity for limit in limits.values())  # else it fails anyway
-            peak = min(through(waypoints).peak_speed, possible)
-            factor = peak / (_RESERVE * control.fastest)
-            if factor > 1.0:
-                self._log.info(f"the trajectory takes {factor:.1f} times as long after a stop")
-                waypoints = [waypoint.slowed(factor) for waypoint in waypoints]
         with control.lock:
+            joints, limits = self._measured()
+            if control.epoch != epoch:
+                stopped = "the head was stopped after this was requested"
+                raise TrajectoryError(TrajectoryCode.INVALID_GOAL, stopped)
             if not waypoints:
                 control.hold("preempted by an empty trajectory")
-            motion = TrajectoryMotion(
-                through(waypoints), control.law, None if goal is None else notify
-            )
+            present = dict(zip(control.joints, control.present(joints), strict=True))
+            now, stamp = control.now, stamp_to_ns(message.header.stamp)
+            start = stamp * 1e-9 if stamp else now
+            path = JointTrajectory(names, waypoints, start, now, present, limits, tolerances)
+            motion = TrajectoryMotion(path, control.law, None if goal is None else notify)
             if goal is not None:
                 goal.on_cancel = lambda: control.cancel(motion)
             control.start(motion)
@@ -227,16 +216,17 @@ def _result(code: TrajectoryCode, reason: str) -> Any:
     return FollowJointTrajectory.Result(error_code=int(code), error_string=reason)
 
 
-def _feedback(trajectory: JointTrajectory, stamp: float, positions: tuple[float, float]) -> Any:
-    meant = trajectory.at(stamp)
-    message = FollowJointTrajectory.Feedback(joint_names=list(trajectory.joints))
+def _feedback(
+    joints: tuple[str, str], meant: tuple[JointPoint, JointPoint], measured: JointReading
+) -> Any:
+    message, stamp = FollowJointTrajectory.Feedback(joint_names=list(joints)), measured.stamp
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
     message.desired.positions = [point.position for point in meant]
     message.desired.velocities = [point.velocity or 0.0 for point in meant]
     message.desired.accelerations = [point.acceleration or 0.0 for point in meant]
-    message.actual.positions = list(positions)
+    message.actual.positions = list(measured.positions)
     message.error.positions = [
-        point.position - position for point, position in zip(meant, positions, strict=True)
+        point.position - position for point, position in zip(meant, measured.positions, strict=True)
     ]
     return message
 
