@@ -38,7 +38,13 @@ from head_tracking.exceptions import (
 from head_tracking.gaze import PanTiltHead, PointingParameters, PointingResult
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_control import HeadControl
-from head_tracking.head.motions import MotionEnd, PointMotion, Tracking, TrackingSettings
+from head_tracking.head.motions import (
+    MotionEnd,
+    MotionResult,
+    PointMotion,
+    Tracking,
+    TrackingSettings,
+)
 from head_tracking.head.obstacle import Blocked
 from head_tracking.parameters import changed
 from head_tracking.share import robot_file, robot_parameters
@@ -187,7 +193,6 @@ class Head:
             period=1.0 / _RATE,
             log=logging.getLogger(__name__),
         )
-        self._control.use(model)
         self._control.begin()
         self._failure: BaseException | None = None
         self._stopped_as = HeadState.STOPPED
@@ -305,24 +310,22 @@ class Head:
         self._end_following()
         place, miss = self._check(target)
         self._switch_on(epoch)
-        ended: SimpleQueue[PointingResult | Exception] = SimpleQueue()
+        ended: SimpleQueue[MotionResult] = SimpleQueue()
         with control.lock:
             self._permit(epoch)
             motion = control.point(
                 target,
                 PointingParameters(max_velocity=max_velocity, clamp_to_limits=True),
-                lambda motion: self._conclude(motion, ended.put),
+                lambda motion: None if motion.result is None else ended.put(motion.result),
                 fixed=None if stamp is None else place,
             )
         try:
-            end = ended.get(timeout=min(timeout, threading.TIMEOUT_MAX))
+            result = ended.get(timeout=min(timeout, threading.TIMEOUT_MAX))
         except Empty:
             return PointingResult(False, miss if motion.miss is None else motion.miss)
         finally:  # also on Ctrl-C
             control.cancel(motion)
-        if isinstance(end, Exception):
-            raise end
-        return end
+        return self._judged(motion, result)
 
     def follow(
         self, point: Iterable[float], frame: str = "base_link", *, stamp: float | None = None
@@ -657,30 +660,20 @@ class Head:
             raise UnreachableError(target.point, frame, miss, gaze.reason)
         return point, head.miss(point, *joints)
 
-    def _conclude(
-        self, motion: PointMotion, put: Callable[[PointingResult | Exception], object]
-    ) -> None:
-        """Put the result of a motion that has ended, for the thread that waits for it."""
-        if motion.result is None or motion.result.end is MotionEnd.CANCELED:  # by that thread
-            return
-        end, reason, miss = motion.result.end, motion.result.reason, motion.miss
-        target = motion.target
-        error: Exception
+    def _judged(self, motion: PointMotion, result: MotionResult) -> PointingResult:
+        """Return the result of a motion for the program, or raise it as an error."""
+        target, miss, end = motion.target, motion.miss, result.end
         if end in (MotionEnd.SUCCEEDED, MotionEnd.MISSED) and miss is not None:
-            put(PointingResult(end is MotionEnd.SUCCEEDED, miss))
-            return
+            return PointingResult(end is MotionEnd.SUCCEEDED, miss)
         if end is MotionEnd.PREEMPTED:
-            error = SupersededError(target.point, miss)
-        elif end is MotionEnd.UNREACHABLE:
-            error = UnreachableError(target.point, target.frame_id, miss or math.pi, reason)
-        elif end is MotionEnd.NO_TRANSFORM:
-            error = FrameError(target.frame_id, reason)
-        elif end is MotionEnd.DISABLED:
-            error = RefusedCommandError(self._refusing or HeadState.STOPPED)
-            error.__cause__ = self._failure
-        else:
-            error = BusStoppedError(reason)
-        put(error)
+            raise SupersededError(target.point, miss)
+        if end is MotionEnd.UNREACHABLE:
+            raise UnreachableError(target.point, target.frame_id, miss or math.pi, result.reason)
+        if end is MotionEnd.NO_TRANSFORM:
+            raise FrameError(target.frame_id, result.reason)
+        if end is MotionEnd.DISABLED:
+            raise RefusedCommandError(self._refusing or self._stopped_as) from self._failure
+        raise BusStoppedError(result.reason)
 
     @property
     def _refusing(self) -> HeadState | None:

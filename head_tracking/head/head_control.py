@@ -173,11 +173,6 @@ class HeadControl(Controller):
         return " and ".join(sorted(owners))
 
     @property
-    def is_stopped(self) -> bool:
-        """Whether there was a STOP and no `resume`."""
-        return self._owners.stopped
-
-    @property
     def obstacle(self) -> Obstacle | None:
         """Why a motion that begins now would not move the head; None: it would."""
         off, other = self.off, self._owners.elsewhere(self.joints)
@@ -353,7 +348,7 @@ class HeadControl(Controller):
         self._listening_since = self._listening_since or round(self._clock.checked * 1e9)
         model = self._buffer.model
         if model is not self._model and model is not self._refused_model and model is not None:
-            self._use_or_refuse(model)
+            self._use(model)
         self.trouble = self._find_trouble()
         now = time.monotonic()
         self._troubled_since = math.inf if self.trouble is None else min(self._troubled_since, now)
@@ -395,9 +390,10 @@ class HeadControl(Controller):
         self.readings.clear()
         self._observer(None)
 
-    def _use_or_refuse(self, model: RobotModel) -> None:
+    def _use(self, model: RobotModel) -> None:
+        """Control the head of another model from now on, if it has one."""
         try:
-            self.use(model)
+            head = self.frames.use(model)
         except RobotModelError as error:
             self._refused_model = model
             if self._model is not None:
@@ -405,14 +401,7 @@ class HeadControl(Controller):
                 self._log.error(f"another robot_description is not used: {error}")
             else:
                 self.trouble = Obstacle(Blocked.INVALID_MODEL, str(error))
-
-    def use(self, model: RobotModel) -> None:
-        """Control the head of another model from now on.
-
-        Raises:
-            RobotModelError: the model has no such head.
-        """
-        head = self.frames.use(model)
+            return
         self._end_motion(MotionEnd.ABORTED, "another robot_description has come")
         self._model = model
         fastest = min(_FASTEST, max(head.pan_limits.velocity, head.tilt_limits.velocity))
