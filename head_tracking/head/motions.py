@@ -152,9 +152,9 @@ class PointMotion(Motion):
         control: of the head.
         target: the point.
         p: how to turn. With `clamp_to_limits` the head turns as far as the joints go to a point
-            out of reach; else that ends the motion. The motion has arrived or missed when the
-            joints have stood still for `settle_time`, or have missed a moving point by less than
-            `success_angle_threshold` for this time; or when the miss is very small for 0.1 s.
+            out of reach; else that ends the motion. It has arrived when the miss was less than
+            `success_angle_threshold` for `settle_time`, or very small for 0.1 s; and missed when
+            the joints have stood still for `settle_time` and the point does not move.
         joints: as measured now.
         notify: see `Motion`.
         head: the head, pointing another frame; None: the usual one.
@@ -197,7 +197,6 @@ class PointMotion(Motion):
         self._seen = 0.0
         self._settling = Arrival(p.success_angle_threshold, p.settle_time)
         self._ending = Arrival(_SMALL_MISS * p.success_angle_threshold, _ON_TARGET)
-        self._has_settled = self._is_on_target = False
 
     def retarget(self, target: Target, fixed: Vector3 | None) -> None:
         """Turn to another point; see `PointMotion`."""
@@ -284,17 +283,17 @@ class PointMotion(Motion):
                     (b - a) / (self._seen - before) for a, b in zip(old, positions, strict=True)
                 )
                 self._rate = pan, tilt
-        self._has_settled = self._settling.step(self.miss, now)
-        self._is_on_target = self._ending.step(self.miss, now)
         return gaze
 
     def _judge(self, now: float) -> PointingResult | None:
         """Return the result; None while the turn is in progress."""
-        if self.miss is None or now < self._began + self._duration:
+        assert self.miss is not None
+        arrived = [each.step(self.miss, now) for each in (self._settling, self._ending)]
+        if now < self._began + self._duration:
             return None
-        moves = max(map(abs, self._rate)) > _STILL
-        if self._is_on_target or (moves and self._has_settled):
+        if any(arrived):
             return PointingResult(True, self.miss)
+        moves = max(map(abs, self._rate)) > _STILL
         settle_time, latest = self._p.settle_time, self._readings.latest
         if moves or latest is None or now - self._began < settle_time:
             return None
@@ -564,8 +563,6 @@ class Pointing(TargetMotion):
         was_turning = motion.result is None
         command = motion.update(joints, now)
         self.miss = motion.miss
-        if was_turning and motion.result is not None:
-            control.conclude(motion)
         if is_new and not was_turning:
             command = motion.goal(now)
             control.held = command.pan, command.tilt
@@ -601,7 +598,8 @@ class Pointing(TargetMotion):
         if motion is not None and (motion.result is None or is_same):
             motion.retarget(target, point)
         else:
-            self._motion = PointMotion(control, target, p, joints, fixed=point)
+            notify = control.conclude
+            self._motion = PointMotion(control, target, p, joints, notify, fixed=point)
         return True
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
