@@ -45,10 +45,10 @@ class SimulatedJoints(SimulatedLine):
         return joint.position(self.use(lambda bus: bus[servo_id].true_ticks))
 
 
-def mounted_servos(joints: Iterable[JointConfiguration], link_play: float = 0.0) -> SimulatedBus:
+def mounted_servos(joints: Iterable[JointConfiguration]) -> SimulatedBus:
     """Return a bus with the servos of joints, each joint at position 0."""
     pairs = [joint.calibrations for joint in joints]
-    bus = SimulatedBus([_servo(mount, link_play) for mounts in pairs for mount in mounts])
+    bus = SimulatedBus([_servo(mount) for mounts in pairs for mount in mounts])
     for mounts in pairs:
         if len(mounts) == 2:
             one, other = mounts
@@ -56,7 +56,7 @@ def mounted_servos(joints: Iterable[JointConfiguration], link_play: float = 0.0)
     return bus
 
 
-def _servo(mount: ServoCalibration, link_play: float) -> SimulatedServo:
+def _servo(mount: ServoCalibration) -> SimulatedServo:
     """Return a servo at position 0 of its joint, with the configured EEPROM."""
     model, init = simulated_model(mount.model.name), mount.init
     if mount.offset and model.is_feetech:
@@ -64,7 +64,7 @@ def _servo(mount: ServoCalibration, link_play: float) -> SimulatedServo:
     elif mount.offset and model.control == "profile":
         init -= mount.offset
     position = 2 * model.center - init if mount.reverse else init
-    servo = SimulatedServo(mount.id, mount.model, position=position, link_play=link_play)
+    servo = SimulatedServo(mount.id, mount.model, position=position)
     if mount.reverse:
         servo.set_register("Drive Mode", 1)
     if mount.offset:

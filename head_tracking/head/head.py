@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from head_tracking.compatibility import StrEnum
 from head_tracking.configuration import ConfiguredHead, configured_head
-from head_tracking.control import ControlLoop, JointOwners
+from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     BusStatistics,
@@ -166,8 +166,8 @@ class Head:
         self.frames = TransformBuffer()
         self.frames.set_model(model)
         self._joints = pan.joint_name, tilt.joint_name
-        self._owners = JointOwners()
-        self._loop = ControlLoop(self.frames, self._owners)
+        self._loop = ControlLoop(self.frames)
+        self._owners = self._loop.owners
         self._tracking = Tracking(TrackingSettings())
         self._bus = ServoBus(
             DynamixelPort(port, baud_rate, reply_timeout=reply_timeout, open_device=open_device),

@@ -90,7 +90,7 @@ class HeadNode(ClosingNode):
         targets: TargetMotion,
         period: float,
     ) -> None:
-        """Create control, topics and services; `begin` starts them.
+        """Create topics and services, and control the head from now on.
 
         Args:
             error_topic: where the angle between pointing axis and target is published [rad].
@@ -139,6 +139,10 @@ class HeadNode(ClosingNode):
         self.create_service(Trigger, "~/recenter", answering(self._on_recenter))
         steady_timer(self, _WATCH_PERIOD, self._watch)
         steady_timer(self, _UNHEARD_PERIOD, self._check_publishers)
+        self.control.begin()
+        if self._backend is not None:
+            self._backend.start()
+        self._publish(None)
 
     def _make_backend(self, p: DriveParameters, loop: ControlLoop) -> JointBackend | None:
         """Return what drives the joints; None: the servo bus of this process does."""
@@ -157,13 +161,6 @@ class HeadNode(ClosingNode):
         return TrajectoryBackend(
             self, p.command_topic, control.name, control.joints, p.time_from_start, loop
         )
-
-    def begin(self) -> None:
-        """Control the head from now on; the node is complete."""
-        self.control.begin()
-        if self._backend is not None:
-            self._backend.start()
-        self._publish(None)
 
     def _end_control(self) -> None:
         self.control.save()

@@ -67,7 +67,6 @@ class HeadTrackerNode(HeadNode):
         period = 1.0 / own.value.rate
         self.create_control("~/tracking_error", loop, self._tracking, period)
         steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_diagnostics)
-        self.begin()
 
     def _settings(self) -> TrackingSettings:
         own = self._own.value

@@ -45,4 +45,3 @@ class PointHeadNode(HeadNode):
         self.create_control("~/pointing_error", loop, Pointing(lambda: pointing.value), _PERIOD)
         name = p.controller_name or "~"
         self.actions = HeadActions(self, name, self.control, lambda: pointing.value)
-        self.begin()
