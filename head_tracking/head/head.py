@@ -504,9 +504,9 @@ class Head:
         self._end_following()
         if not self._owners.stopped:
             self._stopped_as = HeadState.RELAXED
-        problems = {joint: problem for joint, problem in self._loop.stop().items() if problem}
-        if problems:
-            raise TorqueError(False, problems)
+        problems = self._owners.stop(lambda: self._servos.relax_now(_TIMEOUT))
+        if any(problems.values()):
+            raise TorqueError(False, {joint: each for joint, each in problems.items() if each})
 
     def resume(self) -> None:
         """End a `stop` or a `relax`: the servos hold where they are, and commands are accepted.

@@ -126,7 +126,6 @@ class HeadControl(Controller):
         self._log, self._observer = log, observer
         self._throttle = Throttle(_LOG_PERIOD)
         self._model: RobotModel | None = None
-        self._refused_model: RobotModel | None = None
         self._listening_since = round(self.now * 1e9)
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since, self._is_troubled = math.inf, False
@@ -215,7 +214,7 @@ class HeadControl(Controller):
     def save(self) -> None:
         """Save what was learned of the servos for the next run."""
         with self.lock:
-            if self._model is not None:
+            if self.frames.head is not None:
                 self.memory.save(self.law.to_save)
 
     def watch(self) -> None:
@@ -347,7 +346,7 @@ class HeadControl(Controller):
             self._restart_after(jump)
         self._listening_since = self._listening_since or round(self._clock.checked * 1e9)
         model = self._buffer.model
-        if model is not self._model and model is not self._refused_model and model is not None:
+        if model is not None and model is not self._model:
             self._use(model)
         self.trouble = self._find_trouble()
         now = time.monotonic()
@@ -395,11 +394,11 @@ class HeadControl(Controller):
         try:
             head = self.frames.use(model)
         except RobotModelError as error:
-            self._refused_model = model
-            if self._model is not None:
+            if self._model is not None and self.frames.head is not None:
                 self._buffer.set_model(self._model)
                 self._log.error(f"another robot_description is not used: {error}")
             else:
+                self._model = model
                 self.trouble = Obstacle(Blocked.INVALID_MODEL, str(error))
             return
         self._end_motion(MotionEnd.ABORTED, "another robot_description has come")
