@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -53,7 +52,7 @@ _RAMP = 0.2  # s of acceleration, and of braking
 _STILL = 0.006  # rad; a joint that moved less stands still: a little over one tick of an AX-12
 _ON_TARGET = 0.1  # s with a small miss after which the turn ends
 _SMALL_MISS = 0.3  # of the threshold
-_WINDOW = 0.15  # s over which the target's velocity is measured
+_SMOOTHING = 0.15  # s over which the target's velocity is averaged
 _LEAD_TIME = 0.3  # s for which that velocity is extrapolated at most
 _RESERVE = 0.8  # of the speed limit after a STOP; the rest is for catching up
 _SLOWEST = 1e-6  # rad/s
@@ -192,8 +191,7 @@ class PointMotion(Motion):
         )
         self._began = self._duration = 0.0
         self._located: float | None = None
-        self._gazes: deque[tuple[float, tuple[float, float]]] = deque()
-        self._rate = (0.0, 0.0)
+        self._goal, self._rate = joints.positions, (0.0, 0.0)
         self._seen = 0.0
         self._settling = Arrival(p.success_angle_threshold, p.settle_time)
         self._ending = Arrival(_SMALL_MISS * p.success_angle_threshold, _ON_TARGET)
@@ -265,24 +263,22 @@ class PointMotion(Motion):
             present: measured positions of the joints [rad].
             now: the time [s].
         """
-        gaze = self._head.gaze(point, *(self._gazes[-1][1] if self._gazes else present))
+        gaze = self._head.gaze(point, *self._goal)
         positions = gaze.pan, gaze.tilt
         if self.miss is None:
             self._began = now
             longest = max(abs(b - a) for a, b in zip(self._start, positions, strict=True))
             self._duration = max(self._min_duration, longest / self._speed + _RAMP)
+        elif stamp is not None and stamp > self._seen:
+            passed = stamp - self._seen
+            share = min(1.0, passed / _SMOOTHING)
+            pan, tilt = (
+                rate + share * ((b - a) / passed - rate)
+                for a, b, rate in zip(self._goal, positions, self._rate, strict=True)
+            )
+            self._rate = pan, tilt
         self.miss = self._head.miss(point, *present)
-        if stamp is None or not self._gazes or stamp > self._gazes[-1][0]:
-            self._seen = now if stamp is None else stamp
-            self._gazes.append((self._seen, positions))
-            while len(self._gazes) > 2 and self._gazes[0][0] < self._seen - _WINDOW:
-                self._gazes.popleft()
-            before, old = self._gazes[0]
-            if stamp is not None and before < self._seen:
-                pan, tilt = (
-                    (b - a) / (self._seen - before) for a, b in zip(old, positions, strict=True)
-                )
-                self._rate = pan, tilt
+        self._goal, self._seen = positions, now if stamp is None else stamp
         return gaze
 
     def _judge(self, now: float) -> PointingResult | None:
@@ -310,7 +306,7 @@ class PointMotion(Motion):
         pan, tilt = (
             start - 0.5 * velocity * left * left / _RAMP + ratio * (goal + ahead * rate - start)
             for start, velocity, goal, rate in zip(
-                self._start, self._velocity, self._gazes[-1][1], self._rate, strict=True
+                self._start, self._velocity, self._goal, self._rate, strict=True
             )
         )
         return self._head.pan_limits.clamp(pan), self._head.tilt_limits.clamp(tilt)
