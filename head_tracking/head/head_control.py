@@ -172,6 +172,11 @@ class HeadControl(Controller):
         return " and ".join(sorted(owners))
 
     @property
+    def is_stopped(self) -> bool:
+        """Whether there was a STOP and no `resume`."""
+        return self._owners.stopped
+
+    @property
     def obstacle(self) -> Obstacle | None:
         """Why a motion that begins now would not move the head; None: it would."""
         off, other = self.off, self._owners.elsewhere(self.joints)

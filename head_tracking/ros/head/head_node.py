@@ -113,7 +113,7 @@ class HeadNode(ClosingNode):
         if loop is None:
             buffer = listening_buffer(self, on_joints=lambda message: own.heard(message.name))
             own = loop = ControlLoop(buffer.core)
-        clock, self._owners = self.get_clock(), loop.owners
+        clock = self.get_clock()
         self.control = HeadControl(
             loop,
             str(self.get_fully_qualified_name()),
@@ -202,7 +202,7 @@ class HeadNode(ClosingNode):
             fields = {
                 "state": state,
                 "enabled": "true" if off is None else "false",
-                "stopped": "true" if self._owners.stopped else "false",
+                "stopped": "true" if control.is_stopped else "false",
                 "slow": "true" if control.is_cautious else "false",
                 "target": "false" if control.targets.miss is None else "true",
                 "reason": "" if obstacle is None else obstacle.reason.value,
