@@ -163,7 +163,7 @@ class Camera:
             (cx - x) / across,
             (cy - y) / down,
             tuple(distortion) if any(distortion) else _NO_DISTORTION,
-            model == "equidistant",
+            any(distortion) and model == "equidistant",
             turn,
         )
 

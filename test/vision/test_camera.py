@@ -64,10 +64,13 @@ def test_rectified_images_use_p_only():
     assert camera.pixel((0.2, -0.4, 2.0)) == pytest.approx((378.0, 139.0))
 
 
-@pytest.mark.parametrize("distortion", [(), BENT])
-def test_raw_images_are_turned_into_the_frame_of_rectified_ones(distortion):
-    straight = Camera.from_calibration((640, 480), K, distortion)
-    turned = Camera.from_calibration((640, 480), K, distortion, turn=TURN.ravel().tolist())
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [("plumb_bob", ()), ("plumb_bob", BENT), ("equidistant", (0.0,) * 4)],  # 0: no distortion
+)
+def test_raw_images_are_turned_into_the_frame_of_rectified_ones(model, distortion):
+    straight = Camera.from_calibration((640, 480), K, distortion, model)
+    turned = Camera.from_calibration((640, 480), K, distortion, model, turn=TURN.ravel().tolist())
     pixel = (411.0, 187.0)
     x, y, z = TURN @ (*straight.ray(pixel), 1.0)
     assert turned.ray(pixel) == pytest.approx((x / z, y / z))
