@@ -53,28 +53,6 @@ def test_the_setpoint_of_a_joint_that_does_not_follow_returns_to_the_joint():
     assert sent[-1][0] < 0.1
 
 
-def test_the_setpoint_of_a_joint_that_is_not_measured_for_a_while_goes_on():
-    stream, sent = SetpointStream(0.02, 0.0), []
-    for step in range(60):
-        now = 0.02 * step
-        measured = JointReading(min(now, 0.1), (0.0, 0.0))
-        sent.append(stream.positions(HeadCommand(2.0, 0.0, 1.0, 1.0), measured, now))
-    pans = [pan for pan, _ in sent]
-    assert all(b > a for a, b in pairwise(pans))
-    assert pans[-1] == pytest.approx(1.23, abs=0.01)
-
-
-def test_a_late_joint_does_not_hold_its_setpoint_back():
-    stream, sent = SetpointStream(0.02, 0.0), []
-    for step in range(60):
-        now = 0.02 * step
-        pan = min(max(0.0, 2.0 * (now - 0.3)), 1.0)
-        command = HeadCommand(1.0, 0.0, 2.0, 2.0)
-        sent.append(stream.positions(command, JointReading(now, (pan, 0.0)), now))
-    assert sent[20][0] == pytest.approx(0.9, abs=0.01)
-    assert sent[30][0] == 1.0
-
-
 def test_after_a_pause_the_stream_starts_at_the_measured_position():
     stream, measured = SetpointStream(0.02, 0.0), JointReading(5.0, (0.7, 0.0))
     stream.positions(HeadCommand(0.1, 0.0, 9.0, 9.0), JointReading(0.0, (0.0, 0.0)), 0.0)

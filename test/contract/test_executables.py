@@ -80,29 +80,49 @@ def test_a_target_node_reports_the_package_that_is_missing(bench, words, package
 
 
 @pytest.mark.parametrize(
-    ("words", "code"),
+    ("words", "code", "fact"),
     [
-        ("head_tracking --simm", 2),
-        ("head_tracking --port /dev/ttyNOT0", 1),
-        ("servo_bus --ros-args -p port_name:=/dev/ttyNOT0", 1),
-        ("servo_bus --ros-args -p update_rate:=0.0", 1),
-        ("servo_bus --ros-args -p update_rate:=fast", 1),
-        ("servo_bus --ros-args -p head_pan_controller.motor.max:=1024", 1),
-        ("servo_bus --ros-args -p dynamixels:=[head_pan,head_roll]", 1),
-        ("robot_state_publisher --ros-args -p world_transform:=[0.0,1.0]", 1),
-        ("head_tracker --ros-args -p law:=magic", 1),
-        ("transforms tree --wait 0.3", 1),
-        ("look 1,1,0.5@base_link --wait 0.3", 1),
-        ("look @base_link --ros-args -p head_pan:=pan", 3),
-        ("check_model nobot", 1),
-        ("servo --port /dev/ttyNOT0 info 1", 1),
-        ("simulated_bus --baud 2000000", 1),
+        ("head_tracking --simm", 2, "--simm"),
+        ("head_tracking --port /dev/ttyNOT0", 1, "/dev/ttyNOT0"),
+        ("head_tracking --sim --ros-args -p arm:update_rate:=40.0", 1, "arm"),
+        (
+            "head_tracking --sim --ros-args -r __ns:=/left -p servo_bus:updat_rate:=40.0",
+            *(1, "servo_bus"),
+        ),
+        (
+            "head_tracking --sim --ros-args -p command_interface:=joint_trajectory",
+            *(1, "command_interface"),
+        ),
+        pytest.param(
+            "head_tracking --sim --target face --ros-args -p visual_target:max_distance:=-1.0",
+            *(1, "max_distance"),
+            marks=pytest.mark.skipif(find_spec("cv2") is None, reason="needs OpenCV"),
+        ),
+        ("servo_bus --ros-args -p port_name:=/dev/ttyNOT0", 1, "/dev/ttyNOT0"),
+        ("servo_bus --ros-args -p update_rate:=0.0", 1, "update_rate"),
+        ("servo_bus --ros-args -p update_rate:=fast", 1, "update_rate"),
+        ("servo_bus --ros-args -p head_pan_controller.motor.max:=1024", 1, "max"),
+        ("servo_bus --ros-args -p dynamixels:=[head_pan,head_roll]", 1, "head_roll"),
+        ("robot_state_publisher --ros-args -p world_transform:=[0.0,1.0]", 1, "world_transform"),
+        ("head_tracker --ros-args -p law:=magic", 1, "law"),
+        (
+            "target_mux --ros-args -p sources:=[face] -p face.topic:=/target_point",
+            1,
+            "target_point",
+        ),
+        ("transforms tree --wait 0.3", 1, ""),
+        ("look 1,1,0.5@base_link --wait 0.3", 1, ""),
+        ("look @base_link --ros-args -p head_pan:=pan", 3, "head_pan"),
+        ("check_model nobot", 1, "nobot"),
+        ("servo --port /dev/ttyNOT0 info 1", 1, "/dev/ttyNOT0"),
+        ("simulated_bus --baud 2000000", 1, "2000000"),
     ],
 )
-def test_usage_errors_have_an_exit_code_and_no_traceback(bench, words, code):
+def test_usage_errors_have_an_exit_code_and_name_the_fact(bench, words, code, fact):
     program = bench.start(*words.split())
     assert program.end() == code, program.output
     assert program.output
+    assert fact in program.output
     assert "Traceback" not in program.output
 
 

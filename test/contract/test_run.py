@@ -126,17 +126,6 @@ def test_a_head_runs_in_a_namespace_and_with_prefixed_frames(bench, kinectbot):
     person.keep_looking(2.0, 1.0, 1.0, lambda: person.pan > 0.3, "left_base_link")
 
 
-@pytest.mark.parametrize(
-    ("rule", "namespace"), [("arm:update_rate:=40.0", "/"), ("servo_bus:updat_rate:=40.0", "/left")]
-)
-def test_a_value_for_a_node_or_parameter_that_does_not_exist_ends_the_run(bench, rule, namespace):
-    words = ("--ros-args", "-r", f"__ns:={namespace}", "-p", rule)
-    run = bench.start("head_tracking", "--sim", *words)
-    assert run.end() == 1
-    assert rule.split(":")[0] in run.last_line
-    assert "Traceback" not in run.output
-
-
 def test_a_run_continues_with_a_closed_pipe_and_a_full_disk(bench):
     words = ("head_tracking", "--sim", "--duration", "1", "--ros-args", "-r")
     reader, writer = os.pipe()

@@ -162,15 +162,6 @@ def test_a_camera_process_that_ends_at_its_start_ends_the_run(bench):
     assert run.last_line.endswith(" 99")
 
 
-@needs_opencv
-def test_a_node_of_vision_that_cannot_start_ends_the_run(bench):
-    words = ("--ros-args", "-p", "visual_target:max_distance:=-1.0")
-    run = bench.start("head_tracking", "--sim", "--target", "face", *words)
-    assert run.end() == 1
-    assert "max_distance" in run.output
-    assert "Traceback" not in run.output
-
-
 @pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
 def test_a_page_that_cannot_start_is_left_out(bench):
     words = ("--ros-args", "-p", "viewer:port:=0", "-p", "viewer:no_such:=1")

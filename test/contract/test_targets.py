@@ -100,13 +100,6 @@ def test_a_pose_can_be_the_target_and_another_source_can_be_pinned(mixed):
     wait_for(lambda: selected("target_pose") or mixed.latched("target_mux/selected") != "")
 
 
-def test_the_output_of_the_mux_is_refused_as_a_source(bench):
-    ros = ("-p", "sources:=[face]", "-p", "face.topic:=/target_point")
-    mux = bench.start("target_mux", "--ros-args", *ros)
-    assert mux.end() == 1
-    assert "target_point" in mux.last_line
-
-
 def test_the_fictitious_target_is_switched_off_and_on(bench):
     bench.start("fictitious_target")
     targets = bench.person.hear("target_point", PointStamped)

@@ -82,10 +82,3 @@ def test_a_simulated_run_ends_for_it_and_moves_nothing(bench, person):
     later = bench.start("head_tracking", "--sim")
     assert later.end() == 1, later.output
     assert not driven.trajectories
-
-
-def test_it_is_refused_beside_a_servo_bus(bench):
-    run = bench.start("head_tracking", "--sim", *DRIVEN)
-    assert run.end() == 1
-    assert "command_interface" in run.output
-    assert "Traceback" not in run.output

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from head_tracking.page.tuning import Tuning, described, label, sent_value, shown_value
+from head_tracking.page.tuning import Tuning, described, sent_value, shown_value
 from head_tracking.ros.kit.others import Setting
 
 
@@ -27,19 +27,6 @@ class Parameters:
     def set(self, node: str, name: str, value: Any) -> str:
         self.now[node, name] = replace(self.now[node, name], value=value)
         return name
-
-
-@pytest.mark.parametrize(
-    ("name", "unit", "shown", "shown_unit"),
-    [
-        ("max_velocity", "rad/s", "max velocity", "°/s"),
-        ("head_pan_controller.motor.max", "ticks", "head pan motor: max", "ticks"),
-    ],
-)
-def test_names_and_units(name, unit, shown, shown_unit):
-    one = setting(name, 1.0, unit)
-    assert label(one) == shown
-    assert described(one)["unit"] == shown_unit
 
 
 def test_angles_are_degrees_on_the_page_and_radians_for_the_node():
@@ -105,18 +92,3 @@ def test_presets_stay_within_limits_and_normal_and_reset_bring_back_what_was_fou
         tuning.choose("furious")
     with pytest.raises(ValueError):
         tuning.set("/head_tracker", "serial_port", 1.0)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "value", "unit", "logarithmic"),
-    [
-        (math.radians(1.0), math.radians(100.0), 0.1, "rad", True),
-        (1, 5, 3, "", False),
-        (0.0, 3600.0, 10.0, "s", True),  # 0 is at its left end
-        (-1.0, 100.0, 0.0, "", False),
-        (0.0, math.inf, 0.0, "", False),
-    ],
-)
-def test_ranges_over_decades_get_a_logarithmic_slider(low, high, value, unit, logarithmic):
-    one = described(Setting("/node", "name", value, "", low, high, unit=unit))
-    assert one["logarithmic"] is logarithmic

@@ -56,11 +56,7 @@ CORE = """
 
 
 def message(x: float, seconds: int = 1, parent: str = "map", child: str = "ball"):
-    transform = TransformStamped()
-    transform.header.stamp.sec = seconds
-    transform.header.frame_id = parent
-    transform.child_frame_id = child
-    transform.transform.translation.x = x
+    transform = shifted(x, seconds, parent, child)
     transform.transform.rotation.z = math.sin(0.5 * TURN)
     transform.transform.rotation.w = math.cos(0.5 * TURN)
     return transform

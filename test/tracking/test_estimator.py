@@ -52,24 +52,6 @@ def miss(estimator, path, ahead):
     return math.hypot((pan - there.pan) * math.cos(tilt), tilt - there.tilt)
 
 
-def test_one_point_is_a_target_that_stands_still():
-    estimator = TargetEstimator(EstimatorParameters())
-    assert estimator.add(1.0, seen((1.0, 2.0, 3.0)), 1.0) is Verdict.NEW_TARGET
-    assert place(estimator.estimate.ray_at(1.2)) == pytest.approx((1.0, 2.0, 3.0))
-    assert [each.near.motion.speed for each in estimator.estimate.bearings] == [0.0, 0.0]
-
-
-def test_a_swing_is_predicted_where_a_straight_line_is_far_off():
-    path = lambda t: (2.0, 0.5 * math.sin(2 * math.pi * t), 0.0)  # noqa: E731
-    estimator = fed(path, 6.0, noise=0.004, lead_time=0.17)
-    assert miss(estimator, path, 0.17) < 0.01
-    estimate = estimator.estimate
-    pan, tilt, _ = estimate.ray_at(estimate.stamp)
-    speed = estimate.bearings[0].near.motion.speed
-    straight = place(Ray(pan + 0.17 * speed, tilt, 2.0))
-    assert math.dist(straight, path(estimate.stamp + 0.17)) > 0.03
-
-
 @pytest.mark.parametrize("rate", [5, 30, 200])
 def test_a_jump_is_believed_at_every_rate(rate):
     estimator = TargetEstimator(EstimatorParameters())

@@ -58,15 +58,6 @@ def test_a_point_that_is_published_once_is_followed_after_another_target(make, l
     assert ideal.positions[0] > 0.1
 
 
-def test_it_turns_to_the_target_and_stays(make, law):
-    ideal = IdealHead(make(law)).run(4.0, TARGET)
-    assert ideal.tracker.head.miss(TARGET, *ideal.positions) < 0.02
-    assert ideal.tracker.state is TargetState.TRACKING
-    assert ideal.step.error == pytest.approx(
-        ideal.tracker.head.miss(TARGET, *ideal.positions), abs=5e-3
-    )
-
-
 def test_a_target_behind_the_head_is_no_reason_to_hunt(make):
     ideal = IdealHead(make()).run(4.0, (-2.0, 0.3, 0.0))
     assert ideal.tracker.state is TargetState.AT_LIMIT
@@ -85,14 +76,6 @@ def test_one_that_flickers_at_the_far_edge_is_not_chased_all_the_way_round(make)
     assert ideal.positions[0] > 2.0
     ideal.run(6.0, (2.0 * math.cos(edge + 0.3), 2.0 * math.sin(edge + 0.3), 0.0))
     assert ideal.positions[0] == pytest.approx(edge + 0.3, abs=0.03)
-
-
-def test_recentring_forgets_the_target(make, law):
-    ideal = IdealHead(make(law)).run(2.0, TARGET)
-    ideal.tracker.recenter()
-    ideal.run(4.0)
-    assert ideal.positions == pytest.approx((0.0, 0.0), abs=0.04)
-    assert ideal.tracker.state is TargetState.IDLE
 
 
 def test_a_target_ends_the_recentring_for_good(make):
