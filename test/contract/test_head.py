@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from rig import DEGREE, SOURCE, swing_until_learned
+from rig import DEGREE, SOURCE, bearing, swing_until_learned
 from waiting import PATIENCE, join, repeating, wait_for
 
 from head_tracking import (
@@ -65,10 +65,6 @@ sys.platform = "win32"
 """
 
 
-def bearing(point):
-    return math.atan2(point[1], point[0] - 0.0115)  # where Kinectbot's pan axis is
-
-
 def run_until_it_turns(servos, text):
     program = subprocess.Popen(
         ["env", "--default-signal", sys.executable, "-c", PROGRAM + text, servos.name], cwd=SOURCE
@@ -103,14 +99,14 @@ def test_a_head_needs_nothing_that_only_linux_has(servos):
     errors = "from head_tracking.dynamixel import PortMissingError\n"
     code = ANOTHER_SYSTEM + PROGRAM + heads + errors + missing
     subprocess.run([sys.executable, "-c", code, servos.name], cwd=SOURCE, check=True, timeout=120)
-    assert servos.true[0] == pytest.approx(bearing(LEFT), abs=DEGREE)
+    assert servos.true[0] == pytest.approx(bearing(*LEFT[:2]), abs=DEGREE)
     assert servos.torque == [0, 0]
 
 
 def test_the_reported_angles_are_the_true_angles(head, servos):
     assert servos.torque == [0, 0]
     assert head.look_at(LEFT, max_velocity=4.0).arrived
-    assert servos.true[0] == pytest.approx(bearing(LEFT), abs=DEGREE)
+    assert servos.true[0] == pytest.approx(bearing(*LEFT[:2]), abs=DEGREE)
     assert list(head.joints.values()) == pytest.approx(servos.true, abs=DEGREE)
 
 
@@ -256,7 +252,7 @@ def test_look_at_follows_a_moving_frame_and_fixes_a_point_on_the_head(head, serv
         result = head.look_at((0.0, 0.0, 0.0), "hand", max_velocity=4.0)
         hand = head.pose("hand").translation
         assert result.arrived
-        assert servos.true[0] == pytest.approx(bearing(hand), abs=0.2)
+        assert servos.true[0] == pytest.approx(bearing(*hand[:2]), abs=0.2)
     before = servos.at_rest()[0]
     assert head.look_at((2.0, 0.6, 0.0), "camera_link").arrived
     assert servos.true[0] == pytest.approx(before + math.atan2(0.6, 2.0), abs=3 * DEGREE)
@@ -379,7 +375,7 @@ def test_stop_ends_everything_until_resume(head, servos):
     assert servos.at_rest() == pytest.approx(before, abs=0.02)  # nothing of before counts
     began = time.monotonic()
     assert head.look_at(RIGHT, max_velocity=6.0).arrived
-    way = abs(bearing(RIGHT) - before[0])
+    way = abs(bearing(*RIGHT[:2]) - before[0])
     assert way / (time.monotonic() - began) < 0.4  # slowly at first
 
 

@@ -6,15 +6,11 @@ import signal
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PointStamped
-from rig import DEGREE, JOINTS
+from rig import DEGREE, JOINTS, bearing
 from std_msgs.msg import Float64
 from waiting import wait_for
 
 ROUGH = 2 * DEGREE
-
-
-def pan_to(x: float, y: float) -> float:
-    return math.atan2(y, x - 0.0115)  # where Kinectbot's pan axis is
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +42,7 @@ def test_a_target_is_looked_at_and_the_miss_is_published(bench, person):
     person.look_at(1, 1, 0)
     wait_for(lambda: person.state("point_head") == "arrived")
     pan, tilt = bench.servos.at_rest()
-    assert pan == pytest.approx(pan_to(1, 1), abs=DEGREE)
+    assert pan == pytest.approx(bearing(1, 1), abs=DEGREE)
     assert 0.2 < tilt < 0.5
     wait_for(lambda: misses[-1].data < 1.2 * DEGREE)
     person.look_at(1, 1, 0, "torso_link")
@@ -57,7 +53,7 @@ def test_a_target_is_looked_at_and_the_miss_is_published(bench, person):
 @pytest.mark.parametrize("start", [(1, 3, 0), (-1, -2, 0.8)])
 def test_a_far_target_in_the_pan_links_frame_centres_the_head(person, start):
     person.look_at(*start)
-    wait_for(lambda: abs(person.pan - pan_to(*start[:2])) < ROUGH)
+    wait_for(lambda: abs(person.pan - bearing(*start[:2])) < ROUGH)
     person.look_at(100, 0, 0, "head_pan_link")
     wait_for(lambda: person.looks_at(0.0, 0.0))
 
@@ -110,7 +106,7 @@ def test_the_speed_can_be_lowered_while_it_runs(person):
 
     def there():
         pans.append((person.joint_stamps[JOINTS[0]], person.pan))
-        return abs(person.pan - pan_to(1, 1)) < DEGREE
+        return abs(person.pan - bearing(1, 1)) < DEGREE
 
     wait_for(there)
     (t0, p0), (t1, p1) = ((t, p) for t, p in (pans[0], pans[-1]))
@@ -147,7 +143,7 @@ def test_the_frames_can_be_printed(person):
 def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
     look = bench.start("look", "1,1,0.4@base_link")
     assert look.end() == 0, look.output
-    assert person.pan == pytest.approx(pan_to(1, 1), abs=ROUGH)
+    assert person.pan == pytest.approx(bearing(1, 1), abs=ROUGH)
     look = bench.start("look", "1", "-1", "0.4", "--frame", "base_link")
     assert look.end() == 0, look.output
     look = bench.start("look", "--centre")

@@ -7,7 +7,7 @@ import time
 import pytest
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.time import Time
-from rig import DEGREE
+from rig import DEGREE, bearing
 from std_msgs.msg import Float64, String
 from waiting import wait_for
 
@@ -128,5 +128,5 @@ def test_a_target_of_the_heads_camera_is_used_at_its_stamp(tracked):
         return len(errors) > 40 and errors[-1].data < 1.5 * DEGREE
 
     wait_for(followed)
-    assert person.pan == pytest.approx(math.atan2(0.8, 1.5 - 0.0115), abs=2 * DEGREE)
+    assert person.pan == pytest.approx(bearing(1.5, 0.8), abs=2 * DEGREE)
     listener.unregister()

@@ -5,7 +5,7 @@ import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rig import DEGREE, JOINTS, LATCHED
+from rig import DEGREE, JOINTS, LATCHED, bearing
 from std_msgs.msg import Bool, Float64, String
 from waiting import wait_for
 
@@ -53,7 +53,7 @@ def test_a_target_is_reached_tracked_and_the_error_published(bench, person):
     states = person.hear("head_tracker/state", String)
     person.keep_looking(1, 0.6, 0, lambda: errors and errors[-1].data < 1.5 * DEGREE, "torso_link")
     person.keep_looking(1, 0.6, 0, in_state(person, "tracking"), "torso_link")
-    assert bench.servos.true[0] == pytest.approx(math.atan2(0.6, 1 - 0.0115), abs=1.5 * DEGREE)
+    assert bench.servos.true[0] == pytest.approx(bearing(1.0, 0.6), abs=1.5 * DEGREE)
     assert {state.data.partition(":")[0] for state in states} <= STATES
     assert set(person.owners.values()) == {"/head_tracker"}
 

@@ -22,7 +22,7 @@ from browser import (
     word,
 )
 from rclpy.parameter import Parameter
-from rig import TICK
+from rig import DEGREE, TICK, bearing
 from robot_under_test import Robot
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
@@ -32,7 +32,6 @@ from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
 from head_tracking.transforms import Rotation, Transform
 
-DEGREE = math.radians(1)
 HEAD = ("head_pan_joint", "head_tilt_joint")
 PLACES = ("live", "joints", "tune", "health", "record")
 MEAN_COLOUR = """() => {
@@ -166,16 +165,11 @@ def is_relaxed(robot: Robot) -> bool:
     return not any(state.goal is not None for state in states.values())
 
 
-def bearing(y: float, x: float) -> float:
-    """The pan angle that looks at a point of base_link [rad]."""
-    return math.atan2(y, x - 0.0115)
-
-
 def point_left(robot: Robot, page: Any) -> None:
     open_tab(page, "live")
     choose_mode(page, "point")
     point_head(page, "base_link", 1.0, 0.5, 0.5)
-    turned(robot, bearing(0.5, 1.0))
+    turned(robot, bearing(1.0, 0.5))
 
 
 def turned(robot: Robot, pan: float) -> None:
@@ -247,7 +241,7 @@ def test_a_recording_is_saved_loaded_played_and_left_again(robot, viewer, visit,
     assert word(other) != "replay"
     choose_mode(other, "point")  # another browser goes on with the robot
     point_head(other, "base_link", 1.0, 0.3, 0.5)
-    turned(robot, bearing(0.3, 1.0))
+    turned(robot, bearing(1.0, 0.3))
     press(page, "Back to the robot")
     wait_for(lambda: abs(pan_shown() - robot.pan) < DEGREE)
     open_tab(other, "record")
@@ -300,7 +294,7 @@ def test_the_head_turns_to_a_frame_and_back_to_the_middle(robot, viewer, page):
         frames.set_transform(0, "base_link", "hand", place, static=True)
     choose_mode(page, "point")
     point_head(page, "hand", 0.0, 0.0, 0.0)
-    turned(robot, bearing(0.2, 0.4))
+    turned(robot, bearing(0.4, 0.2))
     press(page, "Centre")
     turned(robot, 0.0)
 
@@ -555,7 +549,7 @@ def test_browsers_see_what_the_robot_does_and_closing_one_changes_nothing(
                 one.evaluate("headPage.state.target") == pytest.approx([1.0, -0.5, 0.5325])
             ),
         )
-    turned(robot, bearing(-0.5, 1.0))
+    turned(robot, bearing(1.0, -0.5))
     assert [page.locator(f"#{name}").input_value() for name in "xyz"] == own
     before, mode = robot.at_rest(), viewer.robot.modes.mode()
     second.close()

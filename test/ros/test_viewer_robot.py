@@ -1,11 +1,11 @@
 """What the page asks of the robot, over real topics and the simulated bus; without a browser."""
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
+from rig import DEGREE, bearing
 from robot_under_test import Robot
 from viewing import view
 from waiting import wait_for
@@ -21,7 +21,6 @@ from head_tracking.run.options import parse_arguments
 from head_tracking.tracking import Target
 from head_tracking.transforms import Rotation, Transform
 
-DEGREE = math.radians(1)
 NAME = "simulated_camera"
 
 
@@ -53,10 +52,6 @@ def seen(robot, page) -> Any:
 
 def head_is_at(robot: Robot, pan: float, tolerance: float = 2 * DEGREE) -> bool:
     return abs(robot.true("head_pan_joint") - pan) < tolerance
-
-
-def bearing(x: float, y: float) -> float:
-    return math.atan2(y, x - 0.0115)
 
 
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):

@@ -45,6 +45,11 @@ DEGREE = math.radians(1.0)
 TICK = math.radians(300.0) / 1024  # rad, of an AX-12
 
 
+def bearing(x: float, y: float) -> float:
+    """Return the pan angle at which Kinectbot looks at a point of base_link [rad]."""
+    return math.atan2(y, x - 0.0115)
+
+
 def command(name: str) -> list[str]:
     """Return the words that start an executable."""
     words = [sys.executable, "-u", "-m", "head_tracking"]
