@@ -8,25 +8,12 @@ from head_tracking.gaze import together
 from head_tracking.parameters import parameter_info
 from head_tracking.tracking import (
     LAWS,
-    EstimatorParameters,
     JointReading,
-    PositionLaw,
     SpeedLaw,
     SpeedLimits,
-    TargetEstimator,
 )
 
 READING = JointReading(0.0, (0.5, 0.1))
-
-
-@pytest.fixture
-def estimate(head):
-    def make(point):
-        estimator = TargetEstimator(EstimatorParameters())
-        estimator.add(0.0, head.ray(point, 0.0, 0.0), 0.0)
-        return estimator.estimate
-
-    return make
 
 
 @pytest.fixture
@@ -48,24 +35,11 @@ def test_both_joints_arrive_together_at_speeds_above_zero():
         assert together((0.0, 0.3), goal, 2.0).tilt_speed > 0
 
 
-def test_the_law_position_goes_along_the_limit_to_a_target_out_of_reach(head, estimate):
-    command, gaze = PositionLaw(head, 0.02).follow(estimate((-2.0, 0.5, 0.0)), READING, 0.0)
-    assert not gaze.reached
-    assert command.pan == head.pan_limits.upper
-
-
 def test_names_and_defaults_of_the_law_speed_are_the_tutorials(law):
     p = law.parameters
     assert (p.k_pan, p.k_tilt) == (1.5, 1.5)
     assert (p.pan_threshold, p.tilt_threshold) == (0.01, 0.01)
     assert law.limits.lead_target_angle == 0.5
-
-
-def test_a_target_out_of_reach_stops_the_law_speed_where_it_was(law, estimate):
-    behind = estimate((-2.0, 0.0, 0.0))
-    first, _ = law.follow(behind, READING, 0.0)
-    again, _ = law.follow(behind, JointReading(0.1, (0.6, 0.0)), 0.1)
-    assert (first.pan, again.pan) == (0.5, 0.5)
 
 
 @pytest.mark.parametrize(
