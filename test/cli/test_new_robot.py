@@ -45,9 +45,7 @@ class User:
 
     def run(self, *arguments: str) -> int:
         def session(terminal: Terminal, port_name: str, baud_rate: int) -> Session:
-            return Session(
-                terminal, port_name, baud_rate, lambda *_: self.bench.port, clock=self.bench.clock
-            )
+            return Session(terminal, port_name, baud_rate, lambda *_: self.bench.port)
 
         self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))
         words = ["my_head", "--folder", str(self.folder), "--port", "/dev/sim", *arguments]

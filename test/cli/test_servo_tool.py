@@ -78,9 +78,7 @@ class Tool(Bench):
         """Run the tool; its text is in `output` and `messages` afterwards."""
 
         def session(terminal: Terminal, port_name: str, baud_rate: int) -> Session:
-            return Session(
-                terminal, port_name, baud_rate, self._make_port, self.pass_time, self.clock
-            )
+            return Session(terminal, port_name, baud_rate, self._make_port, self.pass_time)
 
         self._monkeypatch.setattr(Terminal, "wait_for_enter", lambda *_: self.on_enter.pop(0)())
         self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))

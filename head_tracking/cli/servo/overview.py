@@ -181,7 +181,7 @@ def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) ->
         measured = {servo.id: [""] * 8 for servo in servos}
         with session.terminal.screen() as update:
             for shown in count_from(1):
-                due = session.clock() + 1.0 / rate
+                due = port.clock() + 1.0 / rate
                 table = Table(box=None, padding=(0, 1, 0, 0))
                 for name in _COLUMNS:
                     left = name in ("model", "torque", "errors")
@@ -193,7 +193,7 @@ def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) ->
                 update(table)
                 if shown == count or is_output_closed():
                     return
-                session.pause(max(0.0, due - session.clock()))
+                session.pause(max(0.0, due - port.clock()))
 
 
 def _add_row(table: Table, servo: Servo, measured: dict[int, list[str]]) -> None:

@@ -49,7 +49,6 @@ class Session:
     baud_rate: int
     make_port: Callable[[str, int], DynamixelPort] = patient_port
     pause: Callable[[float], object] = time.sleep
-    clock: Callable[[], float] = time.monotonic
     model: ServoModel | None = None
 
     @contextmanager
