@@ -49,23 +49,6 @@ def test_a_continuous_joint_turns_the_short_way(turtlebot):
     assert found == pytest.approx(wheel.transform(math.pi), abs=1e-12)
 
 
-def test_joints_can_be_taken_to_stand_elsewhere(buffer, kinectbot):
-    elsewhere = {"head_pan_joint": -1.0, "head_tilt_joint": 0.9}
-    found = buffer.lookup_transform("base_link", "camera_link", joint_positions=elsewhere)
-    expected = kinectbot.transform("base_link", "camera_link", elsewhere)
-    assert found.transform == pytest.approx(expected, abs=1e-15)
-    assert buffer.lookup_transform("base_link", "camera_link").transform != expected
-
-
-def test_many_points_are_transformed_as_one_is(buffer):
-    points = np.random.default_rng(1).normal(size=(20, 3))
-    found = buffer.transform_points(points, "camera_link", "base_link")
-    assert found.shape == (20, 3)
-    for point, there in zip(points, found, strict=True):
-        one = buffer.transform_point(point, "camera_link", "base_link")
-        assert there == pytest.approx(one, abs=1e-12)
-
-
 def test_the_model_keeps_its_frames_from_being_overwritten(buffer):
     before = buffer.lookup_transform("base_link", "camera_link")
     assert not buffer.set_transform(SECOND, "torso_link", "head_pan_link", moved(5))

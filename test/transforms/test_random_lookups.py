@@ -43,5 +43,14 @@ def test_lookups_in_a_moving_robot_are_those_of_its_model(seed):
         between = model.transform(frames[target], frames[source], joints)
         expected = (carried[target].inverse() @ between @ carried[source]).as_matrix()
         assert np.allclose(found.as_matrix(), expected, atol=1e-6)
-        point = buffer.transform_point((0.3, -0.2, 0.5), target, source, stamp)
-        assert np.allclose(point, (expected @ (0.3, -0.2, 0.5, 1.0))[:3], atol=1e-6)
+        points = np.array([(0.3, -0.2, 0.5), (-1.0, 0.7, 2.0)])
+        there = points @ expected[:3, :3].T + expected[:3, 3]
+        one = buffer.transform_point(points[0], target, source, stamp)
+        assert np.allclose(one, there[0], atol=1e-6)
+        many = buffer.transform_points(points, target, source, stamp)
+        assert np.allclose(many, there, atol=1e-6)
+        elsewhere = {joint: rnd.uniform(-1.5, 1.5) for joint in histories}
+        found = buffer.lookup_transform(target, source, stamp, joint_positions=elsewhere).transform
+        between = model.transform(frames[target], frames[source], elsewhere)
+        expected = (carried[target].inverse() @ between @ carried[source]).as_matrix()
+        assert np.allclose(found.as_matrix(), expected, atol=1e-6)
