@@ -11,7 +11,7 @@ AXES = (
 )
 
 
-def random_urdf(seed: int, links: int = 20, *, mimic: bool = True) -> str:
+def random_urdf(seed: int, links: int = 20) -> str:
     """A tree of `links` links under all joint types, some joints mimicking an independent one."""
     rnd = random.Random(seed)
     parts = [f'<robot name="random_{seed}">', '<link name="link_0"/>']
@@ -28,7 +28,7 @@ def random_urdf(seed: int, links: int = 20, *, mimic: bool = True) -> str:
             parts.append(f'<axis xyz="{rnd.choice(AXES)}"/>')
             if kind != "continuous":
                 parts.append('<limit lower="-3" upper="3" effort="1" velocity="1"/>')
-            if mimic and followed and rnd.random() < 0.25:
+            if followed and rnd.random() < 0.25:
                 parts.append(
                     f'<mimic joint="{followed}" multiplier="{rnd.uniform(-2, 2)}" '
                     f'offset="{rnd.uniform(-1, 1)}"/>'

@@ -9,8 +9,8 @@ from head_tracking.tracking import EstimatorParameters, TargetEstimator, Verdict
 RATE = 30
 
 
-def circle(t, speed=0.6, radius=2.0):
-    return radius * math.cos(speed * t), radius * math.sin(speed * t), 0.3
+def circle(t):
+    return 2.0 * math.cos(0.6 * t), 2.0 * math.sin(0.6 * t), 0.3
 
 
 def seen(point):
@@ -20,26 +20,11 @@ def seen(point):
     return Ray(math.atan2(y, x), -math.asin(z / distance), distance)
 
 
-def place(ray):
-    flat = ray.distance * math.cos(ray.tilt)
-    return (
-        flat * math.cos(ray.pan),
-        flat * math.sin(ray.pan),
-        -ray.distance * math.sin(ray.tilt),
-    )
-
-
-def noisy(point, rnd, noise):
-    return tuple(x + rnd.gauss(0.0, noise) for x in point)
-
-
-def fed(path, seconds=3.0, noise=0.0, parameters=None, lead_time=0.1):
-    rnd = random.Random(1)
-    estimator = TargetEstimator(parameters or EstimatorParameters())
-    estimator.lead_time = lead_time
+def fed(path, seconds=3.0):
+    estimator = TargetEstimator(EstimatorParameters())
+    estimator.lead_time = 0.1
     for k in range(int(seconds * RATE)):
-        t = k / RATE
-        estimator.add(t, seen(noisy(path(t), rnd, noise)), t)
+        estimator.add(k / RATE, seen(path(k / RATE)), k / RATE)
     return estimator
 
 
@@ -113,8 +98,8 @@ def test_no_distance_makes_the_estimate_infinite(distance):
         assert all(map(math.isfinite, estimator.estimate.ray_at(t + 0.3)))
 
 
-def swing(t, frequency=0.5, amplitude=0.5):
-    bearing = amplitude * math.sin(math.tau * frequency * t)
+def swing(t, frequency=0.5):
+    bearing = 0.5 * math.sin(math.tau * frequency * t)
     return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
 
 

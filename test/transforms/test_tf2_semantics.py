@@ -21,8 +21,8 @@ def buffer():
     return TransformBuffer()
 
 
-def moved(x: float, yaw: float = 0.0) -> Transform:
-    return Transform.from_xyz_rpy((x, 0, 0), (0, 0, yaw))
+def moved(x: float) -> Transform:
+    return Transform.from_xyz_rpy((x, 0, 0))
 
 
 def x_of(found) -> float:
