@@ -312,28 +312,19 @@ def test_a_slow_detector_sees_few_outliers_in_a_person_who_starts_and_stops():
     assert sum(used) > 0.955 * len(used)
 
 
-def test_who_walks_on_after_a_gap_is_believed_at_the_second_point():
-    """Long rest, then 0.7 s unseen: the speed that was good at rest says nothing any more."""
-    estimator = TargetEstimator(EstimatorParameters())
-    rnd = random.Random(3)
-    for k in range(60):
-        estimator.add(k / 15, Ray(rnd.gauss(0.0, 0.003), 0.0, 2.0), k / 15 + 0.1)
-    start = 59 / 15 + 0.7
-    found = [
-        estimator.add(start + dt, Ray(0.03 + 0.9 * dt, 0.0, 2.0), start + dt + 0.1)
-        for dt in (0.0, 1 / 15)
-    ]
-    assert found == [Verdict.NEW_TARGET, Verdict.TAKEN]
-
-
-def test_a_slow_detector_sees_a_person_who_starts_to_walk():
-    """5 points a second, 600 ms late: the second point of the motion is far from the first."""
-    estimator = TargetEstimator(EstimatorParameters())
-    rnd = random.Random(3)
-    for k in range(20):
-        estimator.add(k / 5, Ray(rnd.gauss(0.0, 0.003), 0.0, 2.0), k / 5 + 0.6)
-    found = [
-        estimator.add(4.0 + dt, Ray(pan, 0.0, 2.0), 4.6 + dt)
-        for dt, pan in ((0.0, 0.01), (0.2, 0.09))
-    ]
-    assert found == [Verdict.TAKEN, Verdict.TAKEN]
+@pytest.mark.parametrize(
+    ("rate", "late", "motion", "verdicts"),
+    [
+        # after 0.7 s unseen: the speed that was good at rest says nothing any more
+        (15, 0.1, ((0.7, 0.03), (0.7 + 1 / 15, 0.09)), [Verdict.NEW_TARGET, Verdict.TAKEN]),
+        # a slow detector: the second point of the motion is far from the first
+        (5, 0.6, ((0.2, 0.01), (0.4, 0.09)), [Verdict.TAKEN, Verdict.TAKEN]),
+    ],
+)
+def test_who_walks_on_after_a_rest_is_believed_at_the_second_point(rate, late, motion, verdicts):
+    estimator, rnd = TargetEstimator(EstimatorParameters()), random.Random(3)
+    for k in range(4 * rate):
+        estimator.add(k / rate, Ray(rnd.gauss(0.0, 0.003), 0.0, 2.0), k / rate + late)
+    rest = (4 * rate - 1) / rate
+    found = [estimator.add(rest + t, Ray(pan, 0.0, 2.0), rest + t + late) for t, pan in motion]
+    assert found == verdicts
