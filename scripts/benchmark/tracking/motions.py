@@ -22,11 +22,6 @@ def triangle(speed: float, amplitude: float = 0.5) -> Path:
     return lambda t: around(amplitude * (4.0 * abs((rate * t) % 1.0 - 0.5) - 1.0))
 
 
-def ramp(t: float) -> Point:
-    """Pass at 1 rad/s, then stand."""
-    return around(-2.0 + min(max(t, 0.0), 4.0))
-
-
 def jumps(t: float) -> Point:
     """Jump by 0.4 rad every 2 s."""
     return around(0.2 if t % 4.0 >= 2.0 else -0.2)
