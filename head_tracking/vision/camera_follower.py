@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -9,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from head_tracking.exceptions import HeadTrackingError
+from head_tracking.exceptions import HeadTrackingError, RefusedCommandError, SupersededError
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.candidate import Detector, Frame
@@ -89,7 +90,7 @@ def _checked(source: Iterator[tuple[float, Pixels]]) -> Iterator[tuple[float, Pi
 
 
 class CameraFollower:
-    """Passes detected points to a head, in a thread.
+    """Passes detected points to a head, in a thread; logs a warning if it fails.
 
     Args:
         detector: detects the object.
@@ -145,6 +146,10 @@ class CameraFollower:
                 self._process(stamp, picture)
         except Exception as error:  # a source or a detector may raise anything
             self.error = error
+            if not isinstance(error, RefusedCommandError | SupersededError):
+                logging.getLogger(__name__).warning(
+                    "the camera is not followed any more: %s", error
+                )
 
     def _process(self, stamp: float, picture: Pixels) -> None:
         height, width, _ = picture.shape

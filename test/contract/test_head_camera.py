@@ -136,10 +136,11 @@ def unplugged():
         ([(float("nan"), GREY)], ImageError),
     ],
 )
-def test_a_failing_camera_ends_following_with_its_error(head, camera, error):
+def test_a_failing_camera_ends_following_with_its_error_and_a_warning(head, camera, error, caplog):
     following = head.follow_camera("face", camera)
     assert following.wait(PATIENCE)
     assert isinstance(following.error, error)
+    assert sum("camera" in record.name for record in caplog.records) == 1
 
 
 def test_an_invalid_picture_ends_following_and_calibration_with_an_error(head):
