@@ -19,7 +19,8 @@ _FEWEST = 8  # points that are kept whatever their age
 _NEAR = 0.45  # of `jump_threshold`: a point is used if it is so near to the prediction,
 _LIKELY = 1.25  # plus this number of its standard deviations, or how far the last used one was,
 _WIDEST = 2.5  # and at most this times `jump_threshold`
-_FASTEST = 1.5  # rad/s; suspects that need a higher speed do not confirm each other
+_FASTEST = 1.5  # rad/s; no single point and no two suspects tell of a faster motion
+_SCATTER = 4.0  # standard deviations of a point: two at one place are nearer to each other
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
 _RETURN = 10.0  # s; within this,
 _SAME = 0.5  # of `jump_threshold`: so near to that place
@@ -328,6 +329,7 @@ class TargetEstimator:
         usual = self._stamps[index - 1] - self._stamps[index - 2] if index > 1 else math.inf
         turned = 0.5 * ACCELERATION * min(stamp - estimate.stamp, usual) ** 2
         spread = max(_LIKELY * math.hypot(spread, turned), self._off)
+        spread = min(spread, _FASTEST * (stamp - self._stamps[index - 1]))
         if away <= min(_NEAR * threshold + spread, _WIDEST * threshold):
             if self._is_gap(stamp):
                 self._begin([(stamp, ray)], self._snapshots[-1])
@@ -364,16 +366,23 @@ class TargetEstimator:
     ) -> list[tuple[float, Ray]]:
         """Return the suspects that confirm another one; empty: none.
 
-        Two suspects that are not alike confirm a motion that continues, but no jump: two false
-        detections look like that.
+        Two suspects that are not alike confirm a motion that goes on, but no jump and no way back:
+        two false detections look like that.
         """
         threshold, (stamp, ray) = self.parameters.jump_threshold, latest
-        alike = [each for each in suspects if self._angle(each[1], ray) < threshold]
+        noise = _SCATTER * math.sqrt(max(bearing.variance for bearing in before.bearings))
+        alike = [
+            each
+            for each in suspects
+            if self._angle(each[1], ray) < min(threshold, noise + _FASTEST * abs(stamp - each[0]))
+        ]
         if alike or not suspects:
             return alike
         then, last = suspects[-1]
+        pan, tilt = last.pan - before.ray.pan, last.tilt - before.ray.tilt
+        goes_on = pan * (ray.pan - last.pan) + tilt * (ray.tilt - last.tilt) > 0.0
         is_slow = self._angle(last, ray) < _FASTEST * abs(stamp - then)
-        if is_slow and not self._jumped(before, sorted((suspects[-1], latest))):
+        if goes_on and is_slow and not self._jumped(before, sorted((suspects[-1], latest))):
             return suspects[-1:]
         line = suspects[-2:]
         if len(line) > 1 and self._angle(_line(line[0], line[1], stamp), ray) < threshold:

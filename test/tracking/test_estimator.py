@@ -282,16 +282,37 @@ def test_a_target_that_stops_is_not_predicted_on(seed):
     assert sum(missed) / len(missed) < 0.0163
 
 
-@pytest.mark.parametrize("gap", [0.2, 0.4])
-def test_two_false_detections_in_a_gap_are_no_motion(gap):
+@pytest.mark.parametrize(
+    "false",
+    [
+        [(0.0, 0.17, -0.24), (0.2, 0.1, 0.0)],
+        [(0.0, 0.17, -0.24), (0.4, 0.1, 0.24)],
+        [(0.0, -0.08, -0.13), (0.14, 0.12, -0.17), (0.4, -0.22, -0.21)],  # to and fro
+        [(0.0, -0.14, 0.19), (0.04, -0.22, 0.2)],  # near each other, but fast
+    ],
+)
+def test_false_detections_beside_a_target_at_rest_are_no_motion(false):
+    """Each at a time [s] since the first; pan and tilt from the target [rad]."""
     estimator = TargetEstimator(EstimatorParameters())
     for k in range(30):
         estimator.add(k / 15.0, Ray(0.7, -0.06, 2.0), k / 15.0 + 0.1)
-    for t, pan, tilt in ((2.0, 0.87, -0.3), (2.0 + gap, 0.8, -0.3 + 1.2 * gap)):
-        assert estimator.add(t, Ray(pan, tilt, 2.0), t + 0.1) is Verdict.JUMP
-    pan, tilt, _ = estimator.estimate.ray_at(2.5 + gap)
+    for t, pan, tilt in false:
+        verdict = estimator.add(2.0 + t, Ray(0.7 + pan, tilt - 0.06, 2.0), t + 2.1)
+        assert verdict is Verdict.JUMP
+    pan, tilt, _ = estimator.estimate.ray_at(2.5 + false[-1][0])
     assert abs(pan - 0.7) < 0.02
     assert abs(tilt + 0.06) < 0.02
+
+
+def test_a_false_detection_after_the_first_point_behind_a_gap_is_no_motion():
+    """That point was far from the prediction, and is used: there was time for the way."""
+    estimator = TargetEstimator(EstimatorParameters())
+    for k in range(30):
+        estimator.add(k / 15.0, Ray(0.7, 0.0, 2.0), k / 15.0 + 0.1)
+    assert estimator.add(35 / 15.0, Ray(0.84, 0.0, 2.0), 2.43) is Verdict.TAKEN
+    pan = estimator.estimate.ray_at(2.4).pan
+    assert estimator.add(2.4, Ray(pan, 0.17, 2.0), 2.5) is Verdict.JUMP
+    assert abs(estimator.estimate.ray_at(2.8).tilt) < 0.02
 
 
 def test_a_slow_detector_sees_few_outliers_in_a_person_who_starts_and_stops():
