@@ -3,6 +3,7 @@
 import math
 import struct
 import threading
+import time
 from importlib.util import find_spec
 
 import numpy as np
@@ -308,6 +309,20 @@ def test_stamps_and_delay_of_the_simulated_camera(world, kind):
         assert info.header == image.header
         assert isinstance(image, Image)
         assert len(image.data) == image.step * image.height == 320 * 240 * 3
+
+
+def test_the_simulated_camera_shows_the_scene_that_was_chosen_last(world):
+    eye = SimulatedCameraNode(buffer=world.buffer, parameter_overrides=[scene_named("ball")])
+    for name in ("marker", "ball"):  # the second one before the first one is drawn
+        assert eye.set_parameters([scene_named(name)])[0].successful
+    time.sleep(0.3)  # for its thread
+    assert "ball" in eye.scene
+    assert "marker" not in eye.scene
+    eye.destroy_node()
+
+
+def scene_named(name):
+    return Parameter("scene", value=name)
 
 
 @pytest.mark.parametrize("wanted", [(), ("/depth",), ("/image", "/camera_info")])

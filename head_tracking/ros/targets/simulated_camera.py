@@ -117,7 +117,8 @@ class SimulatedCameraNode(ClosingNode):
         self._measured = 0  # stamp of the latest pose [ns]
         self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
         rng = np.random.default_rng(p.seed)
-        self._show(p.scene)
+        self._shown = ""
+        self._show()
         self._target = LatestTarget(self, self._buffer)
         self._target.place_in(p.scene_frame)
         self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
@@ -133,14 +134,16 @@ class SimulatedCameraNode(ClosingNode):
         self.closing.callback(self._worker.close)
         steady_timer(self, 1.0 / p.rate, self._expose)
 
-    def _on_parameters(self, changed: SimulatedCameraParameters) -> None:
-        if changed.scene != self._shown:
-            self._worker.do(lambda: self._show(changed.scene))
+    def _on_parameters(self, _: SimulatedCameraParameters) -> None:
+        self._worker.do(self._show)
 
-    def _show(self, scene: str) -> None:
-        self._shown = scene
-        self.scene = make_scene(scene, np.random.default_rng(self._settings.value.seed))
-        self.renderer = Renderer(self.scene, self._camera)
+    def _show(self) -> None:
+        """Make the scene of the parameters, if it is another one."""
+        p = self._settings.value
+        if p.scene != self._shown:
+            self._shown = p.scene
+            self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
+            self.renderer = Renderer(self.scene, self._camera)
 
     def _expose(self) -> None:
         publishers = (self._image, self._compressed, self._depth, self._info)
