@@ -54,12 +54,8 @@ class TopicListener:
             *self._arguments, 10, event_callbacks=events, qos_overriding_options=OVERRIDABLE
         )
 
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._node.destroy_subscription(self._subscription)
-
     def _subscribe_again(self) -> None:
-        self.close()
+        self._node.destroy_subscription(self._subscription)
         self._subscription = self._node.create_subscription(*self._arguments, MEASUREMENT)
 
 
