@@ -16,7 +16,7 @@ from head_tracking.tracking import LAWS, LearningParameters
 _DECADES = 99.0
 """Ranges of at least this ratio have a logarithmic slider: two decades, rounded in degrees."""
 
-_ROUNDED = 0.01  # a slider sends three digits
+_ROUNDED = 0.005  # largest relative error: a slider sends three digits
 
 _DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s^2": "°/s²", "rad/s^3": "°/s³"}
 _OFFERED = {
