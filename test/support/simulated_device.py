@@ -20,7 +20,7 @@ from head_tracking.dynamixel import (
     ServoModel,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import PortMissingError
+from head_tracking.dynamixel.exceptions import PortMissingError, ServoError
 from head_tracking.simulation import (
     Answer,
     SimulatedBus,
@@ -113,6 +113,16 @@ class Bench:
             epoch=epoch,
             settings=settings,
         )
+
+    def accepts(self, joints: Iterable[JointConfiguration]) -> bool:
+        """Connect to joints, and close; return whether their servos are set up as they need."""
+        bus = self.servo_bus(joints)
+        try:
+            bus.connect()
+        except ServoError:
+            return False
+        bus.close()
+        return True
 
     def now(self) -> int:
         return self.clock.now
