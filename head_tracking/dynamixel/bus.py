@@ -408,9 +408,17 @@ class ServoBus:
     def _until(
         self, joints: Iterable[BusJoint], is_done: Callable[[BusJoint], bool], patience: float
     ) -> Steps[None]:
-        """Wait until a condition holds for all joints; raise ServoError after `patience`, s."""
+        """Wait until a condition holds for all joints and `command` finds them complete.
+
+        Raises:
+            ServoError: After `patience`, s.
+        """
         deadline = self._procedures.monotonic() + round(patience * 1e9)
-        while waiting := [joint.name for joint in joints if not is_done(joint)]:
+        while waiting := [
+            joint.name
+            for joint in joints
+            if joint.name in self.cycle.incomplete or not is_done(joint)
+        ]:
             if self._procedures.monotonic() > deadline:
                 raise ServoError(f"{', '.join(waiting)}: cannot be used yet; see /diagnostics")
             yield 0.02

@@ -197,6 +197,32 @@ def test_joint_whose_servo_cannot_be_used_when_it_is_started_is_looked_for(
     assert "head_pan_joint" in rig.step(5).states
 
 
+@pytest.mark.parametrize("phase", range(0, 20, 3))  # ms
+@pytest.mark.parametrize("request_", ["starting", "recovering"])
+def test_a_joint_accepts_a_command_as_soon_as_it_is_started_or_recovered(
+    phase: int, request_: str
+) -> None:
+    rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.1))
+    rig.go(0.3)
+    if request_ == "starting":
+        run(rig.bus.stopping(None))
+        done = submit(rig.bus, rig.bus.starting(None))
+    else:
+        rig.servos[0].overload()
+        rig.step(5)
+        done = submit(rig.bus, rig.bus.recovering(None, 2.0))
+    while not done.done():
+        rig.step()
+        for _ in range(phase):  # steps between two cycles
+            rig.bench.pass_time(0.001)
+            rig.bus.cycle.fill(rig.bench.now() + 1_000_000_000)
+            if done.done():
+                break
+    done.result()
+    rig.bus.command({"j1": Goal(0.1)})
+    assert rig.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.05)
+
+
 def test_a_servo_that_has_shut_down_and_does_not_answer_is_not_called_recovered() -> None:
     rig = FakeRig().switched_on()
     rig.pan.error = ErrorBits.OVERLOAD
