@@ -8,7 +8,7 @@ import sys
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.signals import ending_signals
@@ -37,25 +37,32 @@ def exit_code(tool: str, work: Callable[[], int | None]) -> int:
         return 128 + interrupt.args[0] if interrupt.args else INTERRUPTED
 
 
-def positive(text: str) -> float:
-    """Convert a finite number above 0."""
-    return _number(text, lambda number: 0.0 < number < math.inf, "is not a number above 0")
-
-
 def between(
     lowest: float, highest: float, unit: str, kind: type[float] = float
-) -> Callable[[str], float]:
+) -> Callable[[str], Any]:
     """Return a converter of numbers from `lowest` to `highest`; whole ones if `kind` is int."""
-    return lambda text: _number(
-        text,
-        lambda number: lowest <= number <= highest,
-        f"is not possible; allowed are {kind(lowest)} to {kind(highest)} {unit}",
-        kind,
-    )
 
+    def convert(text: str) -> Any:
+        try:
+            number = kind(text)
+        except ValueError:
+            number = math.nan
+        if not lowest <= number <= highest:
+            allowed = f"{kind(lowest)} to {kind(highest)} {unit}"
+            raise ArgumentTypeError(f"{text!r} is not possible; allowed are {allowed}")
+        return number
+
+    return convert
+
+
+seconds = between(0.001, 1e6, "s")
+"""Converts a duration [s]."""
 
 baud_rate = between(9_600, 4_500_000, "bit/s", int)
 """Converts a baud rate."""
+
+servo_id = between(0, 253, "as a servo id", int)
+"""Converts the id of a servo."""
 
 
 class PointInFrame(NamedTuple):
@@ -66,10 +73,10 @@ class PointInFrame(NamedTuple):
 
 
 def point_in_frame(text: str) -> PointInFrame:
-    """Convert a point in metres with its frame, such as 1,0.5,0@base_link."""
+    """Convert a point in metres with its frame, such as 1,0.5,0@base_link; @frame: its origin."""
     numbers, _, frame_id = text.strip().partition("@")
     try:
-        x, y, z = (float(number) for number in numbers.split(","))
+        x, y, z = (float(number) for number in (numbers or "0,0,0").split(","))
     except ValueError:
         x = y = z = math.nan
     if not frame_id or not all(map(math.isfinite, (x, y, z))):
@@ -95,13 +102,6 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
             own.append(word)
         ros = ros and word != "--"
     return own
-
-
-def servo_id(text: str) -> int:
-    """Convert the id of a servo."""
-    if not text.isdigit() or int(text) > 253:
-        raise ArgumentTypeError(f"{text!r} is not a servo id; ids are 0 to 253")
-    return int(text)
 
 
 def named_id(text: str) -> tuple[str, int]:
@@ -146,15 +146,3 @@ def read_by(read: Callable[[str], Value], error: type[Exception]) -> Callable[[s
             raise ArgumentTypeError(str(reason)) from None
 
     return convert
-
-
-def _number(
-    text: str, is_allowed: Callable[[float], bool], complaint: str, kind: type[float] = float
-) -> float:
-    try:
-        number = kind(text)
-    except ValueError:
-        number = math.nan
-    if not is_allowed(number):
-        raise ArgumentTypeError(f"{text!r} {complaint}")
-    return number

@@ -12,8 +12,8 @@ from head_tracking.command_line import (
     existing_file,
     named_id,
     point_in_frame,
-    positive,
     read_by,
+    seconds,
     servo_id,
     with_negative_values,
     without_ros_arguments,
@@ -27,7 +27,7 @@ from head_tracking.signals import ending_signals
 @pytest.mark.parametrize(
     ("convert", "text", "value"),
     [
-        (positive, "1e-3", 0.001),
+        (seconds, "1e-3", 0.001),
         (between(0.1, 100.0, "Hz"), "0.1", 0.1),
         (between(0.1, 100.0, "Hz"), "100", 100.0),
         (between(0, 508, "us", int), "508", 508),
@@ -38,6 +38,7 @@ from head_tracking.signals import ending_signals
         (read_by(int, ValueError), "7", 7),
         (point_in_frame, "1,0.5,0@base_link", ((1.0, 0.5, 0.0), "base_link")),
         (point_in_frame, " -1,-0.5,1e-3@left/arm", ((-1.0, -0.5, 0.001), "left/arm")),
+        (point_in_frame, "@left/arm", ((0.0, 0.0, 0.0), "left/arm")),
     ],
 )
 def test_an_allowed_value_is_converted(convert, text, value):
@@ -49,14 +50,14 @@ def test_an_allowed_value_is_converted(convert, text, value):
 @pytest.mark.parametrize(
     ("convert", "texts"),
     [
-        (positive, ("0", "-1", "nan", "inf", "x")),
+        (seconds, ("0", "-1", "nan", "inf", "1e300", "x")),
         (between(0.1, 100.0, "Hz"), ("0.09", "100.1", "nan", "inf", "x")),
         (between(0, 508, "us", int), ("-1", "509", "1.5", "x")),
         (baud_rate, ("0", "-1", "1e6", "nan", "x")),
         (servo_id, ("254", "-1", "1.0", "x", "")),
         (named_id, ("1", ":1", "head_pan:x")),
         (read_by(int, ValueError), ("x",)),
-        (point_in_frame, ("1,2,3", "1,2@a", "1,2,nan@a", "1,2,3@", "1 2 3@a", "@a", "")),
+        (point_in_frame, ("1,2,3", "1,2@a", "1,2,nan@a", "1,2,3@", "1 2 3@a", "@", "")),
         (existing_file, ("/nowhere/x", "/")),
         (writable_file, ("/nowhere/x", "/")),
     ],
@@ -134,9 +135,12 @@ def test_an_empty_port_is_not_the_default(words: list[str], port: dict[str, str]
         ("transforms", ""),
         ("transforms", "echo a b --count 0"),
         ("transforms", "echo a b --rate 0"),
+        ("transforms", "echo a b --rate 1e-300"),
+        ("transforms", "tree --listen 1e300"),
         ("look", ""),
         ("look", "1 2 3"),
         ("look", "--centre @a"),
+        ("track_report", "--duration 1e300"),
         ("track_report", "--output /nowhere/picture.svg"),
         ("head_setup", ""),
         ("new_robot", ""),

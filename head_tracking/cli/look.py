@@ -11,12 +11,7 @@ from collections.abc import Callable, Sequence
 from geometry_msgs.msg import PointStamped
 
 from head_tracking.cli.client import Client, run_client
-from head_tracking.command_line import (
-    PointInFrame,
-    point_in_frame,
-    positive,
-    with_negative_values,
-)
+from head_tracking.command_line import point_in_frame, seconds, with_negative_values
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import Arrival
 from head_tracking.ros.kit.target_point import target_message
@@ -113,8 +108,8 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--frame", help="the frame, if the point is given as X Y Z, or without a point")
     add("--follow", action="store_true", help="follow the target until Ctrl-C")
     add("--centre", "--center", action="store_true", help="look straight ahead")
-    add("--timeout", type=positive, default=8.0, metavar="S", help="of the turn (%(default)s s)")
-    add("--wait", type=positive, default=10.0, metavar="S", help="for a head (%(default)s s)")
+    add("--timeout", type=seconds, default=8.0, metavar="S", help="of the turn (%(default)s s)")
+    add("--wait", type=seconds, default=10.0, metavar="S", help="for a head (%(default)s s)")
     options = parser.parse_intermixed_args(with_negative_values(arguments))
     frame = [] if options.frame is None else [options.frame]
     text = "@".join([",".join(options.where), *frame])
@@ -122,7 +117,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         parser.error("give a target: x,y,z@frame, or @frame, or --centre")
     if text:
         try:
-            options.where = _place(text)
+            options.where = point_in_frame(text)
         except argparse.ArgumentTypeError as error:
             parser.error(str(error))
     return options
@@ -131,9 +126,3 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 def main() -> int:
     """Turn the head; return the exit code."""
     return run_client("look", _parse, look)
-
-
-def _place(text: str) -> PointInFrame:
-    """Convert a point in a frame; @frame is the origin of the frame."""
-    is_frame = text.startswith("@") and text != "@"
-    return PointInFrame((0.0, 0.0, 0.0), text[1:]) if is_frame else point_in_frame(text)

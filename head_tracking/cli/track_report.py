@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from head_tracking.cli.client import Client, run_client
 from head_tracking.cli.terminal import Terminal
-from head_tracking.command_line import positive, writable_file
+from head_tracking.command_line import seconds, writable_file
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.tf.conversions import stamp_to_ns
@@ -116,7 +116,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         epilog="ROS arguments follow --ros-args.",
     )
     add = parser.add_argument
-    add("--duration", type=positive, default=20.0, metavar="S", help="in seconds (%(default)s)")
+    add("--duration", type=seconds, default=20.0, metavar="S", help="in seconds (%(default)s)")
     add(
         "--output", type=writable_file, default="track_report.svg", metavar="FILE",
         help="the plot (default: %(default)s)",

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from head_tracking.cli.client import Client, run_client
-from head_tracking.command_line import between, positive
+from head_tracking.command_line import between, seconds
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.output import is_output_closed
 from head_tracking.transforms import StampedTransform, TransformException
@@ -101,17 +101,19 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     echoes = works.add_parser("echo", help="print the transform between two frames")
     echoes.add_argument("frame", metavar="A", help="target frame")
     echoes.add_argument("of", metavar="B", help="source frame: its pose in A is printed")
-    echoes.add_argument("--rate", type=positive, default=1.0, help="per second (%(default)s)")
+    echoes.add_argument(
+        "--rate", type=between(0.001, 1000.0, "Hz"), default=1.0, help="per second (%(default)s)"
+    )
     echoes.add_argument(
         "--count", type=between(1, 1e9, "times", int), default=-1, help="number of times (no limit)"
     )
     trees = works.add_parser("tree", help="print the tree of frames with rates and ages")
     checks = works.add_parser("check", help="print the problems that make lookups fail")
-    checks.add_argument("--max-age", type=positive, default=1.0, help="in seconds (%(default)s)")
+    checks.add_argument("--max-age", type=seconds, default=1.0, help="in seconds (%(default)s)")
     for command, work in ((echoes, echo), (trees, tree), (checks, check)):
         command.set_defaults(work=work)
         add = command.add_argument
-        add("--wait", type=positive, default=10.0, help="for the first frame, in s (%(default)s)")
+        add("--wait", type=seconds, default=10.0, help="for the first frame, in s (%(default)s)")
         if work is not echo:
-            add("--listen", type=positive, default=2.0, help="in seconds (%(default)s)")
+            add("--listen", type=seconds, default=2.0, help="in seconds (%(default)s)")
     return parser.parse_args(arguments)

@@ -11,8 +11,8 @@ from pathlib import Path
 from head_tracking.command_line import (
     existing_file,
     point_in_frame,
-    positive,
     read_by,
+    seconds,
     with_negative_values,
     without_ros_arguments,
 )
@@ -133,7 +133,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         help="start stopped if the last run was stopped when it crashed; for automatic restarts, "
         "such as by systemd",
     )
-    parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--viewer", action="store_true", help="serve a page that shows and steers the head"
     )
@@ -181,8 +181,6 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
     """Return the nodes that publish a target, and the scene for a simulated camera."""
     if text in TARGETS:
         return TARGETS[text], SCENES.get(text, "")
-    if text.startswith("@") and text != "@":
-        return (NodeSpec("frame_target", ("buffer",), {"frame": text[1:]}),), ""
     try:
         point, frame_id = point_in_frame(text)
     except argparse.ArgumentTypeError:
@@ -190,5 +188,7 @@ def _target(text: str) -> tuple[tuple[NodeSpec, ...], str]:
             f"{text!r} is not a target; give {', '.join(TARGETS)}, a frame such as @gripper_link, "
             "or a point in metres and its frame such as 1,0.5,0@base_link"
         ) from None
+    if text.startswith("@"):
+        return (NodeSpec("frame_target", ("buffer",), {"frame": frame_id}),), ""
     at_rest = {"frame_id": frame_id, "center": list(point), "amplitude": [0.0, 0.0, 0.0]}
     return (NodeSpec("fictitious_target", parameters=at_rest),), ""
