@@ -130,7 +130,7 @@ class HeadControl(Controller):
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since, self._is_troubled = math.inf, False
         self._cautious_for = 0.0  # s, with a target
-        self._watches = [FollowingWatch(joint, _START_TIME) for joint in self.joints]
+        self._watches = {joint: FollowingWatch(_START_TIME) for joint in self.joints}
         self.disabled = Obstacle(Blocked.OWNED)  # nobody has disabled it
         self.epoch = self._owners.epoch.value
         self._noticed = False, self.epoch
@@ -331,7 +331,7 @@ class HeadControl(Controller):
 
     def _stuck(self, desired: tuple[JointPoint, JointPoint], joints: JointReading) -> str:
         """Return why a joint does not move as commanded, by the servo bus or by its position."""
-        for watch, delay in zip(self._watches, self.law.delays, strict=True):
+        for watch, delay in zip(self._watches.values(), self.law.delays, strict=True):
             watch.patience = _START_TIME + delay
         goals = [point.position for point in desired]
         speeds = [abs(point.velocity or 0.0) for point in desired]
@@ -464,7 +464,7 @@ class HeadControl(Controller):
             else:
                 self._end_motion(MotionEnd.PREEMPTED, f"preempted by a newer goal: {motion.title}")
                 self._log.info(motion.title)
-                for joint, watch in zip(self.joints, self._watches, strict=True):
+                for joint, watch in self._watches.items():
                     self._loop.stuck.pop(joint, None)  # problems of earlier motions
                     watch.restart()
                 self.motion = motion

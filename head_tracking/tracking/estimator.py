@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -127,6 +127,7 @@ class TargetEstimate:
         bearings: filters of the pan and tilt that look at the target, at `stamp`.
         leads: lead times of their near and far predictions [s].
         reach: the prediction stands still from this time after `stamp` on [s].
+        turned: transforms a predicted ray into the base frame at its time [s], if the base moves.
     """
 
     stamp: float
@@ -135,12 +136,17 @@ class TargetEstimate:
     bearings: tuple[Bearing, Bearing]
     leads: tuple[float, float]
     reach: float
+    turned: Callable[[Ray, float], Ray] | None = None
 
     def ray_at(self, time: float, tilt_time: float | None = None) -> Ray:
         """Return the predicted ray at a time [s]; its tilt, if given, at another."""
-        pan = self._position(0, time)
-        tilt = self._position(1, time if tilt_time is None else tilt_time)
-        return Ray(pan, tilt, self.range.distance(min(time - self.stamp, self.reach)))
+        distance = self.range.distance(min(time - self.stamp, self.reach))
+        ray = Ray(self._position(0, time), self._position(1, time), distance)
+        if self.turned is not None:
+            ray = self.turned(ray, time)
+        if tilt_time is None or tilt_time == time:
+            return ray
+        return ray._replace(tilt=self.ray_at(tilt_time).tilt)
 
     def deviation(self, joint: int, time: float) -> float:
         """Return the standard deviation of pan (0) or tilt (1) [rad] at a time [s].
@@ -170,8 +176,7 @@ class TargetEstimate:
             limits: highest speed [rad/s] and acceleration [rad/s^2] of pan and of tilt.
         """
         pan, tilt = map(Bearing.within, self.bearings, limits)
-        is_same = pan is self.bearings[0] and tilt is self.bearings[1]
-        return self if is_same else replace(self, bearings=(pan, tilt))
+        return replace(self, bearings=(pan, tilt))
 
     def spread(self, joint: int, time: float) -> tuple[float, float, float]:
         """Return how uncertain pan (0) or tilt (1) is at a time [s].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from head_tracking.gaze import AT_GOAL
 
@@ -21,16 +21,13 @@ class FollowingWatch:
     that, or its goal is reached or lies on its other side.
 
     Args:
-        joint: name of the joint.
         patience: length of the window that is judged [s].
 
     Attributes:
-        joint: as given.
         patience: as given; may change at any time.
     """
 
-    def __init__(self, joint: str, patience: float = _PATIENCE) -> None:
-        self.joint = joint
+    def __init__(self, patience: float = _PATIENCE) -> None:
         self.patience = patience
         self._side = 0.0
         self.restart()
@@ -71,7 +68,7 @@ class FollowingWatch:
 
 
 def stalled(
-    watches: Sequence[FollowingWatch],
+    watches: Mapping[str, FollowingWatch],
     goals: Sequence[float],
     speeds: Sequence[float],
     positions: Sequence[float],
@@ -80,15 +77,17 @@ def stalled(
     """Return a sentence with the joints that do not follow their commands; empty: all follow.
 
     Args:
-        watches: one for each joint.
+        watches: one for each joint, by its name.
         goals: goals of the latest commands [rad].
         speeds: speeds of the latest commands [rad/s].
         positions: measured positions [rad].
         stamp: time of that measurement [s].
     """
     standing = [
-        watch.joint
-        for watch, goal, speed, position in zip(watches, goals, speeds, positions, strict=True)
+        joint
+        for (joint, watch), goal, speed, position in zip(
+            watches.items(), goals, speeds, positions, strict=True
+        )
         if watch.check(goal, speed, position, stamp)
     ]
     names = " and ".join(standing)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -64,18 +63,6 @@ _SLOPE = 0.03  # s before and after a stamp, for the speed of a joint
 _RANGE_SHARE = 0.2  # weight of a measured distance in the mean distance
 
 
-class StampError(NamedTuple):
-    """Estimate of the stamp error.
-
-    Attributes:
-        mean: [s]; above 0: the stamps are too late.
-        deviation: standard deviation [s].
-    """
-
-    mean: float
-    deviation: float
-
-
 class HeadCamera:
     """Estimate the stamp error of a camera on the head and the mounting of its servos.
 
@@ -96,9 +83,14 @@ class HeadCamera:
     def __init__(
         self, head: PanTiltHead, readings: JointReadings, base: HeadBase | None = None
     ) -> None:
-        self.parameters, self.fault, self.is_unsure = LearningParameters(), "", False
-        self.waiting: deque[tuple[float, Vector3]] = deque()
+        self.parameters = LearningParameters()
         self._head, self._readings, self._base = head, readings, base
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard the points and the estimates."""
+        self.fault, self.is_unsure = "", False
+        self.waiting: deque[tuple[float, Vector3]] = deque()
         self._came = self._judged = -math.inf
         self._range = math.nan
         self._rate = self._applied = self._placed_for = 0.0
@@ -122,18 +114,13 @@ class HeadCamera:
         return self.parameters.camera_learning == Learning.LEARN
 
     @property
-    def stamp_error(self) -> StampError:
-        """The estimate from the points alone, without the prior."""
-        return _moments(_probabilities(self._timing))
-
-    @property
     def learned(self) -> LearnedValue:
         """The corrected stamp error."""
-        deviation = max(min(self._deviation, self.stamp_error.deviation), _LEAST_DEVIATION)
+        _, alone = _moments(_probabilities(self._timing))  # by the points, without the prior
         return LearnedValue(
             self.applied,
             "s",
-            deviation,
+            max(min(self._deviation, alone), _LEAST_DEVIATION),
             self._judged,
             KNOWN,
             is_given=self.parameters.camera_delay != 0.0,
@@ -200,10 +187,13 @@ class HeadCamera:
         point = self._head.placed_in_base(ray, pan, tilt)
         return point if self._base is None else self._base.at(taken) @ point
 
-    def keep(self, before: HeadCamera) -> None:
-        """Continue with the correction of an earlier instance."""
-        self._applied = self._placed_for = before.applied
-        self._deviation = before._deviation
+    def restart(self) -> None:
+        """Discard the points, and the estimates unless they are frozen, after a clock's jump."""
+        applied, deviation = self.applied, self._deviation
+        self.forget()
+        if self.parameters.camera_learning == Learning.FREEZE:
+            self._applied = self._placed_for = applied
+            self._deviation = deviation
 
     def forget_target(self) -> None:
         """Discard the points of the target, and keep the estimates."""
@@ -306,7 +296,8 @@ class HeadCamera:
     def _decide_error(self) -> None:
         """Apply another error if it is significant; else improve the applied one."""
         mean, deviation = _moments(self._probabilities)
-        alone, change = self.stamp_error.deviation, abs(mean - self.applied)
+        _, alone = _moments(_probabilities(self._timing))
+        change = abs(mean - self.applied)
         is_other = change > max(_CLEAR * deviation, _WORTH)
         if is_other:
             self._deviation = alone
@@ -365,10 +356,10 @@ def _probabilities(logarithms: Array) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def _moments(probabilities: Array) -> StampError:
+def _moments(probabilities: Array) -> tuple[float, float]:
     """Return mean and standard deviation of the errors [s]."""
     mean = float(probabilities @ _ERRORS)
-    return StampError(mean, math.sqrt(float(probabilities @ (_ERRORS - mean) ** 2)))
+    return mean, math.sqrt(float(probabilities @ (_ERRORS - mean) ** 2))
 
 
 def _peak(scores: Array) -> float:

@@ -277,7 +277,6 @@ class JointController:
     """Keep one joint on a moving reference.
 
     Args:
-        name: name of the joint.
         joint: range of the joint.
         servo: model of its servo.
 
@@ -286,10 +285,10 @@ class JointController:
         motion: planned motion.
     """
 
-    def __init__(self, name: str, joint: JointLimits, servo: ShaftModel) -> None:
+    def __init__(self, joint: JointLimits, servo: ShaftModel) -> None:
         self.servo = servo
         self._joint = joint
-        self._watch = FollowingWatch(name)
+        self._watch = FollowingWatch()
         self._begin(0.0, 0.0)
 
     def restart(self, stamp: float, position: float, velocity: float) -> None:

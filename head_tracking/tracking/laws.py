@@ -167,8 +167,8 @@ class PredictiveLaw(TrackingLaw):
         pan, tilt = head.pan_joint, head.tilt_joint
         self.servos = servos or {pan: ShaftModel(), tilt: ShaftModel()}
         self._joints = (
-            JointController(pan, head.pan_limits, self.servos[pan]),
-            JointController(tilt, head.tilt_limits, self.servos[tilt]),
+            JointController(head.pan_limits, self.servos[pan]),
+            JointController(head.tilt_limits, self.servos[tilt]),
         )
         super().__init__(head, period, limits, parameters)
 

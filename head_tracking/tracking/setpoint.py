@@ -77,7 +77,7 @@ class _Setpoint:
     def __init__(self, position: float) -> None:
         self.position = self.goal = position
         self.speed = 0.0
-        self._watch = FollowingWatch("", _PATIENCE)
+        self._watch = FollowingWatch(_PATIENCE)
 
     @property
     def at_goal(self) -> bool:

@@ -83,14 +83,6 @@ class Trace:
         """Return the ratio of the time in which the error is smaller [rad]."""
         return float((self.errors < error).mean())
 
-    def settled(self, error: float) -> float:
-        """Return the time [s] after which the error stays smaller [rad]; inf if it does not."""
-        outside = np.flatnonzero(self.errors >= error)
-        if not len(outside):
-            return float(self.times[0])
-        after = outside[-1] + 1
-        return float(self.times[after]) if after < len(self) else math.inf
-
     def velocities(self, positions: Array) -> Array:
         """Return the velocities of pan and tilt, shape (n, 2) [rad/s]."""
         return np.asarray(np.gradient(positions, self.times, axis=0))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from head_tracking.gaze import HeadCommand, PanTiltHead, Ray
 from head_tracking.tracking.estimator import (
@@ -82,10 +82,11 @@ class Tracker:
         self.estimator = TargetEstimator(EstimatorParameters(), level)
         self.machine = TargetStateMachine(head, TargetStateParameters())
         self._base = base
-        self._stall_watches = FollowingWatch(head.pan_joint), FollowingWatch(head.tilt_joint)
+        self._stall_watches = {
+            joint: FollowingWatch() for joint in (head.pan_joint, head.tilt_joint)
+        }
         self._readings = JointReadings() if readings is None else readings
-        self._learning = LearningParameters()
-        self.camera = self._new_camera()
+        self.camera = HeadCamera(head, self._readings, base)
         self._upright = Rotation.identity()
         self.message_age = self.interval = self.reading_age = 0.0
         self._jumps = 0
@@ -103,15 +104,10 @@ class Tracker:
 
     def learn(self, parameters: LearningParameters) -> None:
         """Update, freeze, discard or replace the estimates."""
-        self._learning = self.camera.parameters = parameters
+        self.camera.parameters = parameters
         self.law.learn(parameters)
         if parameters.camera_learning == Learning.FORGET:
-            self.camera = self._new_camera()
-
-    def _new_camera(self) -> HeadCamera:
-        camera = HeadCamera(self.head, self._readings, self._base)
-        camera.parameters = self._learning
-        return camera
+            self.camera.forget()
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
         """Accept pan and tilt [rad] measured at `stamp` [s]; ignore older or not finite ones."""
@@ -213,7 +209,7 @@ class Tracker:
         """
         command = self._halt("no target has come since tracking began")
         if self.camera.fault:
-            self.camera = self._new_camera()
+            self.camera.forget()
         return command
 
     def recenter(self) -> None:
@@ -235,9 +231,7 @@ class Tracker:
         self._readings.clear()
         self.message_age = self.interval = self.reading_age = 0.0
         self._came = None
-        before, self.camera = self.camera, self._new_camera()
-        if self._learning.camera_learning == Learning.FREEZE:
-            self.camera.keep(before)
+        self.camera.restart()
         return command
 
     def _halt(self, reason: str) -> HeadCommand | None:
@@ -253,7 +247,7 @@ class Tracker:
         return self.machine.follows(now, self.estimator.parameters.target_timeout)
 
     def _stop(self) -> HeadCommand | None:
-        for watch in self._stall_watches:
+        for watch in self._stall_watches.values():
             watch.restart()
         joints = self._readings.latest
         return None if joints is None else self.law.stop(joints)
@@ -275,10 +269,13 @@ class Tracker:
         if unknown:
             self.machine.refused(f"the pose of the head is unknown: {unknown}", now)
             return None
-        base, upright = self._base, self._upright
-        return TargetFromBase.of(
-            estimate, self.head, lambda time: base.pose(time).rotation.inverse() @ upright, now
-        )
+        return replace(estimate, ray=self._turned(estimate.ray, now), turned=self._turned)
+
+    def _turned(self, ray: Ray, time: float) -> Ray:
+        """Transform a ray of the estimator into the base frame at a time [s]."""
+        assert self._base is not None
+        turn = self._base.pose(time).rotation.inverse() @ self._upright
+        return self.head.ray(turn @ self.head.point(ray), ray.pan, ray.tilt) or ray
 
     def _watch_servos(self, command: HeadCommand, joints: JointReading) -> None:
         self.machine.stalled = stalled(
@@ -288,37 +285,3 @@ class Tracker:
             joints.positions,
             joints.stamp,
         )
-
-
-@dataclass(frozen=True, slots=True)
-class TargetFromBase(TargetEstimate):
-    """A target in the base frame, which turns.
-
-    Attributes:
-        head: the head on the base.
-        turn: rotation from the frame of the estimate to the base frame at a time [s].
-    """
-
-    head: PanTiltHead
-    turn: Callable[[float], Rotation]
-
-    @staticmethod
-    def of(
-        estimate: TargetEstimate, head: PanTiltHead, turn: Callable[[float], Rotation], now: float
-    ) -> TargetFromBase:
-        """Return the same target in the base frame."""
-        values = {field.name: getattr(estimate, field.name) for field in fields(estimate)}
-        target = TargetFromBase(**values, head=head, turn=turn)
-        return replace(target, ray=target.turned(estimate.ray, now))
-
-    def turned(self, ray: Ray, time: float) -> Ray:
-        """Transform a ray into the base frame at a time [s]."""
-        point = self.turn(time) @ self.head.point(ray)
-        return self.head.ray(point, ray.pan, ray.tilt) or ray
-
-    def ray_at(self, time: float, tilt_time: float | None = None) -> Ray:
-        """Return the predicted ray at a time [s], in the base frame at that time."""
-        ray = self.turned(TargetEstimate.ray_at(self, time), time)
-        if tilt_time is None or tilt_time == time:
-            return ray
-        return ray._replace(tilt=self.ray_at(tilt_time).tilt)

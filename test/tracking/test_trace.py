@@ -27,15 +27,6 @@ def test_figures_of_a_swing():
     assert trace.within(0.2) == 1.0
 
 
-def test_when_it_settled():
-    samples = [
-        Sample(t, (0, 0), (0, 0), error) for t, error in enumerate((0.5, 0.1, 0.3, 0.1, 0.1))
-    ]
-    assert Trace(samples).settled(0.2) == 3
-    assert Trace(samples).settled(0.05) == math.inf
-    assert Trace(samples).settled(0.9) == 0
-
-
 @pytest.mark.parametrize("behind", [-0.05, 0.0, 0.1, 0.3])
 def test_how_far_the_head_is_behind(behind):
     assert lag(swing(behind)) == pytest.approx(behind, abs=0.006)
