@@ -24,7 +24,14 @@ from head_tracking.ros.kit.spinning import ClosingNode, NodeThreads, describe, r
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.run.child import SupervisorLink
-from head_tracking.run.node_sets import CONTROL, FEEDS_BUFFER, PAGE, NodeSpec, started_on_request
+from head_tracking.run.node_sets import (
+    CONTROL,
+    FEEDS_BUFFER,
+    MODES,
+    PAGE,
+    NodeSpec,
+    started_on_request,
+)
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.run.status_line import StatusLine
@@ -72,8 +79,8 @@ class Composition:
         self.loop = ControlLoop(self.buffer.core, owners)
         self.simulated: SimulatedJoints | None = None
         self._threads, self._start_elsewhere = threads, start_elsewhere
-        self._elsewhere: set[str] = set()
         self._on_request = started_on_request(simulated=plan.options.sim)
+        self._starting = threading.Lock()
         self._available: dict[str, Any] = {
             "buffer": self.buffer,
             "loop": self.loop,
@@ -88,28 +95,23 @@ class Composition:
                 if all(other.name != FEEDS_BUFFER for other in plan.nodes):
                     TransformListener(self.buffer, servo_bus, frame_prefix=prefix_of(servo_bus))
 
-    def _start(self, spec: NodeSpec) -> None:
-        if spec.process == PAGE:  # the supervisor has started it
-            self._offer_starts(self.nodes["servo_bus"])
-        elif spec.process != CONTROL and self._start_elsewhere is not None:
-            self._start_elsewhere(spec)
-            self._elsewhere.add(spec.name)
-        else:
-            self.nodes[spec.name] = spec.make(self._available)
-            self._threads.start(self.nodes[spec.name])
+    def _start(self, spec: NodeSpec, _: Trigger.Request | None = None) -> str:
+        """Start a node, unless it runs; return the answer to a request for that."""
+        with self._starting:
+            if spec.process == PAGE:  # the supervisor has started it
+                self._offer_starts(self.nodes["servo_bus"])
+            elif spec.process != CONTROL and self._start_elsewhere is not None:
+                self._start_elsewhere(spec)
+            elif spec.name not in self.nodes:
+                self.nodes[spec.name] = spec.make(self._available)
+                self._threads.start(self.nodes[spec.name])
+        return f"{spec.name} is running"
 
     def _offer_starts(self, node: ClosingNode) -> None:
         """Offer the service `node_starter/NAME` for each node that the page can start."""
-        services, starting = UrgentServices(node), threading.Lock()
-
-        def start(name: str, _: Trigger.Request) -> str:
-            with starting:
-                if name not in self.nodes and name not in self._elsewhere:
-                    self._start(self._on_request[name])
-            return f"{name} is running"
-
-        for name in self._on_request:
-            services.offer(f"node_starter/{name}", partial(start, name))
+        services = UrgentServices(node)
+        for name, spec in self._on_request.items():
+            services.offer(f"node_starter/{name}", partial(self._start, spec))
         node.closing.callback(services.close)
         services.start()
 
@@ -154,8 +156,8 @@ class ControlProcess:
         head = self._head = Composition(
             plan, threads, self._stop, self._start_elsewhere, self._report_servos, owners
         )
-        check_parameters(head.nodes.values())
-        head_node = head.nodes.get(plan.head_node)
+        check_parameters(list(head.nodes.values()))
+        head_node = head.nodes.get(MODES[plan.options.mode].name)
         monitor = RunMonitor(
             head_node.control if head_node else None,
             head.nodes["servo_bus"].status,

@@ -41,9 +41,7 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         except Exception as error:
             if node is not None:
                 node.destroy_node()
-            problem = describe(error)
-            link.send(node=spec.name, problem=problem, enabled=spec.enabled, parameters={})
-            return
+            return link.send(node=spec.name, problem=describe(error))
         if hasattr(node, "output"):
             node.output.set(spec.enabled)
         report(spec.name, node, spec.enabled)  # before others can discover it

@@ -46,12 +46,6 @@ class NodeSpec:
         return kind(parameter_overrides=overrides, **{name: available[name] for name in self.needs})
 
 
-ROBOT = (
-    NodeSpec("servo_bus", ("simulate", "loop")),
-    NodeSpec("robot_state_publisher", ("buffer", "loop")),
-    NodeSpec("joint_state_publisher", ("loop",)),
-)
-
 FEEDS_BUFFER = "robot_state_publisher"
 """The node that writes joint positions into the buffer of the process."""
 

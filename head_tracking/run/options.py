@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,10 +21,10 @@ from head_tracking.page import MISSING, installed
 from head_tracking.programs import COMMANDS, has_ros
 from head_tracking.run.node_sets import (
     CAMERA,
+    FEEDS_BUFFER,
     HEAD,
     LEFT_OUT,
     MODES,
-    ROBOT,
     SCENES,
     TARGETS,
     VIEWER,
@@ -40,13 +40,11 @@ class Run:
 
     Attributes:
         nodes: the nodes to start, in this order.
-        head_node: the name of the controller of the head; empty: there is none.
         options: the parsed options; see `--help`.
         arguments: the command line, including ROS arguments.
     """
 
     nodes: tuple[NodeSpec, ...]
-    head_node: str
     options: argparse.Namespace
     arguments: tuple[str, ...]
 
@@ -147,22 +145,20 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         targets = (simulated_camera(scene), *targets)
     elif options.sim and options.viewer and find_spec("cv2") is not None:
         page.append(CAMERA)  # last: nothing else waits for it
-    overrides = {
-        "robot_state_publisher": {
-            "robot": options.robot,
-            "calibration": str(options.calibration or ""),
-        },
-        "servo_bus": {} if options.port is None else {"port_name": options.port},
-    }
+    port = {} if options.port is None else {"port_name": options.port}
+    model = {"robot": options.robot, "calibration": str(options.calibration or "")}
     head = MODES[options.mode]
-    left_out = {head.name if name == HEAD else name for name in options.without}
-    nodes = tuple(
-        replace(node, parameters={**node.parameters, **overrides.get(node.name, {})})
-        for node in (*ROBOT, head, *targets, *page)
-        if node.name not in left_out
+    nodes = (
+        NodeSpec("servo_bus", ("simulate", "loop"), port),
+        NodeSpec(FEEDS_BUFFER, ("buffer", "loop"), model),
+        NodeSpec("joint_state_publisher", ("loop",)),
+        head,
+        *targets,
+        *page,
     )
-    head_node = "" if head.name in left_out else head.name
-    return Run(nodes, head_node, options, tuple(arguments))
+    left_out = {head.name if name == HEAD else name for name in options.without}
+    kept = tuple(node for node in nodes if node.name not in left_out)
+    return Run(kept, options, tuple(arguments))
 
 
 def _robot(text: str) -> str:

@@ -18,8 +18,7 @@ _GIVEN_UP = (
     TargetState.SEARCHING,
 )
 
-SETTLING_TIME = 2.0
-"""Time [s] from the first target until the tracking error counts."""
+_SETTLING_TIME = 2.0  # s from the first target until the tracking error counts
 
 
 class RunMonitor:
@@ -73,7 +72,7 @@ class RunMonitor:
     ) -> None:
         """Judge pan and tilt, and the targets since the last call."""
         if self._judge is None or self._judge.head is not head:
-            self._judge = TrackingJudge(head, SETTLING_TIME, statistics=self._statistics)
+            self._judge = TrackingJudge(head, _SETTLING_TIME, statistics=self._statistics)
         before = self._statistics.count
         if control.state()[0] in _GIVEN_UP:
             self._judge.target_lost(control.now)

@@ -122,12 +122,13 @@ class ChildProcess:
 
     def add(self, node: dict[str, Any]) -> None:
         """Add a node, and plan the start of the process if it does not run."""
-        self.nodes[node["name"]] = node
-        self.send(**node)
+        self.send(**self.nodes.setdefault(node["name"], node))
         if self.channel is None and self.start_at is None:
             self.start_at = time.monotonic()
 
-    def on_report(self, node: str, problem: str, enabled: bool, parameters: Any) -> None:
+    def on_report(
+        self, node: str, problem: str, enabled: bool = True, parameters: Any = ()
+    ) -> None:
         """Record the state in which a node is to be restarted; leave one out that cannot start."""
         if problem:
             self.nodes.pop(node, None)

@@ -8,6 +8,7 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -152,6 +153,20 @@ def test_a_node_that_could_not_start_can_be_requested_again_and_the_page_is_rest
     assert len(set(re.findall(r"http://\S+token=\S+", run.output))) == 1  # as open browsers know it
     run.process.kill()
     wait_for(lambda: has_ended(page))
+
+
+@needs_opencv
+@pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
+def test_a_node_that_is_requested_while_it_starts_does_not_end_the_run(bench):
+    words = ("--sim", "--viewer", "--ros-args", "-p", "viewer:port:=0")
+    run = bench.start("head_tracking", *words)
+    vision = wait_for(lambda: child(run.process.pid, "vision"))
+    os.kill(vision, signal.SIGSTOP)
+    threading.Timer(3.0, os.kill, (vision, signal.SIGCONT)).start()
+    assert bench.person.call("node_starter/simulated_camera").success
+    wait_for(lambda: bench.person.state("head_tracker") == "tracking")
+    assert run.end(signal.SIGINT) == 0, run.output
+    assert "bus cycles" in run.last_line
 
 
 def test_a_camera_process_that_ends_at_its_start_ends_the_run(bench):
