@@ -67,7 +67,10 @@ class JointPanel:
     @property
     def free(self) -> bool:
         """Whether nobody else publishes joint states, and there have never been servos."""
-        return not self._is_published_by_others and not self._had_servos
+        if self._is_published_by_others:
+            return False
+        self._had_servos = self._had_servos or bool(self.servos())
+        return not self._had_servos
 
     def discover(self) -> None:
         """Prepare to switch the servos, and find whether others publish joint states."""
