@@ -117,7 +117,7 @@ class Chaos:
         """Whether all programs run and the joints are measured."""
         for name, program in self.programs.items():
             assert program.process.poll() is None, f"{name} has ended"
-        stamp = self.person.joint_stamps.get(JOINTS[0], 0.0)
+        stamp, _ = self.person.measured.get(JOINTS[0], (0.0, 0.0))
         return stamp > max(self.started, time.time() - 0.5)
 
     def follows(self):

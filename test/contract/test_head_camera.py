@@ -31,7 +31,8 @@ def follow(head):
 
 
 def follows(head):  # as well as on a busy machine
-    return head.state is TargetState.TRACKING and head.error < 8 * DEGREE
+    state, error = head.state, head.error
+    return state is TargetState.TRACKING and error is not None and error < 8 * DEGREE
 
 
 def test_a_face_is_followed(head, follow):
@@ -46,7 +47,7 @@ def test_a_face_is_followed(head, follow):
 def test_stop_ends_following_and_resume_does_not_restart_it(head, servos, follow):
     camera = follow()
     wait_for(lambda: follows(head))
-    assert not any(head.stop().values())
+    wait_for(lambda: not any(head.stop().values()))
     head.resume()
     assert camera.wait(PATIENCE)
     assert isinstance(camera.error, RefusedCommandError)

@@ -27,7 +27,7 @@ def bench(running):
     person = running.person
     for servo in (1, 2):
         running.servos.port.use(lambda bus, servo=servo: bus[servo].drive.push(0.0))
-    assert person.call("torque_enable", True).success
+    person.until_done("torque_enable", True)
     for controller in (PAN, TILT):
         person.publish(f"{controller}/speed", Float64(data=3.0))
 
@@ -72,14 +72,14 @@ def test_the_speed_can_be_set(person):
 
 
 def test_a_relaxed_joint_is_turned_by_hand_and_does_not_jump_back(bench, person):
-    assert person.call(f"{PAN}/torque_enable", False).success
+    person.until_done(f"{PAN}/torque_enable", False)
     assert bench.servos.torque == [0, 1]
     bench.servos.turn_by_hand(1, -0.7)
     wait_for(lambda: abs(person.pan + 0.7) < 3 * DEGREE)
     onward = joint_commands(1.0, names=JOINTS[:1])
     person.complaint("servo_bus", JOINTS[0], of=lambda: person.publish("joint_commands", onward))
     before, _ = bench.servos.at_rest()
-    assert person.call(f"{PAN}/torque_enable", True).success
+    person.until_done(f"{PAN}/torque_enable", True)
     assert bench.servos.torque == [1, 1]
     assert bench.servos.at_rest()[0] == pytest.approx(before, abs=DEGREE)
 
@@ -91,7 +91,7 @@ def test_torque_holds_a_joint_against_a_force(bench):
 
 
 def test_relax_switches_all_torque_off_until_torque_enable(bench, person):
-    assert person.call("relax").success
+    person.until_done("relax")
     assert bench.servos.torque == [0, 0]
     before = bench.servos.at_rest()
     onward = joint_commands(0.5, 0.5)
@@ -135,23 +135,22 @@ def test_an_overloaded_servo_is_reported_and_recovered(bench, person):
 
     wait_for(lambda: level() == DiagnosticStatus.ERROR)
     assert bench.servos.torque[0] == 0
-    assert person.call("recover").success
+    person.until_done("recover")
     assert bench.servos.register(1, "Torque Limit") == 1023
     person.command(PAN, -0.2)
     wait_for(lambda: abs(person.pan + 0.2) < DEGREE)
     wait_for(lambda: level() == DiagnosticStatus.OK)
-    assert person.call(f"{PAN}/recover").success
+    person.until_done(f"{PAN}/recover")
 
 
 def test_one_joint_is_stopped_and_started_without_the_other(bench, person):
     person.command(TILT, 0.2)
-    assert person.call(f"{PAN}/stop").success
-    heard = person.joint_stamps[JOINTS[0]]
+    person.until_done(f"{PAN}/stop")
     wait_for(lambda: abs(person.tilt - 0.2) < DEGREE)
-    assert person.joint_stamps[JOINTS[0]] <= heard + 0.1
+    wait_for(lambda: person.measured[JOINTS[1]][0] > person.measured[JOINTS[0]][0] + 0.5)
     person.complaint("servo_bus", PAN, of=lambda: person.command(PAN, 0.3))
     for service in ("start", "restart"):
-        assert person.call(f"{PAN}/{service}").success
+        person.until_done(f"{PAN}/{service}")
     person.command(PAN, 0.3)
     wait_for(lambda: abs(person.pan - 0.3) < DEGREE)
 
@@ -175,7 +174,7 @@ def test_limits_change_at_run_time_and_invalid_values_are_refused(person):
 def test_the_eeprom_is_written_on_request_while_relaxed(bench, person):
     assert not person.call("servo_bus/write_eeprom").success
     assert bench.servos.register(2, "CCW Angle Limit") == 1023
-    assert person.call("relax").success
+    person.until_done("relax")
     assert person.call("servo_bus/write_eeprom").success
     assert bench.servos.register(2, "CCW Angle Limit") == 800
     assert person.call("servo_bus/write_eeprom").success
@@ -189,16 +188,17 @@ def test_commands_of_another_sender_wait_until_the_first_ends(person):
         return person.owners[JOINTS[0]] == sender
 
     wait_for(lambda: owned("/first", 0.1))
-    assert not owned("/second", 0.4)
-    person.complaint("servo_bus", "/first")
+    person.complaint(  # a busy machine may pause for longer than a command counts
+        "servo_bus", "/first", "/second", of=lambda: owned("/first", 0.1) and owned("/second", 0.4)
+    )
     wait_for(lambda: owned("/second", 0.4))
     wait_for(lambda: abs(person.pan - 0.4) < DEGREE)
 
 
 def test_a_reconnected_adapter_is_found(bench, person):
     bench.servos.port.close()
-    heard = wait_for(lambda: person.joint_stamps[JOINTS[0]])
+    heard, _ = person.measured[JOINTS[0]]
     bench.servos.port.open()
-    wait_for(lambda: person.joint_stamps[JOINTS[0]] > heard + 0.5)
+    wait_for(lambda: person.measured[JOINTS[0]][0] > heard + 0.5)
     person.command(PAN, 0.3)
     wait_for(lambda: abs(person.pan - 0.3) < DEGREE)

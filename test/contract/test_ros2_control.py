@@ -109,12 +109,12 @@ def test_the_messages_match_those_of_the_plugin(bench, tmp_path):
     system.activate()
     system.commands.update(head_pan_joint=0.4, head_tilt_joint=-0.2)
     wait_for(lambda: servos.true == pytest.approx((0.4, -0.2), abs=0.012))
-    assert set(person.owners.values()) == {"somebody"}
-    assert person.call("stop").success
+    wait_for(lambda: set(person.owners.values()) == {"somebody"})
+    person.until_done("stop")
     system.commands.update(head_pan_joint=-0.4)
     stopped = servos.at_rest()
     sent = system.sent
     wait_for(lambda: system.sent > sent + 30)
     assert servos.at_rest() == pytest.approx(stopped, abs=0.012)
-    assert person.call("resume").success
+    person.until_done("resume")
     wait_for(lambda: abs(system.states["head_pan_joint"] + 0.4) < 0.012)

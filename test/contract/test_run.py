@@ -102,7 +102,7 @@ def test_ros_arguments_remap_and_set_parameters(bench, kinectbot):
     states = person.hear("measured", JointState)
     wait_for(lambda: len(states) > 50)
     assert person.get("servo_bus", "update_rate") == 40.0
-    assert person.call("servo_bus/stop").success
+    person.until_done("servo_bus/stop")
     assert "/stop" not in dict(person.node.get_service_names_and_types())
     relax = bench.start("relax")
     assert relax.end() == 0, relax.output
@@ -294,7 +294,7 @@ def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_
     wait_for(lambda: bench.person.state("head_tracker") == "tracking")
     second = bench.start("head_tracking", "--sim")
     second.read_until("servo_bus")
-    assert bench.person.state("head_tracker") == "tracking"
+    wait_for(lambda: bench.person.state("head_tracker") == "tracking")
     beside = bench.start("head_tracking", "--sim", "--duration", "1", "--allow-others")
     assert beside.end() == 0, beside.output
     real = bench.run_bus()
@@ -321,5 +321,4 @@ def test_with_allow_others_the_last_command_wins(bench):
     wait_for(lambda: set(bench.person.owners.values()) == {"/head_tracker"})
     bench.person.command("head_pan_controller", 0.3)
     wait_for(lambda: abs(bench.person.pan - 0.3) < DEGREE)
-    bench.person.look_at(2.0, 0.0, 0.5)
-    wait_for(lambda: abs(bench.person.pan) < DEGREE)
+    bench.person.keep_looking(2.0, 0.0, 0.5, lambda: abs(bench.person.pan) < DEGREE)

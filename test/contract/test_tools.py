@@ -115,8 +115,8 @@ def test_a_recording_holds_what_was_published(bench):
 
     wait_for(lambda: all(map(hears, recorded)))
     bench.person.wait_for_joints()
-    first = bench.person.joint_stamps[JOINTS[0]]
-    wait_for(lambda: bench.person.joint_stamps[JOINTS[0]] > first + 2.0)
+    first, _ = bench.person.measured[JOINTS[0]]
+    wait_for(lambda: bench.person.measured[JOINTS[0]][0] > first + 2.0)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
     (file,) = folder.glob("*.mcap")
     with file.open("rb") as stream:

@@ -34,9 +34,10 @@ def test_two_heads_are_independent(heads):
 
     with repeating(publish, period=0.05):
         wait_for(lambda: left.pan > 0.3 and right.pan < -0.3)
-        assert set(left.owners.values()) == {"/left/head_tracker"}
-        assert set(right.owners.values()) == {"/right/head_tracker"}
-        assert left.call("stop").success
+        for person, side in ((left, "left"), (right, "right")):
+            owners = {f"/{side}/head_tracker"}
+            wait_for(lambda p=person, o=owners: set(p.owners.values()) == o)
+        left.until_done("stop")
         wait_for(lambda: left.stopped)
         sides.update({left: -1.0, right: 1.0})
         wait_for(lambda: right.pan > 0.3)

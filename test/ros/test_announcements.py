@@ -8,6 +8,7 @@ import time
 
 import rclpy
 from ros_domain import own_domain
+from waiting import PATIENCE
 
 from head_tracking.ros.kit.spinning import start_ros
 
@@ -26,7 +27,7 @@ INITIAL = 6  # announcements that Fast DDS makes within half a second
 def test_a_program_says_often_that_it_is_there():
     with own_domain() as domain, socket.socket(type=socket.SOCK_DGRAM) as hears:
         hears.bind(("127.0.0.1", 7400 + 250 * int(domain) + 10 + 2 * NUMBER))
-        hears.settimeout(30.0)
+        hears.settimeout(PATIENCE)
         settings = {
             "ROS_DOMAIN_ID": domain,
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -40,7 +41,7 @@ def test_a_program_says_often_that_it_is_there():
             while len(heard) < INITIAL + 4:
                 assert hears.recv(1 << 16).startswith(b"RTPS")
                 heard.append(time.monotonic())
-    assert heard[-1] - heard[-4] < 3.0  # s; by default that is three times as long
+    assert heard[-1] - heard[-4] < 6.0  # s; by default it is 9
 
 
 def test_a_users_own_settings_of_fast_dds_are_left_alone(monkeypatch, tmp_path):

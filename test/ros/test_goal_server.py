@@ -45,6 +45,7 @@ def test_goals_end_once_from_any_thread(monkeypatch, threads):
         (MotionEnd.CANCELED, ABORTED),  # nobody has asked for that
     ):
         sent = client.send(actions.PointHead.Goal())
+        wait_for(lambda: begun)  # the client hears that it is accepted before
         goal = begun.pop()
         wait_for(lambda sent=sent: sent.status == ACCEPTED)
         goal.feedback(actions.PointHead.Feedback(pointing_angle_error=0.5))

@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 from rig import Bench
 from std_msgs.msg import String
-from waiting import wait_for
+from waiting import join, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
@@ -50,7 +50,7 @@ def test_a_simulated_head_ends_for_a_real_one(lock):
     with pytest.raises(RefusedError):
         lock(simulated=True).acquire(sleep)
     simulated.release()
-    waiting.join(10.0)
+    join(waiting)
     assert len(real.descriptors) == 2
 
 

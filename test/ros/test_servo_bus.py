@@ -1,14 +1,14 @@
 """The servo bus under several clients at once, its limits, and several buses in one node."""
 
 import math
-import time
+import threading
 
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
 
 from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import servo_model
@@ -24,7 +24,7 @@ def test_relaxing_waits_for_no_other_service_and_for_no_other_client(threads, mo
     """Somebody waits for a servo that restarts, and loses its power while it does."""
     monkeypatch.setattr(bus_services, "_RESTART", 60.0)
     xm = servo_model("XM430-W350")
-    servos = [SimulatedServo(i, xm, boot_time=1.0) for i in (1, 2)]
+    servos = [SimulatedServo(i, xm, boot_time=3.0) for i in (1, 2)]
     with SimulatedPort(servos) as simulated:
         motor = {"model": "XM430-W350", "init": 2048, "min": 1024, "max": 3072}
         overrides = [
@@ -84,9 +84,14 @@ def test_two_buses_in_one_node(threads):
         assert node.status().port_name.count("/dev/pts/") == 2
         node._on_joint_commands(JointState(name=[PAN, TILT], position=[math.nan, math.inf]))
         assert loop.owners.of([PAN, TILT]) == {PAN: "", TILT: ""}  # what is refused claims nothing
-        node._on_joint_commands(JointState(name=[PAN, TILT], position=[0.2, -0.2]))
-        wait_for(lambda: ports[0].use(lambda bus: bus[1].true_ticks) > 512 + 35)
-        wait_for(lambda: ports[1].use(lambda bus: bus[2].true_ticks) < 512 - 35)
+        onward = JointState(name=[PAN, TILT], position=[0.2, -0.2])
+
+        def turned():
+            node._on_joint_commands(onward)
+            pan, tilt = (p.use(lambda b, i=i: b[i].true_ticks) for i, p in enumerate(ports, 1))
+            return pan > 512 + 35 and tilt < 512 - 35
+
+        wait_for(turned)
     finally:
         node.destroy_node()
         for port in ports:
@@ -101,8 +106,8 @@ def running(make_module_robot):
 @pytest.fixture
 def robot(running):
     """Relaxed, and not stopped."""
-    assert running.call("resume").success
-    assert running.call("relax").success
+    running.until_done("resume")
+    running.until_done("relax")
     return running
 
 
@@ -116,10 +121,11 @@ def bus_thread(robot):
 
 def test_a_request_that_timed_out_is_not_executed_later(robot, monkeypatch):
     monkeypatch.setattr(bus_services, "_TIMEOUT", 0.2)
-    blocked = bus_thread(robot).bus.requests.add(lambda: time.sleep(1.0))
+    going_on = threading.Event()
+    bus_thread(robot).bus.requests.add(lambda: going_on.wait(PATIENCE))
     answer = robot.call("torque_enable", True)
+    going_on.set()
     assert not answer.success
-    wait_for(blocked.done)
     done = bus_thread(robot).bus.requests.add(lambda: None)
     wait_for(done.done)
     for _ in range(10):
@@ -155,7 +161,7 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
         bus[1].set_register("CCW Angle Limit", 600)
 
     robot.simulated.use(narrow)
-    assert robot.call("head_pan_controller/restart").success
+    robot.until_done("head_pan_controller/restart")
     refused = robot.set("servo_bus", MAXIMUM, 450 + 70)
     assert refused.successful, refused.reason  # init, 512, is inside
     joint = robot.composition.nodes["servo_bus"].backend.joint(PAN)
@@ -163,7 +169,7 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
     robot.simulated.use(lambda bus: bus[1].set_register("CW Angle Limit", 530))
     assert robot.set("servo_bus", MAXIMUM, 1000).successful
     wait_for(lambda: joint.limits[1] > 0.4)
-    assert robot.call("head_pan_controller/restart").success
+    robot.until_done("head_pan_controller/restart")
     refused = robot.set("servo_bus", MAXIMUM, 520)
     assert not refused.successful and refused.reason
     assert joint.limits[1] > 0.4

@@ -57,8 +57,7 @@ def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
     bus.own("", True, 1)
     wait_for(lambda: tracker.control.is_cautious)
     bus.own("/other", False, 1)
-    wait_for(lambda: not tracker.control.is_stopped)
-    assert tracker.control.off == Obstacle(Blocked.OWNED, "/other")
+    wait_for(lambda: tracker.control.off == Obstacle(Blocked.OWNED, "/other"))
     tracker.control.disable(Blocked.DISABLED, "tracking")
     assert tracker.control.off == Obstacle(Blocked.DISABLED, "tracking")
     tracker.control.enable()
@@ -89,8 +88,8 @@ def test_commands_of_an_earlier_epoch_are_discarded(robot):
     tracking(robot)
     assert robot.call("head_tracker/enable", False).success
     old = robot.composition.loop.owners.epoch.value
-    assert robot.call("stop").success
-    assert robot.call("resume").success
+    robot.until_done("stop")
+    robot.until_done("resume")
     where = robot.at_rest()
     command = JointState(name=["head_pan_joint"], position=[where[0] + 0.5])
     command.header.frame_id = f"/elsewhere#{old}"
@@ -101,8 +100,7 @@ def test_commands_of_an_earlier_epoch_are_discarded(robot):
     robot.logged("joint_commands of /elsewhere refused")
     assert robot.at_rest() == pytest.approx(where, abs=STILL)
     command.header.frame_id = f"/elsewhere#{robot.composition.loop.owners.epoch.value}"
-    commands.publish(command)
-    wait_for(lambda: abs(robot.pan - where[0]) > 0.4)
+    wait_for(lambda: commands.publish(command) or abs(robot.pan - where[0]) > 0.4)
 
 
 def test_stop_waits_for_no_controller_that_hangs(robot):
@@ -170,14 +168,13 @@ def test_the_state_is_published_as_fields(robot):
     wait_for(lambda: messages)
 
     def fields():
-        found = {each.key: each.value for each in messages[-1].values}
-        return found["state"], found["enabled"], found["stopped"], found["slow"]
+        latest = messages[-1]
+        found = {each.key: each.value for each in latest.values}
+        return latest.level, found["state"], found["enabled"], found["stopped"], found["slow"]
 
-    wait_for(lambda: fields() == ("tracking", "true", "false", "false"))
-    assert messages[-1].level == DiagnosticStatus.OK
-    assert robot.call("stop").success
-    wait_for(lambda: fields() == ("disabled", "false", "true", "true"))
-    assert messages[-1].level == DiagnosticStatus.WARN
-    assert messages[-1].message == robot.latched("head_tracker/state")
-    assert robot.call("resume").success
-    wait_for(lambda: fields()[1:3] == ("true", "false"))
+    wait_for(lambda: fields() == (DiagnosticStatus.OK, "tracking", "true", "false", "false"))
+    robot.until_done("stop")
+    wait_for(lambda: fields() == (DiagnosticStatus.WARN, "disabled", "false", "true", "true"))
+    wait_for(lambda: messages[-1].message == robot.latched("head_tracker/state"))
+    robot.until_done("resume")
+    wait_for(lambda: fields()[2:4] == ("true", "false"))

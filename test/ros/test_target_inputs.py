@@ -94,5 +94,9 @@ def test_publishers_of_another_type_are_reported(bench):
     person = bench.person
     person.node.create_publisher(PoseStamped, "target_point", 10)
     bench.start("head_tracker")
-    wait_for(lambda: "/person" in person.latched("head_tracker/state"))
-    assert "Pose" in person.latched("head_tracker/state")
+
+    def is_reported():
+        state = person.latched("head_tracker/state")
+        return "/person" in state and "Pose" in state
+
+    wait_for(is_reported)

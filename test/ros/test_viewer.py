@@ -150,8 +150,8 @@ def page(request, robot, viewer, opened) -> Any:
         opened.reload()
         opened.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
     if viewer.robot.stop.refusal or is_relaxed(robot):
-        assert robot.call("resume").success
-        wait_for(lambda: robot.call("torque_enable", True).success)
+        robot.until_done("resume")
+        robot.until_done("torque_enable", True)
         wait_for(lambda: not viewer.robot.stop.refusal and not is_relaxed(robot))
     opened.evaluate("headPage.replay.opened && headPage.replay.close()")
     wait_for(lambda: word(opened) not in ("stopped", "relaxed", "replay"))
@@ -263,8 +263,12 @@ def test_a_click_on_the_floor_looks_there(robot, viewer, page):
     page.locator("#scene canvas").click(
         position={"x": 0.8 * box["width"], "y": 0.9 * box["height"]}
     )
-    wait_for(lambda: viewer.robot.observe().target != before)
-    assert viewer.robot.observe().target[2] == pytest.approx(0.0, abs=1e-6)
+
+    def clicked() -> Any:
+        target = viewer.robot.observe().target
+        return target if target != before else None
+
+    assert wait_for(clicked)[2] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_drag_in_the_3d_view_turns_the_view_only(robot, viewer, page):
@@ -502,7 +506,7 @@ def test_escape_stops_wherever_the_cursor_is_but_closes_what_is_open_first(robot
 
 
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
-    assert robot.call("relax").success
+    robot.until_done("relax")
     wait_for(lambda: is_relaxed(robot))
     open_tab(page, "joints")
     robot.simulated.use(lambda bus: bus[1].lead(512 - 0.7 / TICK, 0.5))
@@ -517,7 +521,7 @@ def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
         states = bus.status().states  # not of a servo that is silent just now
         return [states[joint].goal is not None for joint in HEAD if joint in states]
 
-    assert robot.call("relax").success
+    robot.until_done("relax")
     open_tab(page, "joints")
     switch = page.locator("[data-controller=head_tilt_controller]")
     wait_for(lambda: torque() == [False, False])

@@ -97,5 +97,5 @@ def test_stop_and_a_relaxed_joint_end_it(robot, seen, calibration, what, tmp_pat
     else:
         with pytest.raises(HeadTrackingError):
             calibration.begin(0.16, "")
-        assert robot.call("resume").success
+        robot.until_done("resume")
         wait_for(lambda: not seen.stop.stopped)

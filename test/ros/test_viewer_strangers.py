@@ -92,7 +92,7 @@ def test_no_message_ends_the_page(threads, viewer, stranger):
         stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
     )
     assert told(viewer)
-    wait_for(lambda: viewer.robot.stop_everything().wait().done)
+    assert viewer.robot.stop_everything().wait(PATIENCE).done
     assert "stop" in bus.calls
 
 

@@ -51,8 +51,9 @@ def main(way: str) -> None:
             time.sleep(30)
         rclpy.spin(Node("other"))
     if "spin" in way:
+        other = Node("other")
         threading.Timer(0.3, rclpy.shutdown).start()
-        rclpy.spin(Node("other"))
+        rclpy.spin(other)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,8 @@ SOURCE = Path(__file__).resolve().parents[2]
 PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
 _RETRY = 5.0  # s
 JOINTS = ("head_pan_joint", "head_tilt_joint")
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# deep enough for states that last only for a moment
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEGREE = math.radians(1.0)
 TICK = math.radians(300.0) / 1024  # rad, of an AX-12
 
@@ -132,7 +133,7 @@ class Program:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait(PATIENCE)
-        join(self._reader)
+        join(self._reader)  # until its children have ended, too: they have the lock of a head
         if self.process.stdout is not None:
             self.process.stdout.close()
         print(f"{self._name}:\n{self.output}", file=sys.stderr)  # shown if the test fails
@@ -218,8 +219,7 @@ class Talker:
         self._heard: dict[str, list[Any]] = {}
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
-        self.joints: dict[str, float] = {}
-        self.joint_stamps: dict[str, float] = {}
+        self.measured: dict[str, tuple[float, float]] = {}  # stamp [s] and position, by joint
         self.log: list[Log] = []
         node.create_subscription(Log, "/rosout", self.log.append, 1000)
         node.create_subscription(JointState, self.name("joint_states"), self._on_joints, 10)
@@ -230,20 +230,27 @@ class Talker:
     # what is heard
 
     def _on_joints(self, message: JointState) -> None:
-        self.joints |= dict(zip(message.name, message.position, strict=True))
         stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-        self.joint_stamps |= dict.fromkeys(message.name, stamp)
+        found = zip(message.name, message.position, strict=True)
+        self.measured |= {name: (stamp, position) for name, position in found}
 
     @property
     def pan(self) -> float:
-        return self.joints[JOINTS[0]]
+        return self.measured[JOINTS[0]][1]
 
     @property
     def tilt(self) -> float:
-        return self.joints[JOINTS[1]]
+        return self.measured[JOINTS[1]][1]
 
     def wait_for_joints(self) -> None:
-        wait_for(lambda: set(JOINTS) <= self.joints.keys())
+        wait_for(lambda: set(JOINTS) <= self.measured.keys())
+
+    def mean_speed(self, until: Callable[[], bool]) -> float:
+        """Wait until something is true; return how fast pan turned, by the stamps [rad/s]."""
+        began, first = self.measured[JOINTS[0]]
+        wait_for(until)
+        ended, last = self.measured[JOINTS[0]]
+        return abs(last - first) / (ended - began)
 
     def wait_for_node(self, name: str) -> None:
         names = self.node.get_node_names_and_namespaces
@@ -315,8 +322,10 @@ class Talker:
     def publish(self, topic: str, message: Any) -> None:
         name = self.name(topic)
         if name not in self._publishers:
-            self._publishers[name] = self.node.create_publisher(type(message), name, 10)
-            wait_for(self._publishers[name].get_subscription_count)
+            publisher = self.node.create_publisher(type(message), name, 10)
+            hearers = self.node.count_subscribers
+            wait_for(lambda: publisher.get_subscription_count() >= max(1, hearers(name)))
+            self._publishers[name] = publisher
         self._publishers[name].publish(message)
 
     def command(self, controller: str, position: float) -> None:
@@ -365,6 +374,13 @@ class Talker:
         if data is None:
             return self._ask(Trigger, service, Trigger.Request())
         return self._ask(SetBool, service, SetBool.Request(data=data))
+
+    def until_done(self, service: str, data: bool | None = None) -> Any:
+        """Ask until the answer is a success, and return it.
+
+        On a busy machine simulated servos may confirm later than the service waits.
+        """
+        return wait_for(lambda: answer if (answer := self.call(service, data)).success else None)
 
     def set(self, node: str, name: str, value: Any) -> SetParametersResult:
         parameter: Parameter = ParameterValue(name, value=value).to_parameter_msg()

@@ -26,7 +26,7 @@ class Robot(Talker):
         with ExitStack() as resources:
             self._start(arguments, ros_args, resources)
             if wait:
-                wait_for(lambda: "head_pan_joint" in self.joints)
+                wait_for(lambda: "head_pan_joint" in self.measured)
             self._resources = resources.pop_all()
 
     def _start(self, arguments: list[str], ros_args: list[str], resources: ExitStack) -> None:
