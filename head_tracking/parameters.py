@@ -52,20 +52,9 @@ class ParameterInfo:
     ros_name: bool = False
 
 
-def parameter(
-    default: Any,
-    description: str,
-    *,
-    unit: str = "",
-    minimum: float = -math.inf,
-    maximum: float = math.inf,
-    choices: tuple[str, ...] = (),
-    fixed: bool = False,
-    ros_name: bool = False,
-) -> Any:
-    """Make a field of a dataclass that is also a parameter; see `ParameterInfo`."""
-    info = ParameterInfo(description, unit, minimum, maximum, choices, fixed, ros_name)
-    return dataclasses.field(default=default, metadata={_KEY: info})
+def parameter(default: Any, description: str, **info: Any) -> Any:
+    """Make a field of a dataclass that is also a parameter; for `info` see `ParameterInfo`."""
+    return dataclasses.field(default=default, metadata={_KEY: ParameterInfo(description, **info)})
 
 
 def parameter_info(field: dataclasses.Field[Any]) -> ParameterInfo:
