@@ -83,6 +83,10 @@ class PortPermissionError(PortError):
         )
 
 
+class BaudRateError(PortError, ConfigurationError):
+    """The device does not support the baud rate."""
+
+
 class PortLostError(DynamixelError):
     """The open port `port_name` was lost: it was unplugged, or its other end has closed."""
 

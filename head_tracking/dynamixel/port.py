@@ -153,7 +153,8 @@ class DynamixelPort:
             PortMissingError: There is no such device, or another adapter has its name.
             PortBusyError: Another program uses it.
             PortPermissionError: The user may not open it.
-            PortError: It is no serial port, or does not support the baud rate.
+            BaudRateError: It does not support the baud rate.
+            PortError: It is no serial port.
         """
         if self._line is not None:
             return

@@ -21,6 +21,7 @@ from serial.tools import list_ports
 
 from head_tracking.dynamixel.adapter import Adapter, prepare_adapter
 from head_tracking.dynamixel.exceptions import (
+    BaudRateError,
     ConfigurationError,
     PortBusyError,
     PortError,
@@ -180,7 +181,7 @@ def port_error(port_name: str, cause: Exception) -> PortError:
     The cause is an OSError, or pyserial's ValueError for an unsupported baud rate.
     """
     if isinstance(cause, ValueError):
-        return PortError(port_name, f"it does not support this baud rate: {cause}")
+        return BaudRateError(port_name, f"it does not support this baud rate: {cause}")
     number = cause.args[0] if cause.args else None
     if number == errno.ENOENT:
         return PortMissingError(port_name)

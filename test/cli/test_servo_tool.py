@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from collections.abc import Callable
@@ -63,6 +64,8 @@ class Tool(Bench):
         def open_device(name: str, baud_rate: int) -> SimulatedLine:
             if name == "/dev/none":
                 raise PortMissingError(name, ())
+            if name == "/dev/null":
+                raise port_error(name, OSError(errno.ENOTTY, "Could not configure port"))
             if baud_rate == self.impossible:
                 raise port_error(name, ValueError("Failed to set custom baud rate"))
             line = SimulatedLine(
@@ -137,6 +140,8 @@ def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench: Tool, rate:
     assert rate in bench.messages
     assert "AX-12" in bench.output
     assert bench.run("scan", "--bauds", rate, "--ids", "1") == FAILED
+    assert bench.run("--port", "/dev/null", "scan", "--ids", "1") == FAILED
+    assert len(bench.messages.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel import port as port_module
 from head_tracking.dynamixel.exceptions import (
+    BaudRateError,
     NotConnectedError,
     PortMissingError,
     PortPermissionError,
@@ -135,7 +136,7 @@ def test_port_that_cannot_do_the_baud_rate_says_so(
     monkeypatch.setattr(serial.Serial, "_reconfigure_port", refuse)
     port = DynamixelPort(peer.name, 3_000_000)
     before = len(os.listdir("/proc/self/fd"))
-    with pytest.raises(PortError):
+    with pytest.raises(BaudRateError):
         port.open()
     assert not port.is_open
     assert len(os.listdir("/proc/self/fd")) == before

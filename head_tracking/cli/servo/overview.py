@@ -27,10 +27,6 @@ from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
     CorruptReplyError,
-    PortBusyError,
-    PortError,
-    PortMissingError,
-    PortPermissionError,
     ServoError,
 )
 from head_tracking.dynamixel.models import servo_model_by_number
@@ -94,7 +90,7 @@ def find_servos(
     """Return the servos that answer pings; baud rates that the port does not support are skipped.
 
     Raises:
-        PortError: the port does not exist, is in use, or may not be opened.
+        PortError: the port cannot be opened.
     """
     found: list[FoundServo] = []
     terminal = session.terminal
@@ -108,9 +104,7 @@ def find_servos(
                 for servo_id in terminal.track(ids, f"{rate} baud"):
                     protocols = (1, 2) if servo_id in second else (1,)
                     here += [each for p in protocols if (each := _found(port, servo_id, p, tries))]
-        except (PortMissingError, PortBusyError, PortPermissionError):
-            raise
-        except (ConfigurationError, PortError) as error:
+        except ConfigurationError as error:
             terminal.print(f"{rate} baud skipped: {error}")
         if any(abs(servo.baud_rate - rate) > _NEAR * rate for servo in here):
             known = {servo.id for servo in found}

@@ -56,8 +56,8 @@ class Session:
         """Open the port; close it at the end of the block.
 
         Raises:
-            PortError: the port cannot be opened, or does not support the baud rate.
-            ConfigurationError: no port supports the baud rate.
+            PortError: the port cannot be opened.
+            ConfigurationError: it does not support the baud rate.
         """
         port = self.make_port(self.port_name, self.baud_rate if baud_rate is None else baud_rate)
         port.open()
