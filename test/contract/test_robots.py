@@ -99,5 +99,5 @@ def servo_models(name):
 @pytest.mark.parametrize("name", {servo_models(name): name for name in ROBOTS}.values())
 def test_the_simulated_head_keeps_a_moving_target(name):
     """In simulated time: servos, bus and tracker of the robot, a target at 0.5 Hz."""
-    pursuit = Pursuit(name, 0.5).run(3.0)
+    pursuit = Pursuit(name).run(3.0)
     assert pursuit.rms < 1.5 * DEGREE

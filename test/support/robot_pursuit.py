@@ -18,6 +18,7 @@ from head_tracking.transforms import Vector3, load_robot_model
 
 _LATE = 0.03  # s from when a target was somewhere until the tracker knows
 _DISTANCE = 2.5  # m
+_FREQUENCY, _AMPLITUDE = 0.5, 0.4  # Hz, rad of pan; tilt has a third of both
 _GROWS = 2.0  # s in which the swing grows, from rest
 
 
@@ -26,25 +27,18 @@ class Pursuit:
 
     Args:
         name: of the robot.
-        frequency: of the target [Hz].
-        amplitude: of its azimuth [rad]; its elevation has a third of it, three times as slow.
 
     Attributes:
         errors: angle between camera and target in each cycle [rad].
     """
 
-    def __init__(self, name: str, frequency: float, amplitude: float = 0.4) -> None:
+    def __init__(self, name: str) -> None:
         configured = configured_head(robot_parameters(name))
         self.servos = configured.servos
-        names = [servo.joint_name for servo in self.servos]
-        model = load_robot_model(robot_file(name))
-        self.head = PanTiltHead(model, names[0], names[1], configured.pointing_frame)
-        self._frequency, self._amplitude = frequency, amplitude
-        straight = model.transform(
-            self.head.base_frame, configured.pointing_frame, dict.fromkeys(names, 0.0)
-        )
-        self._origin = straight.translation
-        self._ahead = straight @ (1.0, 0.0, 0.0)
+        self._names = [servo.joint_name for servo in self.servos]
+        self._model = load_robot_model(robot_file(name))
+        self._frame = configured.pointing_frame
+        self.head = PanTiltHead(self._model, *self._names, self._frame)
         self._rig = Rig(*mounted_servos(self.servos), joints=self.servos)
         self._tracker = Tracker(self.head, LAWS["predictive"](self.head, PERIOD))
         self._begin = 0.0
@@ -52,18 +46,13 @@ class Pursuit:
 
     def target(self, now: float) -> Vector3:
         """Return where the target is [m], in the base frame of the head, at a time [s]."""
-        x, y, _ = (a - o for a, o in zip(self._ahead, self._origin, strict=True))
-        since = now - self._begin
-        turn = math.tau * self._frequency * since
-        amplitude = self._amplitude * min(1.0, max(0.0, since) / _GROWS)
-        azimuth = math.atan2(y, x) + amplitude * math.sin(turn)
-        elevation = amplitude / 3.0 * math.sin(turn / 3.0)
-        flat = _DISTANCE * math.cos(elevation)
-        return (
-            self._origin[0] + flat * math.cos(azimuth),
-            self._origin[1] + flat * math.sin(azimuth),
-            self._origin[2] + _DISTANCE * math.sin(elevation),
-        )
+        since = max(0.0, now - self._begin)
+        swing = _AMPLITUDE * min(1.0, since / _GROWS)
+        pan = swing * math.sin(math.tau * _FREQUENCY * since)
+        tilt = swing / 3.0 * math.sin(math.tau * _FREQUENCY * since / 3.0)
+        looking_there = dict(zip(self._names, (pan, tilt), strict=True))
+        pose = self._model.transform(self.head.base_frame, self._frame, looking_there)
+        return pose @ (_DISTANCE, 0.0, 0.0)
 
     def run(self, seconds: float) -> Pursuit:
         """Track for some time."""
