@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 from program_names import NODES, PROGRAMS
+from waiting import PATIENCE
 
 SOURCE = Path(__file__).resolve().parents[1]
 VERSION = ElementTree.parse(SOURCE / "package.xml").getroot().findtext("version")
@@ -43,7 +44,7 @@ def run(*command, **options):
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=100,
+        timeout=PATIENCE,
         check=False,
         **options,
     )
@@ -78,7 +79,7 @@ def copy_of_the_source(destination):
     command = ["git", "-C", SOURCE, "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     try:
         names = (
-            subprocess.run(command, capture_output=True, check=True, timeout=120)
+            subprocess.run(command, capture_output=True, check=True, timeout=PATIENCE)
             .stdout.decode()
             .split("\0")
         )
@@ -248,7 +249,7 @@ def start(tmp_path):
             cwd=tmp_path,
             capture_output=True,
             text=True,
-            timeout=30,
+            timeout=PATIENCE,
             check=False,
         )
         assert done.returncode != 0
@@ -321,7 +322,7 @@ def test_a_complete_environment_gets_the_libraries_of_the_options(start, words, 
         (programs / name).chmod(0o755)
     command = [checkout / "scripts" / "run", *words.split()]
     for _ in range(2):
-        subprocess.run(command, check=True, capture_output=True, timeout=30)
+        subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE)
     done = log.read_text()
     assert done.count(f"head_tracking {words}\n") == 2
     for name in ("viewer", "vision"):

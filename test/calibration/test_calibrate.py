@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from random_head import RESIDUALS
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
 
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.calibration import Calibration, calibrated, gathering
@@ -144,7 +144,7 @@ def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(tmp_path):
 
         wait_for(lambda: turns() or program.poll() is not None)
         program.send_signal(signal.SIGHUP)
-        _, errors = program.communicate(timeout=60.0)
+        _, errors = program.communicate(timeout=PATIENCE)
         torque = servos.use(lambda bus: [bus[id].register("Torque Enable") for id in (1, 2)])
     assert program.returncode == 128 + signal.SIGHUP, errors
     assert errors.splitlines()[-1].startswith("calibrate: ")

@@ -268,7 +268,7 @@ def watch(page: Page) -> ClientConnection:
 def until(opened: ClientConnection, kind: str) -> dict[str, Any]:
     """The next message of a kind."""
     for _ in range(1000):
-        said: dict[str, Any] = json.loads(opened.recv(timeout=30.0))
+        said: dict[str, Any] = json.loads(opened.recv(timeout=PATIENCE))
         if said["type"] == kind:
             return said
     raise AssertionError(f"{kind} was not sent")
@@ -309,21 +309,21 @@ def test_each_card_says_why_its_part_cannot_be_shown_and_the_rest_is(
 
 
 def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> None:
-    wait_for(lambda: page.browsers == 0, 30.0)
+    wait_for(lambda: page.browsers == 0)
     with watch(page) as first, watch(page) as second:
         until(first, "state")
         until(second, "state")
         with watch(page) as third, pytest.raises(ConnectionClosed) as refused:
-            third.recv(timeout=30.0)
+            third.recv(timeout=PATIENCE)
         assert refused.value.rcvd is not None
         assert refused.value.rcvd.code == 4008
-    wait_for(lambda: page.browsers == 0, 30.0)
+    wait_for(lambda: page.browsers == 0)
     with watch(page) as opened:
         until(opened, "state")
 
 
 def test_a_browser_that_sends_too_many_messages_is_refused(page: Page) -> None:
-    wait_for(lambda: page.browsers == 0, 30.0)
+    wait_for(lambda: page.browsers == 0)
     with watch(page) as flooding, watch(page) as other:
         with pytest.raises(ConnectionClosed) as refused:
             while True:

@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 from rig import Bench
 from std_msgs.msg import String
-from waiting import join, wait_for
+from waiting import PATIENCE, join, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
@@ -70,7 +70,7 @@ def test_the_lock_lasts_as_long_as_a_process_that_inherited_it(lock):
     with pytest.raises(RefusedError):
         lock(simulated=True).acquire(sleep)
     child.kill()
-    child.communicate(timeout=30.0)
+    child.communicate(timeout=PATIENCE)
     lock(simulated=True).acquire(sleep)
 
 

@@ -5,6 +5,8 @@ import socket
 import subprocess
 import sys
 
+from waiting import PATIENCE
+
 from head_tracking.ros.kit.stop_signal import ENDING
 
 PROGRAM = """
@@ -32,10 +34,8 @@ print("ended")
 
 
 def test_a_signal_is_noticed_in_every_line_of_the_wait_for_it():
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=60.0, check=True
-    )
-    assert done.stdout == "ended\n"
+    command = [sys.executable, "-c", PROGRAM]
+    assert subprocess.check_output(command, text=True, timeout=PATIENCE) == "ended\n"
 
 
 def test_a_process_of_a_run_that_still_imports_ends_at_once():
@@ -46,6 +46,6 @@ def test_a_process_of_a_run_that_still_imports_ends_at_once():
         process = subprocess.Popen([*command, "--sim"], pass_fds=[theirs.fileno()])
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(60.0) == 0
+        assert process.wait(PATIENCE) == 0
         theirs.close()
         assert ours.recv(100) == b""  # what has run reports its end

@@ -110,7 +110,7 @@ def test_a_callback_waits_for_data_while_its_executor_is_busy_with_it(make_node,
     timer = node.create_timer(0.01, on_timer)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    wait_for(lambda: executor.spin_once(timeout_sec=0.1) or found, 30.0)
+    wait_for(lambda: executor.spin_once(timeout_sec=0.1) or found)
     executor.shutdown()
     listener.unregister()
     assert turned(found[0])
