@@ -1,8 +1,8 @@
 """Model of a servo: set-point, delay, dead band and acceleration of its shaft.
 
 A servo that gets a goal far ahead moves a set-point towards it at the commanded speed. Its shaft
-follows: later by a delay (the bus cycle, the servo's start and its lag), and dragged along by the
-edges of a dead band in which the servo does not drive, or with an acceleration that is limited. The
+follows: later by a delay (the bus cycle, the servo's start and its lag), dragged along by the
+edges of a dead band in which the servo does not drive, with an acceleration that is limited. The
 set-point is the sum of the commands. Delay, dead band and limit are one posterior over a grid of
 hypotheses; docs/explain/estimator.md has the equations.
 """
@@ -36,12 +36,11 @@ _WINDOW = 10  # cells over which displacements are compared
 _KEPT = _CELLS + _WINDOW + 1
 _ROOM = 1024  # cells of the buffer
 _DELAYS: Array = np.array([_CELL * cell for cell in range(_CELLS)])
-_BANDS = (0.0, 0.002, 0.004, 0.007, 0.012)  # rad, to either side
-_LIMITS: Array = np.array([3.0, 5.0, 8.0, 13.0, 21.0, 34.0])  # rad/s^2
-_UNLIMITED = 100.0  # rad/s^2 of the hypotheses that have no limit
-_ROWS = [*range(len(_BANDS)), *(1 for _ in _LIMITS)]  # the dead band of every row
-_ROW_LIMITS: Array = np.log([*(_UNLIMITED for _ in _BANDS), *_LIMITS])
-_RARITY: Array = np.array([*(200.0 * band for band in _BANDS), *(1.0 for _ in _LIMITS)])
+_BANDS: Array = np.array([0.0, 0.002, 0.004, 0.007, 0.012])  # rad, to either side
+_LIMITS: Array = np.array([3.0, 5.0, 8.0, 13.0, 21.0, 34.0, 100.0])  # rad/s^2; the last: none
+_RARE_BAND = 200.0  # 1/rad: less likely by e^-(this times the band)
+_RARE_LIMIT = 1.7  # less likely by e^-this than no limit
+_SHAPE = len(_BANDS), len(_LIMITS), _CELLS  # of the posterior
 _STRIDE = 2  # cells in a step of a shaft with a limit
 _PATHS = np.arange(_CELLS)[::-1, None] + np.arange(0, _WINDOW + 1, _STRIDE)
 _ACTIVE = 0.03  # rad; a limit is compared if displacements differ by more
@@ -53,8 +52,10 @@ _STEP = 0.03  # s; the speed of a shaft is measured over two of these
 _ASTRAY = 0.07  # rad; least distance of a shaft that does not follow
 _COMING = 0.5  # rad/s; a shaft that comes faster to its set-point follows it, however late
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
-_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARITY[:, None]
-"""Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands are rare."""
+_RARITY: Array = np.add.outer(_RARE_BAND * _BANDS, _RARE_LIMIT * (_LIMITS != _LIMITS[-1]))
+_PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARITY[..., None]
+"""Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands and limits
+are rare."""
 
 _BAND_DEVIATION = 0.0029  # rad: of the prior of the dead band
 _INFORMED = 0.9  # of that; a dead band with a larger deviation is not observable
@@ -115,7 +116,7 @@ class ShaftModel:
 
     def forget(self) -> None:
         """Discard the estimates; call `restart` next."""
-        self._xx: Array = np.zeros((len(_ROWS), _CELLS))
+        self._xx: Array = np.zeros(_SHAPE)
         self._xy: Array = np.zeros_like(self._xx)
         self._yy: Array = np.zeros_like(self._xx)
         self._windows, self.learned = 0.0, -math.inf
@@ -185,10 +186,8 @@ class ShaftModel:
         if saved is not None:
             spread = max(saved.deviation, _SAVED_DELAY)
             off = ((_DELAYS - saved.delay) / spread) ** 2
-            bands: Array = np.array([_BANDS[row] for row in _ROWS])
-            shafts = ((bands - saved.dead_band) / _SAVED_BAND) ** 2
-            shafts[len(_BANDS) :] = 0.0
-            self._expected = np.maximum(-0.5 * (off + shafts[:, None]), -_TRUST)
+            bands = ((_BANDS - saved.dead_band) / _SAVED_BAND) ** 2
+            self._expected += np.maximum(-0.5 * (off + bands[:, None, None]), -_TRUST)
         self._posterior()
         self.delay = self.parameters.servo_delay or self.mean
 
@@ -318,7 +317,7 @@ class ShaftModel:
                 self._grid_start += (_ROOM - _KEPT) * _CELL
                 self._filled = _KEPT
             setpoint = self._sum(time)
-            for row, band in enumerate(_BANDS):
+            for row, band in enumerate(_BANDS.tolist()):
                 shafts[row] = min(max(shafts[row], setpoint - band), setpoint + band)
             grid[:, self._filled] = shafts
             self._filled += 1
@@ -340,18 +339,18 @@ class ShaftModel:
         spread = float(np.ptp(followed))
         if spread < _DISTINCT:
             return
-        expected = followed[_ROWS]
-        unexplained = np.zeros_like(expected)
-        if spread > _ACTIVE:
-            limited = slice(len(_BANDS), None)
-            expected[limited], unexplained[limited] = self._limited(recent[0], before, latest)
         moved = position - before
         share = min(elapsed / (_WINDOW * _CELL), 1.0)
         weight = share / (_NOISE**2 + (_MODEL_ERROR * moved) ** 2)
         kept = math.exp(-elapsed / _MEMORY)
+        expected = np.repeat(followed[:, None], len(_LIMITS), axis=1)
+        self._yy = kept * self._yy + weight * moved * moved
+        if spread > _ACTIVE:
+            slower, unexplained = self._limited(recent[0], before, latest)
+            expected[:, :-1] += slower
+            self._yy[:, :-1] += weight * unexplained * unexplained
         self._xx = kept * self._xx + weight * expected * expected
         self._xy = kept * self._xy + (weight * moved) * expected
-        self._yy = kept * self._yy + weight * (moved * moved + unexplained * unexplained)
         self._windows = kept * self._windows + share
         self.learned = latest
         self._posterior()
@@ -365,23 +364,24 @@ class ShaftModel:
             stamp: the end of the window [s].
 
         Returns:
-            displacements for each limit and delay [rad], and the part of the distance between
-            shaft and set-point at the start that a limit must explain, for each delay [rad].
+            by how much a limit changes the displacement, for each limit and delay [rad], and the
+            part of the distance between shaft and set-point at the start that a limit must
+            explain, for each delay [rad].
         """
         begin = stamp - _WINDOW * _CELL
         before, after = self._at(begin - _STEP), self._at(begin + _STEP)
         path, step = setpoints[_PATHS].T, _STRIDE * _CELL
         away = start - self._offset - path[0]
         away -= np.clip(away, -_AWAY, _AWAY)
-        most = (_LIMITS * step)[:, None]
-        shaft = np.tile(path[0] + away, (len(_LIMITS), 1))
+        most = (_LIMITS[:-1] * step)[:, None]
+        shaft = np.tile(path[0] + away, (len(most), 1))
         velocity = 0.0 if before is None or after is None else (after - before) / (2.0 * _STEP)
         speed = np.full_like(shaft, velocity)
         for here, there in pairwise(path):
             wanted = (there - here) / step + (here - shaft) / _CATCH_UP
             speed += np.clip(wanted - speed, -most, most)
             shaft += speed * step
-        return shaft - path[0] - away, _UNEXPLAINED * np.clip(away, -_FAR, _FAR)
+        return shaft - path[-1] - away, _UNEXPLAINED * np.clip(away, -_FAR, _FAR)
 
     def _at(self, time: float) -> float | None:
         """Return the interpolated position at a time [s]; None: no reading was near."""
@@ -407,19 +407,18 @@ class ShaftModel:
             # the next window is judged without it
             self.saved, self.is_contradicted = None, True
             self._expected = np.zeros_like(self._xx)
-        by_delay = weights.sum(axis=0)
+        by_delay = weights.sum(axis=(0, 1))
         self.mean, deviation = _statistics(by_delay, _DELAYS)
         self.deviation = max(deviation, _LEAST_DEVIATION)
-        by_shaft = weights.sum(axis=1)
-        by_band = by_shaft[: len(_BANDS)]
+        by_band, by_limit = weights.sum(axis=(1, 2)), weights.sum(axis=(0, 2))
         self._best = int(by_band.argmax())
         self._band = _statistics(by_band, _BANDS)
-        limit, spread = _statistics(by_shaft, _ROW_LIMITS)
+        limit, spread = _statistics(by_limit, np.log(_LIMITS))
         self._acceleration = math.exp(limit), spread * math.exp(limit)
         best = int(by_delay.argmax())
         if 0 < best < _CELLS - 1 and float(by_delay[best - 1 : best + 2].sum()) > _NARROW:
             # narrower than the grid: the vertex of the parabola through three scores
-            before, here, after = score[self._best, best - 1 : best + 2].tolist()
+            before, here, after = score[self._best, by_limit.argmax(), best - 1 : best + 2].tolist()
             bend = before - 2.0 * here + after
             if bend < 0.0:
                 self.mean = _CELL * (best + 0.5 * (before - after) / bend)

@@ -92,15 +92,19 @@ def test_a_user_without_a_home_starts_too(monkeypatch):
     assert ServoMemory({}).load() == {}
 
 
-def test_what_was_not_measured_is_not_called_learned(head):
-    for servo, expected in (
-        (PlainServo(acceleration=100.0, dead_band=0.0), ("learned", "not observable")),
-        (PlainServo(acceleration=100.0, dead_band=0.005), ("learned", "not observable")),
-        (PlainServo(acceleration=5.0, dead_band=0.0), ("not observable", "learned")),
-    ):
-        _, tracker = follow(head, servo)
-        values = tracker.law.servos[head.pan_joint].values
-        assert (values["dead band"].source, values["acceleration"].source) == expected
+@pytest.mark.parametrize(
+    ("acceleration", "band"), [(100.0, 0.0), (100.0, 0.005), (5.0, 0.0), (5.0, 0.01)]
+)
+def test_what_was_not_measured_is_not_called_learned(head, acceleration, band):
+    servo = PlainServo(acceleration=acceleration, dead_band=band)
+    _, tracker = follow(head, servo)
+    values = tracker.law.servos[head.pan_joint].values
+    found, limit = values["dead band"], values["acceleration"]
+    assert limit.source == ("learned" if acceleration == 5.0 else "not observable")
+    if limit.source == "learned":
+        assert limit.value == pytest.approx(acceleration, rel=0.3)
+    if found.source == "learned":
+        assert found.value == pytest.approx(band, abs=2.0 * found.deviation)
 
 
 def test_what_is_known_from_an_earlier_run_says_so_and_has_an_age(head, tmp_path):
