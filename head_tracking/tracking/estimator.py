@@ -140,13 +140,12 @@ class TargetEstimate:
 
     def ray_at(self, time: float, tilt_time: float | None = None) -> Ray:
         """Return the predicted ray at a time [s]; its tilt, if given, at another."""
+        later = time if tilt_time is None else tilt_time
+        if self.turned is not None and later != time:
+            return self.ray_at(time)._replace(tilt=self.ray_at(later).tilt)
         distance = self.range.distance(min(time - self.stamp, self.reach))
-        ray = Ray(self._position(0, time), self._position(1, time), distance)
-        if self.turned is not None:
-            ray = self.turned(ray, time)
-        if tilt_time is None or tilt_time == time:
-            return ray
-        return ray._replace(tilt=self.ray_at(tilt_time).tilt)
+        ray = Ray(self._position(0, time), self._position(1, later), distance)
+        return ray if self.turned is None else self.turned(ray, time)
 
     def deviation(self, joint: int, time: float) -> float:
         """Return the standard deviation of pan (0) or tilt (1) [rad] at a time [s].

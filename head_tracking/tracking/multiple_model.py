@@ -282,10 +282,12 @@ class Bearing(NamedTuple):
 
     def within(self, limits: tuple[float, float]) -> Bearing:
         """Return the bearing with an oscillation within these limits; see `Course.within`."""
-        near, far = (
-            each._replace(motion=each.motion.within(*limits)) for each in (self.near, self.far)
+        near, far = (each.motion.within(*limits) for each in (self.near, self.far))
+        if near is self.near.motion and far is self.far.motion:
+            return self
+        return self._replace(
+            near=self.near._replace(motion=near), far=self.far._replace(motion=far)
         )
-        return self._replace(near=near, far=far)
 
 
 class Bearings(NamedTuple):

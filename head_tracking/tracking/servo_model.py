@@ -52,7 +52,7 @@ _STEP = 0.03  # s; the speed of a shaft is measured over two of these
 _ASTRAY = 0.07  # rad; least distance of a shaft that does not follow
 _COMING = 0.5  # rad/s; a shaft that comes faster to its set-point follows it, however late
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
-_RARITY: Array = np.add.outer(_RARE_BAND * _BANDS, _RARE_LIMIT * (_LIMITS != _LIMITS[-1]))
+_RARITY: Array = np.add.outer(_RARE_BAND * _BANDS, [*(_RARE_LIMIT for _ in _LIMITS[:-1]), 0.0])
 _PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARITY[..., None]
 """Logarithm of the prior: log-normal in the delay, with a median of 45 ms; wide bands and limits
 are rare."""
