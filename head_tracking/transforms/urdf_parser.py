@@ -10,6 +10,7 @@ import io
 import math
 import os
 import pickle
+import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -181,9 +182,13 @@ def _limits(joint: yourdfpy.Joint, kind: JointType) -> JointLimits:
 
 
 def _serve() -> None:
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # the program that asked has been killed
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print
-        function, arguments = pickle.load(sys.stdin.buffer)
+        call = sys.stdin.buffer.read()
+        if not call:
+            return
+        function, arguments = pickle.loads(call)
         try:
             result = globals()[function](*arguments)
         except RobotModelError as error:

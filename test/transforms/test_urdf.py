@@ -1,3 +1,4 @@
+import pickle
 import subprocess
 import sys
 
@@ -139,6 +140,17 @@ print((child.name, child.links, child.joints) == (here.name, here.links, here.jo
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120
     )
     assert ran.stdout == "True\n", ran.stderr
+
+
+@pytest.mark.parametrize("call", [("parse_robot_model", [robot(TWO_LINKS, joint())]), None])
+def test_a_parsing_child_of_a_killed_program_is_silent(call):
+    command = [sys.executable, "-m", "head_tracking.transforms.urdf_parser"]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, **pipes) as child:
+        child.stdout.close()
+        child.stdin.write(pickle.dumps(call) if call else b"")
+        child.stdin.close()
+        assert child.stderr.read() == b""
 
 
 def test_ctrl_c_in_all_processes_does_not_end_a_parsing_child():
