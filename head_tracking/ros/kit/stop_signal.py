@@ -19,7 +19,8 @@ class EndRequestedError(Exception):
 class StopSignal:
     """Records signals that end the program; the program ends its nodes before rclpy.
 
-    A context manager, which restores the signal handlers.
+    A context manager, which restores the signal handlers; if the program was asked to end, further
+    signals are ignored from then on: they would interrupt its end.
     """
 
     def __init__(self) -> None:
@@ -37,7 +38,7 @@ class StopSignal:
 
     def __exit__(self, *_: object) -> None:
         for number, handler in self._previous.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if self._asked else handler)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.set()
