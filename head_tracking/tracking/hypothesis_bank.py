@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from head_tracking.tracking.multiple_model import transition
+from head_tracking.tracking.multiple_model import moved_covariance, transition
 
 Array = npt.NDArray[np.float64]
 
@@ -78,11 +78,20 @@ class HypothesisBank:
             self._stamp = stamp
             self._begin(bearings, variance)
             return
-        sine, cosine, rise, back = (
-            np.where(_JERK > 0.0, swing, steady)
-            for swing, steady in zip(transition(dt, rate), (dt, 1.0, 0.0, 0.0), strict=True)
+        sine, cosine, rise, back = swing = tuple(
+            np.where(_JERK > 0.0, harmonic, steady)
+            for harmonic, steady in zip(transition(dt, rate), (dt, 1.0, 0.0, 0.0), strict=True)
         )
-        pp, pv, pa, vv, va, aa = self._predicted(dt, sine, cosine, rise, back)
+        q, j = _MANOEUVRE, _JERK
+        noise = (
+            q * (dt**3 / 3.0) + j * (dt**5 / 20.0),
+            q * (dt * dt / 2.0) + j * (dt**4 / 8.0),
+            j * (dt**3 / 6.0),
+            q * dt + j * (dt**3 / 3.0),
+            j * (dt * dt / 2.0),
+            j * dt,
+        )
+        pp, pv, pa, vv, va, aa = moved_covariance(self._covariance, swing, noise)
         expected = pp + variance
         position = self._position + sine * self._velocity + rise * self._acceleration
         velocity = cosine * self._velocity + sine * self._acceleration
@@ -126,26 +135,6 @@ class HypothesisBank:
         self._covariance = variance, none, none, speed, none, acceleration
         self._weights = self._allowed
         self._skipped = 0
-
-    def _predicted(
-        self, dt: float, sine: Array, cosine: Array, rise: Array, back: Array
-    ) -> tuple[Array, ...]:
-        """Return the covariance (pp, pv, pa, vv, va, aa) a time `dt` [s] later."""
-        pp, pv, pa, vv, va, aa = self._covariance
-        # F P, where the rows of F are (1, sine, rise), (0, cosine, sine) and (0, -back, cosine)
-        f_pp, f_pv = pp + sine * pv + rise * pa, pv + sine * vv + rise * va
-        f_pa = pa + sine * va + rise * aa
-        f_vv, f_va = cosine * vv + sine * va, cosine * va + sine * aa
-        f_av, f_aa = cosine * va - back * vv, cosine * aa - back * va
-        q, j = _MANOEUVRE, _JERK
-        return (
-            f_pp + sine * f_pv + rise * f_pa + q * (dt**3 / 3.0) + j * (dt**5 / 20.0),
-            cosine * f_pv + sine * f_pa + q * (dt * dt / 2.0) + j * (dt**4 / 8.0),
-            cosine * f_pa - back * f_pv + j * (dt**3 / 6.0),
-            cosine * f_vv + sine * f_va + q * dt + j * (dt**3 / 3.0),
-            cosine * f_va - back * f_vv + j * (dt * dt / 2.0),
-            cosine * f_aa - back * f_av + j * dt,
-        )
 
     def _score(self, squares: Array, expected: Array, dt: float) -> None:
         """Update the weights of the filters, shape (filters, N), and the scores."""

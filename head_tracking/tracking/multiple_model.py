@@ -16,7 +16,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 from operator import mul
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 
 class Model(NamedTuple):
@@ -460,19 +460,36 @@ def _corrected(model: Model, covariance: Covariance, dt: float, swing: Transitio
         vv += q * dt
         k, kv = pp / (pp + 1.0), pv / (pp + 1.0)
         return k, kv, 0.0, vv - kv * pv, 0.0, 0.0
+    qd2, qd3 = q * d2, q * d3
+    noise = qd3 * d2 / 20.0, qd2 * d2 / 8.0, qd3 / 6.0, qd3 / 3.0, qd2 / 2.0, q * dt
+    pp, pv, pa, vv, va, aa = moved_covariance(covariance, swing, noise)
+    k, kv, ka = pp / (pp + 1.0), pv / (pp + 1.0), pa / (pp + 1.0)
+    return k, kv, ka, vv - kv * pv, va - kv * pa, aa - ka * pa
+
+
+def moved_covariance(
+    covariance: Sequence[Any], swing: Sequence[Any], noise: Sequence[Any]
+) -> tuple[Any, ...]:
+    """Return the covariance of a harmonic model later: F P F' + Q, in numbers or arrays.
+
+    Args:
+        covariance: P, as `Covariance`.
+        swing: F, as `Transition`: its rows are (1, s, r), (0, c, s) and (0, -b, c).
+        noise: Q, as `Covariance`.
+    """
+    pp, pv, pa, vv, va, aa = covariance
     s, c, r, b = swing
-    # F P, where the rows of F are (1, s, r), (0, c, s) and (0, -b, c)
     f_pp, f_pv, f_pa = pp + s * pv + r * pa, pv + s * vv + r * va, pa + s * va + r * aa
     f_vv, f_va = c * vv + s * va, c * va + s * aa
     f_av, f_aa = c * va - b * vv, c * aa - b * va
-    pp = f_pp + s * f_pv + r * f_pa + q * d3 * d2 / 20.0
-    pv = c * f_pv + s * f_pa + q * d2 * d2 / 8.0
-    pa = c * f_pa - b * f_pv + q * d3 / 6.0
-    vv = c * f_vv + s * f_va + q * d3 / 3.0
-    va = c * f_va - b * f_vv + q * d2 / 2.0
-    aa = c * f_aa - b * f_av + q * dt
-    k, kv, ka = pp / (pp + 1.0), pv / (pp + 1.0), pa / (pp + 1.0)
-    return k, kv, ka, vv - kv * pv, va - kv * pa, aa - ka * pa
+    return (
+        f_pp + s * f_pv + r * f_pa + noise[0],
+        c * f_pv + s * f_pa + noise[1],
+        c * f_pa - b * f_pv + noise[2],
+        c * f_vv + s * f_va + noise[3],
+        c * f_va - b * f_vv + noise[4],
+        c * f_aa - b * f_av + noise[5],
+    )
 
 
 def _moved(states: Sequence[State], swing: Transition, dt: float) -> list[State]:
