@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import signal
 import sys
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
@@ -22,10 +23,11 @@ DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 3, 130
 def exit_code(tool: str, work: Callable[[], int | None]) -> int:
     """Run a tool and return its exit code, or DONE; print errors that the user can correct.
 
-    SIGTERM and a closed terminal end it as Ctrl-C does, with 128 + the number of the signal.
+    SIGTERM and a closed terminal end it as Ctrl-C does, with 128 + the number of the signal. More
+    of them within a second do not interrupt its end.
     """
     try:
-        with ending_signals():
+        with ending_signals(signal.SIGINT):
             return work() or DONE
     except RefusedError as error:
         print(f"{tool}: refused: {error}", file=sys.stderr)

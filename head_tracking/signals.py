@@ -15,11 +15,14 @@ _ONCE = 1.0  # s
 
 
 @contextmanager
-def ending_signals() -> Iterator[None]:
+def ending_signals(*others: signal.Signals) -> Iterator[None]:
     """Raise KeyboardInterrupt at signals that would end the process and leave servos as they are.
 
     Further ones within a second would interrupt what relaxes the servos, and are ignored. Signals
     that were ignored before stay ignored: nohup does that.
+
+    Args:
+        others: further signals, such as SIGINT, which Python handles in the same way each time.
     """
     raised = -math.inf
 
@@ -30,7 +33,8 @@ def ending_signals() -> Iterator[None]:
             raised = now
             raise KeyboardInterrupt(number)
 
-    unhandled = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    usual = signal.SIG_DFL, signal.default_int_handler
+    unhandled = [number for number in (*others, *_ENDING) if signal.getsignal(number) in usual]
     with _handled(unhandled, interrupt):
         yield
 

@@ -10,6 +10,7 @@ from head_tracking.command_line import (
     baud_rate,
     between,
     existing_file,
+    exit_code,
     named_id,
     point_in_frame,
     read_by,
@@ -194,6 +195,21 @@ def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):
 
     monkeypatch.setattr(programs, "import_module", interrupted)
     assert programs.doctor() == 130
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_tool_is_interrupted_once_by_signals_in_a_row(number):
+    ended = []
+
+    def work() -> None:
+        try:
+            signal.raise_signal(number)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+            ended.append(number)
+
+    assert exit_code("tool", work) == 128 + number
+    assert ended == [number]
 
 
 def test_signals_in_a_row_interrupt_once():
