@@ -129,12 +129,14 @@ class JointPanel:
         return self._robot.services.switch(name, on)
 
     def _publish_positions(self) -> None:
-        model = self._robot.buffer.model
-        if model is None or not self.free:
+        if not self.free:
             self._timer.cancel()
             if self._states is not None:
                 self._node.destroy_publisher(self._states)
                 self._states = None
+            return
+        model = self._robot.buffer.model
+        if model is None:
             return
         if self._states is None:
             self._states = self._node.create_publisher(JointStateMsg, "joint_states", 10)

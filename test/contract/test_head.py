@@ -55,6 +55,7 @@ head = Head(sys.argv[1], load_robot_model(robot_file("kinectbot")), reply_timeou
 ANOTHER_SYSTEM = """
 import select, signal, sys
 import lxml, numpy, serial.tools.list_ports, subprocess, xacro, yaml  # they have what they need
+import shutil
 for name in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):
     sys.modules[name] = None
 for name in ("epoll", "poll"):

@@ -143,8 +143,8 @@ def commands(new: list[str]) -> Iterator[str]:
         if LONG.match(words) and words.endswith("&"):
             yield f"timeout --kill-after 20 {PATIENCE} {words}"  # the shell lets it ignore SIGINT
         elif LONG.match(words):
-            # beside other work a simulated servo may answer late once, and doctor counts that
-            yield f"{words} || {words}" if " doctor " in words else words
+            # beside other work simulated servos may answer late, and doctor counts that
+            yield f"until {words}; do sleep 1; done" if " doctor " in words else words
         else:
             yield words
 

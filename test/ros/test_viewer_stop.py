@@ -287,6 +287,20 @@ def test_of_two_pages_without_hardware_one_publishes_the_joints(page):
     assert pages[0].joints.free
 
 
+def test_joints_that_were_moved_before_the_model_came_are_published_when_it_has(
+    page, monkeypatch
+) -> None:
+    robot = page()
+    wait_for(lambda: robot.joints.free)
+    asked: list[None] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(type(robot.buffer), "model", property(lambda buffer: asked.append(None)))
+        robot.joints.move({"head_pan_joint": 0.25})
+        wait_for(lambda: len(asked) > 3)  # by the timer, and by others
+        time.sleep(0.2)
+    wait_for(lambda: robot.observe().joints.get("head_pan_joint") == 0.25)
+
+
 # servos and hardware, joints that fall silent and nodes that have gone
 
 
