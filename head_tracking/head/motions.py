@@ -173,7 +173,7 @@ class PointMotion(Motion):
         fixed: Vector3 | None = None,
     ) -> None:
         super().__init__(notify)
-        self._frames, self._readings = control.frames, control.readings
+        self._frames = control.frames
         head = head or self._frames.head
         assert head is not None
         self.title = f"turning {head.pointing_frame} to {target}"
@@ -195,6 +195,7 @@ class PointMotion(Motion):
         self._seen = 0.0
         self._settling = Arrival(p.success_angle_threshold, p.settle_time)
         self._ending = Arrival(_SMALL_MISS * p.success_angle_threshold, _ON_TARGET)
+        self._standing, self._stood_at = Arrival(_STILL, p.settle_time), joints.positions
 
     def retarget(self, target: Target, fixed: Vector3 | None) -> None:
         """Turn to another point; see `PointMotion`."""
@@ -217,7 +218,7 @@ class PointMotion(Motion):
         if not gaze.is_usable(clamp=self._p.clamp_to_limits):
             self.end(MotionEnd.UNREACHABLE, gaze.reason)
             return self._law.stop(joints) if moves else None
-        result = self._judge(now)
+        result = self._judge(joints.positions, now)
         if result is None:
             return self._law.along(self._positions, self._speed, joints, now)
         if result.arrived:
@@ -281,19 +282,20 @@ class PointMotion(Motion):
         self._goal, self._seen = positions, now if stamp is None else stamp
         return gaze
 
-    def _judge(self, now: float) -> PointingResult | None:
-        """Return the result; None while the turn is in progress."""
+    def _judge(self, present: tuple[float, float], now: float) -> PointingResult | None:
+        """Return the result by the measured positions; None while the turn is in progress."""
         assert self.miss is not None
         arrived = [each.step(self.miss, now) for each in (self._settling, self._ending)]
+        moved = max(abs(a - b) for a, b in zip(present, self._stood_at, strict=True))
+        if moved > _STILL:
+            self._stood_at = present
+        stands = self._standing.step(moved, now)
         if now < self._began + self._duration:
             return None
         if any(arrived):
             return PointingResult(True, self.miss)
         moves = max(map(abs, self._rate)) > _STILL
-        settle_time, latest = self._p.settle_time, self._readings.latest
-        if moves or latest is None or now - self._began < settle_time:
-            return None
-        if max(self._readings.ranges(latest.stamp - settle_time)) > _STILL:
+        if moves or not stands:
             return None
         return PointingResult(self.miss <= self._p.success_angle_threshold, self.miss)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from head_tracking.gaze import AT_GOAL
+from head_tracking.gaze import AT_GOAL, LONGEST_GAP
 
 _FOLLOWED = 0.2  # of the commanded distance; a joint that moved less does not follow
 _PATIENCE = 0.8  # s
@@ -18,7 +18,8 @@ class FollowingWatch:
     servo bus, which reads the servos' registers, is faster and gives a cause. A joint does not
     follow if it has moved less than 20 % of the commanded distance, and less than `AT_GOAL`, within
     `patience`, and has not arrived at its goal. It follows again once it has moved by more than
-    that, or its goal is reached or lies on its other side.
+    that, or its goal is reached or lies on its other side. Of a gap in the measurements at most
+    `LONGEST_GAP` counts.
 
     Args:
         patience: length of the window that is judged [s].
@@ -55,8 +56,9 @@ class FollowingWatch:
             self._commanded = 0.0
             self._lowest = self._highest = position
             return self._stands
-        self._commanded += min(speed * (now - self._last), abs(left))
-        self._last = now
+        passed, self._last = now - self._last, now
+        self._since += max(0.0, passed - LONGEST_GAP)
+        self._commanded += min(speed * min(passed, LONGEST_GAP), abs(left))
         self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
         moved = self._highest - self._lowest
         if moved > AT_GOAL:

@@ -197,6 +197,23 @@ def begun(head, kind):
     return goal
 
 
+def test_a_program_that_stands_still_before_its_first_command_takes_no_joint_for_blocked(pointed):
+    """Between a measurement and what follows from it, as on a busy computer."""
+    world, write = pointed.world, pointed.world.write
+
+    def stand_still(*goals):
+        world.is_measured, world.write = False, write
+
+        def go_on():
+            world.is_measured = True
+            write(*goals)
+
+        world.at(world.now + 450_000_000, go_on)
+
+    world.write = stand_still
+    assert pointed.look_at((1.0, 0.5, 0.1)).status == "succeeded", pointed.said
+
+
 @pytest.mark.parametrize("kind", ["point", "follow"])
 def test_a_blocked_joint_aborts_the_goal(pointed, kind):
     head, goal = pointed, begun(pointed, kind)
