@@ -224,12 +224,8 @@ class DynamixelBackend(JointBackend):
         if not owners.stopped:
             return ()
         resumed = owners.resume(epoch)
-        holding = [
-            name
-            for name, thread in self._by_joint.items()
-            if thread.bus.joint(name).torque is Torque.OFF_UNTIL_COMMANDED
-        ]
-        for future in self.switch_torque(holding, True, epoch):
+        holding: list[Future[None]] = self.call(None, _hold, epoch)
+        for future in holding:
             future.add_done_callback(self._torque_switched)
         return resumed
 
@@ -294,3 +290,9 @@ class DynamixelBackend(JointBackend):
                 )
             found[thread] = (*found.get(thread, ()), name)
         return found
+
+
+def _hold(bus: ServoBus, names: tuple[str, ...]) -> Steps[None]:
+    """Switch the torque of joints on that were not relaxed on request."""
+    held = [name for name in names if bus.joint(name).torque is Torque.OFF_UNTIL_COMMANDED]
+    return bus.switching_torque(held, True)

@@ -145,7 +145,7 @@ class ServoBus:
                 joint = self._joints.get(name) or self.joint(name)
                 position = joint.admit(goal, clamp)
                 reason = "" if joint.goal_ticks else joint.refusal
-                if name in self.cycle.incomplete:
+                if not joint.complete:
                     reason = "a servo of it does not answer; the bus keeps asking it"
                 if reason:
                     left_out[name] = f"{joint.configuration.controller}: {reason}"
@@ -345,15 +345,17 @@ class ServoBus:
             TorqueError: Some joints did not confirm; the others were switched.
         """
         chosen = self._require_connection(joints)
+        relaxed = [joint for joint in chosen if joint.relaxed]
         for joint in chosen:  # in the first step, so that a later request has the last word
-            if not on:
-                joint.relaxed = True
-            elif not (joint.stopped or joint.faulted or joint.resting):
-                joint.relaxed = False
+            joint.relaxed = not on
         if not on:
             yield from self._procedures.relaxing(chosen)
             return
-        problems = yield from self._procedures.for_each(chosen, self._procedures.switching_on)
+        try:
+            problems = yield from self._procedures.for_each(chosen, self._procedures.switching_on)
+        finally:  # also after STOP, or if the request is cancelled
+            for joint in relaxed:
+                joint.relaxed = joint.relaxed or not joint.on
         if problems:
             raise TorqueError(True, problems)
 
@@ -408,17 +410,13 @@ class ServoBus:
     def _until(
         self, joints: Iterable[BusJoint], is_done: Callable[[BusJoint], bool], patience: float
     ) -> Steps[None]:
-        """Wait until a condition holds for all joints and `command` finds them complete.
+        """Wait until a condition holds for all joints, and no procedure runs for them.
 
         Raises:
             ServoError: After `patience`, s.
         """
         deadline = self._procedures.monotonic() + round(patience * 1e9)
-        while waiting := [
-            joint.name
-            for joint in joints
-            if joint.name in self.cycle.incomplete or not is_done(joint)
-        ]:
+        while waiting := [joint.name for joint in joints if joint.busy or not is_done(joint)]:
             if self._procedures.monotonic() > deadline:
                 raise ServoError(f"{', '.join(waiting)}: cannot be used yet; see /diagnostics")
             yield 0.02
@@ -437,11 +435,12 @@ class ServoBus:
         Raises:
             ServoError: A servo is missing or cannot be used; the bus keeps asking it.
         """
-        chosen = [joint for joint in self._require_connection(joints) if joint.stopped]
+        chosen = self._require_connection(joints)
         for joint in chosen:
-            for servo in joint.servos:
-                servo.lose(0)
-            joint.set_stopped(False)
+            if joint.stopped:
+                for servo in joint.servos:
+                    servo.lose(0)
+                joint.set_stopped(False)
         yield from self._until(chosen, lambda joint: joint.complete, _STARTING)
 
     def writing_eeprom(

@@ -45,13 +45,12 @@ class Cycle:
 
     Attributes:
         port_losses: How often the port was lost.
-        incomplete: Joints of which some servo does not answer.
         diagnosis: Symptoms of each servo.
     """
 
     def __init__(self, bus: Procedures) -> None:
         self.cycles = self.port_losses = 0
-        self.incomplete: tuple[str, ...] = ()
+        self._incomplete = False  # whether some servo does not answer
         self._bus, self._port, self._joints, self._version = bus, bus.port, bus.joints, bus.version
         self._requests, self._settings = bus.requests, bus.settings
         self._clock, self._monotonic, self._each_servo = bus.clock, bus.monotonic, bus.each_servo
@@ -61,7 +60,8 @@ class Cycle:
         self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0
-        self._read_time = self._poll_time = 0  # of this cycle, ns
+        self._read_time = 0  # of this cycle, without the next one, ns
+        self._extra_time = 0  # for unusual cases and lost servos, ns
         self._diagnose_at = 0  # ns
         self._longest_step = 0  # of this cycle, ns
         self._connected = self._unusual = False  # in this cycle
@@ -86,7 +86,7 @@ class Cycle:
         stamp = self._clock()
         states: dict[str, ServoState] = {}
         self._connected = self._unusual = False
-        self._poll_time = 0
+        self._extra_time = 0
         if self._requests.obeyed != self._requests.epoch.value:
             self._bus.obey_stop()
         try:
@@ -98,18 +98,20 @@ class Cycle:
                     self._make_plan()
                 self._unusual = self._read(stamp, states)
                 if self._unusual:
+                    before = self._monotonic()
                     self._settle(states, start)
+                    self._extra_time = self._monotonic() - before
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
                     self.diagnosis.examine(start)
                 if self._planned != self._version.number:
                     self._make_plan()
-                if self.incomplete:
-                    self._poll_time = self._poll_one_lost()
+                if self._incomplete:
+                    self._extra_time += self._poll_one_lost()
                 self._connected = True
         except PortLostError as cause:
             self._lose_port(cause)
-        self._read_time = self._monotonic() - start - self._poll_time
+        self._read_time = self._monotonic() - start - self._extra_time
         stamps = [state.stamp for state in states.values()]
         return BusReading(states, (), sum(stamps) // len(stamps) if stamps else 0)
 
@@ -188,7 +190,7 @@ class Cycle:
                     self._lose(joint, servo)
 
     def _make_plan(self) -> None:
-        """Compute the instructions of a cycle, and which joints are incomplete.
+        """Compute the instructions of a cycle, and whether a joint is incomplete.
 
         A servo that did not answer the last time is asked alone, and last, because others would
         wait for it.
@@ -202,7 +204,7 @@ class Cycle:
             together.setdefault(key, []).append((joint, servo))
         self._plan = [(_read_group(members), members) for members in together.values()]
         self._planned = self._version.number
-        self.incomplete = tuple([joint.name for joint in self._all if not joint.complete])
+        self._incomplete = not all([joint.complete for joint in self._all])
 
     # Writing
 
@@ -217,7 +219,7 @@ class Cycle:
             self._take_steps()
             if requests.goals:
                 self._accept_goals()  # of a joint whose torque is on now
-        usual = not (self._unusual or self.incomplete)
+        usual = not (self._unusual or self._incomplete)
         on = [joint for joint in self._all if joint.goal_ticks and not joint.busy]
         self._bus.write_goals(on if usual else [joint for joint in on if joint.writable])
 
@@ -238,12 +240,12 @@ class Cycle:
     def _take_steps(self) -> None:
         """Take steps, at least one, as long as the cycle stays within twice its usual time.
 
-        None are needed after a lost servo was polled, which took some of that time.
+        None are needed after a lost servo was polled, or torque was read, in some of that time.
         """
-        self._longest_step = self._poll_time
-        if 2 * self._poll_time > self._read_time:
+        self._longest_step = self._extra_time
+        if 2 * self._extra_time > self._read_time:
             return
-        until = self._monotonic() - self._poll_time + self._read_time
+        until = self._monotonic() - self._extra_time + self._read_time
         if self._advance(sys.maxsize):
             for _ in range(_MOST_STEPS):
                 if not self._advance(until):

@@ -69,7 +69,7 @@ class BusJoint:
     @property
     def complete(self) -> bool:
         """Whether every servo of it answers."""
-        return not any([servo.lost for servo in self.servos])
+        return LinkState.LOST not in [servo.link for servo in self.servos]
 
     @property
     def writable(self) -> bool:

@@ -214,7 +214,11 @@ class Procedures:
 
     def switching_on(self, joint: BusJoint) -> Steps[None]:
         """Hold a joint at its present position, unless it must stay relaxed."""
-        if not joint.on:
+        holds = joint.on
+        for servo in joint.servos if holds else ():
+            holds = servo.get("Torque Enable") == 1 and holds
+            yield 0.0
+        if not (holds and joint.on):
             if joint.refusal:
                 raise ServoError(joint.refusal)
             if not joint.complete:
@@ -290,7 +294,10 @@ class Procedures:
         except (CommunicationError, ServoError, ConfigurationError) as cause:
             servo.lose(self.monotonic() + POLL_INTERVAL)
             if not isinstance(cause, CommunicationError):
-                release(self.port, (servo,))
+                if joint.on or joint.resumes:  # its other servo may hold
+                    self.cut(joint)
+                else:
+                    release(self.port, (servo,))
                 self.note(EventKind.UNUSABLE, joint, str(cause), about=str(cause))
             return
         self.note(EventKind.RETURNED, joint, f"answers again; {result}")

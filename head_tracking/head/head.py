@@ -717,6 +717,9 @@ class Head:
             if epoch != self._owners.epoch.value:
                 raise RefusedCommandError(self._stopped_as) from None
             raise
+        finally:
+            for future in switched:  # one that is late switches nothing on later
+                future.cancel()
 
     def _end_following(self, follower: CameraFollower | None = None) -> CameraFollower | None:
         """End and return the camera that controls the head; another one replaces it, or none."""

@@ -163,12 +163,8 @@ def test_limits_change_at_run_time_and_invalid_values_are_refused(person):
         assert not refused.successful
         assert refused.reason
     assert person.set("servo_bus", f"{PAN}.motor.max", 1023).successful
-
-    def arrives():  # the bus applies the limit a moment later
-        person.command(PAN, 0.9)
-        return abs(person.pan - 0.9) < DEGREE
-
-    wait_for(arrives)
+    person.command(PAN, 0.9)
+    wait_for(lambda: abs(person.pan - 0.9) < DEGREE)
 
 
 def test_the_eeprom_is_written_on_request_while_relaxed(bench, person):

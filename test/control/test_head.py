@@ -7,9 +7,11 @@ from functools import partial
 
 import pytest
 from rig import Servos, swing_until_learned
+from waiting import wait_for
 
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
+from head_tracking.dynamixel import BusStoppedError
 
 
 @pytest.fixture
@@ -65,3 +67,15 @@ def test_a_command_is_refused_if_relax_comes_before_its_torque(monkeypatch, comm
         with pytest.raises(RefusedCommandError) as refused:
             command(head)
         assert refused.value.state == head.state == HeadState.RELAXED
+
+
+def test_torque_that_comes_too_late_for_a_command_stays_off(monkeypatch):
+    with Head.simulated() as head:
+        (thread,) = head._servos.threads
+        monkeypatch.setattr("head_tracking.head.head._TIMEOUT", 0.1)
+        with thread._owner, pytest.raises(BusStoppedError):
+            head.look_at((2.0, 2.0, 0.6))
+        cycle = thread.bus.cycle
+        before = cycle.cycles
+        wait_for(lambda: cycle.cycles > before + 20)
+        assert not any(thread.bus.joint(joint).on for joint in head.joints)

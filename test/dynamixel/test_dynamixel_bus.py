@@ -256,6 +256,7 @@ def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: Fa
         rig.bench.pass_time(0.6)
         events += rig.step().events
         assert rig.lost == ["head_pan_joint"]
+    events += rig.step().events
     assert {event.kind for event in events} == {EventKind.UNUSABLE}
     assert [event.repeated for event in events] == [False, False, True, True, True]
     assert rig.pan["Torque Enable"] == 0

@@ -138,6 +138,22 @@ def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back() -> None:
     assert not second.register("Torque Enable")
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name: str) -> None:
+    pair = Pair(name)
+    pair.send(0.6)
+    second = pair.servos[1]
+    second.power_off()
+    pair.step(20)
+    register, wheel = ("Operating Mode", 1) if name != "AX-12" else ("CCW Angle Limit", 0)
+    second.set_register(register, wheel)
+    second.power_on()
+    pair.step(60)
+    assert EventKind.UNUSABLE in pair.kinds
+    assert pair.powered == 0
+    assert pair.bus.joint("j").torque is Torque.OFF_UNTIL_COMMANDED
+
+
 @pytest.mark.parametrize("silent", [1, 2])
 def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) -> None:
     pair = Pair("XM430-W350")

@@ -2,6 +2,7 @@
 
 import math
 import threading
+import time
 
 import pytest
 from rclpy.node import Node
@@ -165,11 +166,27 @@ def test_a_limit_that_the_servo_does_not_allow_is_refused(robot):
     refused = robot.set("servo_bus", MAXIMUM, 450 + 70)
     assert refused.successful, refused.reason  # init, 512, is inside
     joint = robot.composition.nodes["servo_bus"].backend.joint(PAN)
-    wait_for(lambda: joint.limits[1] == pytest.approx(8 * 0.00511327, abs=1e-3))
+    assert joint.limits[1] == pytest.approx(8 * 0.00511327, abs=1e-3)
     robot.simulated.use(lambda bus: bus[1].set_register("CW Angle Limit", 530))
     assert robot.set("servo_bus", MAXIMUM, 1000).successful
-    wait_for(lambda: joint.limits[1] > 0.4)
+    assert joint.limits[1] > 0.4
     robot.until_done("head_pan_controller/restart")
     refused = robot.set("servo_bus", MAXIMUM, 520)
     assert not refused.successful and refused.reason
     assert joint.limits[1] > 0.4
+
+
+def test_a_limit_is_set_when_the_bus_applies_it(robot):
+    joint = robot.composition.nodes["servo_bus"].backend.joint(TILT)
+    before = joint.limits
+    for limit in (600, 700):
+        bus_thread(robot).bus.requests.add(lambda: time.sleep(0.3))
+        assert robot.set("servo_bus", "head_tilt_controller.motor.max", limit).successful
+        assert joint.limits != before
+        before = joint.limits
+
+
+def test_a_joint_that_was_relaxed_before_it_is_restarted_says_so(robot):
+    assert "torque_enable" in robot.until_done("head_pan_controller/restart").message
+    robot.until_done("torque_enable", True)
+    assert "first command" in robot.until_done("head_pan_controller/restart").message

@@ -6,7 +6,7 @@ between its cycles. Requests to relax are executed at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, wait
 from typing import Any
 
@@ -98,7 +98,7 @@ class BusServices:
 
     def _start(self, joints: Joints) -> str:
         self._run(joints, lambda bus, share: bus.starting(share))
-        return f"{', '.join(joints)}: started, relaxed until the first command"
+        return self._report(joints, "started")
 
     def _restart(self, joints: Joints) -> str:
         self._loop.owners.permit()
@@ -112,7 +112,11 @@ class BusServices:
         faulted = [joint for share in found for joint in share]
         if not faulted:
             return "no servo has a fault"
-        return f"{', '.join(faulted)}: recovered, relaxed until the first command"
+        return self._report(faulted, "recovered")
+
+    def _report(self, joints: Iterable[str], done: str) -> str:
+        torque = [f"{joint} {done}: {self._servos.joint(joint).torque.value}" for joint in joints]
+        return "\n".join(torque)
 
     def _write_eeprom(self, joints: Joints) -> str:
         settings = self._eeprom()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import wait
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -62,6 +63,7 @@ _ERRORS = (
 )
 _SECOND = 1_000_000_000  # ns
 _LOG_PERIOD = 5.0  # s
+_LIMITS_TIME = 1.0  # s that setting limits may take
 _SOMEBODY = "somebody"  # the sender of commands without a name
 
 
@@ -326,14 +328,15 @@ class ServoBusNode(ClosingNode):
         return callback
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
-        def done(future: Any) -> None:
-            if future.exception() is not None:
-                self.get_logger().error(f"{joint}: limits not set: {future.exception()}")
-
+        """Set limits, and wait until the bus applies them."""
         (future,) = self.backend.call(
             [joint], lambda bus, _: bus.joint(joint).reconfigure(**limits), despite_stop=True
         )
-        future.add_done_callback(done)
+        problem: object = "they will be, as soon as the bus is free"
+        if wait([future], _LIMITS_TIME).done:
+            problem = future.exception()
+        if problem is not None:
+            self.get_logger().error(f"{joint}: limits not set: {problem}")
 
     def _statuses(self) -> list[BusStatus]:
         return [
