@@ -131,6 +131,30 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, tab: 
     robot.go_on.set()
 
 
+def test_a_stop_is_not_given_up_when_its_answer_is_late(robot: _Robot, tab: Any) -> None:
+    held: list[Any] = []
+
+    def hold(route: Any) -> None:
+        held.append(route)
+
+    tab.route("**/head/stop", hold)
+    before = robot.stops
+    tab.locator("#stop").dispatch_event("click")
+    tab.locator("#toast").wait_for()
+    held[0].continue_()
+    wait_for(lambda: robot.stops > before, 50.0)
+
+
+def test_stop_answers_an_open_question_with_no(tab: Any) -> None:
+    tab.evaluate(
+        """() => {
+          headPage.tuning.ask("Can the head move freely?").then((yes) => { window.answer = yes; });
+          headPage.stop();
+        }"""
+    )
+    tab.wait_for_function("window.answer === false")
+
+
 class _Link:
     """A network between a browser and the page. One that is down loses what is sent, silently."""
 

@@ -430,7 +430,12 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
 
 @pytest.mark.parametrize(
     ("width", "height", "scheme"),
-    [(1280, 800, "light"), (390, 700, "dark")],
+    [
+        (1280, 800, "light"),
+        (390, 700, "dark"),
+        (820, 1180, "dark"),
+        (900, 700, "light"),
+    ],
 )
 def test_every_place_is_usable_in_windows_of_all_sizes(visit, width, height, scheme):
     """By sizes and places of what is in it, and by axe's rules for WCAG AA.

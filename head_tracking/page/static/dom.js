@@ -68,11 +68,12 @@ const pending = new Set();
 /** Give up the requests that wait: a browser has six connections to a server, and STOP needs one. */
 export function abort() { for (const request of pending) request.abort(); }
 
-/** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown, and no answer within `patience` [ms; 0: wait]. */
+const NO_ANSWER = "The page's server does not answer. Use the power switch of the servos if they must stop.";
+
+/** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown, and that no answer has come within `patience` [ms; 0: wait]. */
 export async function send(path, body = {}, method = "POST", patience = 0) {
   const request = new AbortController();
-  let isLate = false;
-  const timer = patience && setTimeout(() => { isLate = true; request.abort(); }, patience);
+  const timer = patience && setTimeout(() => toast(NO_ANSWER, 12), patience); // it may still arrive
   pending.add(request);
   try {
     const answer = await fetch(path, { method, signal: request.signal, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
@@ -81,7 +82,7 @@ export async function send(path, body = {}, method = "POST", patience = 0) {
     if (outcome.done === false) toast(outcome.text, 12);
     return outcome;
   } catch {
-    if (isLate || !request.signal.aborted) toast("The page's server does not answer. Use the power switch of the servos if they must stop.", 12);
+    if (!request.signal.aborted) toast(NO_ANSWER, 12);
     return { done: false, text: "" };
   } finally {
     clearTimeout(timer);

@@ -52,6 +52,7 @@ class Page {
   }
 
   async stop() {
+    by("sure").close(); // what was asked before a STOP does not happen after it
     abort();
     const { text } = await send("/head/stop", {}, "POST", SILENT);
     if (text) toast(text, 12);
