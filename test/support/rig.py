@@ -380,7 +380,16 @@ class Talker:
 
         On a busy machine simulated servos may confirm later than the service waits.
         """
-        return wait_for(lambda: answer if (answer := self.call(service, data)).success else None)
+        answers: list[Any] = []
+
+        def done() -> Any:
+            answers.append(self.call(service, data))
+            return answers[-1] if answers[-1].success else None
+
+        try:
+            return wait_for(done)
+        except AssertionError:
+            raise AssertionError(f"{service}: {[each.message for each in answers[-2:]]}") from None
 
     def set(self, node: str, name: str, value: Any) -> SetParametersResult:
         parameter: Parameter = ParameterValue(name, value=value).to_parameter_msg()
