@@ -16,13 +16,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
 
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
-from frame import report, row, table
+from frame import row, table
 from simulated_device import Bench
 
 from head_tracking.dynamixel import (
@@ -178,10 +178,10 @@ def busy_cores() -> Iterator[None]:
             other.wait()
 
 
-def median_cycle(contender: Any, port_name: str) -> Cost:
+def median_cycle(contender: Any, port_name: str, loaded: bool) -> Cost:
     """Medians over the cycles of one round."""
     walls: list[float] = []
-    with contender(port_name) as cycle:
+    with busy_cores() if loaded else nullcontext(), contender(port_name) as cycle:
         for k in range(WARM_UP):
             cycle(k)
         gc.collect()
@@ -202,7 +202,8 @@ def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
             for name, contender in contenders().items():
                 for _ in range(3):  # a contender may give up on a machine that is busy
                     with suppress(OSError, RuntimeError, DynamixelError):
-                        costs.setdefault(name, []).append(_cost(contender, port_name, loaded))
+                        cost = median_cycle(contender, port_name, loaded)
+                        costs.setdefault(name, []).append(cost)
                         break
     return {
         name: Cost(
@@ -210,15 +211,7 @@ def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
             statistics.median(cost.processor for cost in each),
         )
         for name, each in costs.items()
-        if each
     }
-
-
-def _cost(contender: Any, port_name: str, loaded: bool) -> Cost:
-    if not loaded:
-        return median_cycle(contender, port_name)
-    with busy_cores():
-        return median_cycle(contender, port_name)
 
 
 def bus() -> str:
@@ -239,10 +232,7 @@ def _rows() -> Iterator[str]:
         },
         "1.1x unloaded",
     )
-    for part in (in_a_run, silent_servo, faulty_cycles):
-        text = part()
-        report(text)
-        yield text
+    yield from (in_a_run(), silent_servo(), faulty_cycles())
 
 
 def _wall_row(return_delay: int, costs: dict[str, Cost], wanted: str) -> str:
@@ -292,12 +282,13 @@ def silent_servo() -> str:
             others.append(longest)
             rates.append(good / cycles)
             driver.close()
-    return (
-        "| one of two servos falls silent, at 100 cycles a second | first cycle "
-        f"**{statistics.median(firsts) * 1e3:.1f} ms longer**, later ones at most "
+    return row(
+        "one of two servos falls silent, at 100 cycles a second",
+        f"first cycle **{statistics.median(firsts) * 1e3:.1f} ms longer**, later ones at most "
         f"{statistics.median(others) * 1e3:.1f} ms; the other answers in "
-        f"{100 * min(rates):.0f} % of the cycles | dynamixel_sdk waits 34 ms in every cycle | "
-        "5 ms once, full rate |"
+        f"{100 * min(rates):.0f} % of the cycles",
+        "dynamixel_sdk waits 34 ms in every cycle",
+        "5 ms once, full rate",
     )
 
 
@@ -342,13 +333,14 @@ def faulty_cycles() -> str:
     overlaps = bench.line.overlaps
     spoken_over = overlaps[Overlap.REQUEST] + overlaps[Overlap.STATUS]
     late = overlaps[Overlap.FAULT]
-    return (
-        f"| {run.cycles} cycles of an AX-12 and an XM430, {100 * FAULT_RATE:.0f} % of the answers "
-        f"and of the packets struck by one of {len(Fault)} faults: {struck} | "
+    return row(
+        f"{run.cycles} cycles of an AX-12 and an XM430, {100 * FAULT_RATE:.0f} % of the answers "
+        f"and of the packets struck by one of {len(Fault)} faults: {struck}",
         f"**{run.exceptions} exceptions, {outside} goals outside the limits, {run.stale} stale "
         f"values, {spoken_over} times somebody spoken over** (and {late} times by a servo that a "
-        f"fault made late); full rate again at most **{max(back):.0f} ms** after the last | | "
-        "none; 100 ms |"
+        f"fault made late); full rate again at most **{max(back):.0f} ms** after the last",
+        "",
+        "none; 100 ms",
     )
 
 
@@ -439,4 +431,4 @@ def in_a_run() -> str:
         for name, took in times.items()
         for each in (statistics.quantiles(took, n=20),)
     )
-    return f"| a cycle of the bus in `head_tracking --sim` | **{figures}** | | p95 3 ms |"
+    return row("a cycle of the bus in `head_tracking --sim`", f"**{figures}**", "", "p95 3 ms")

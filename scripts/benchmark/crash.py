@@ -8,15 +8,13 @@ import signal
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 from frame import row, table
 from processes import child
 from rig import Bench
-
-_SLICE = 0.001  # s
+from waiting import wait_for
 
 
 def killed(count: int) -> str:
@@ -37,12 +35,12 @@ def _torque_off_after(name: str, seed: int) -> float:
     """Return the time from SIGKILL until both servos are relaxed [s]."""
     with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
         run = bench.run("--target", "smooth")
-        _wait(lambda: bench.servos.torque == [1, 1])
+        wait_for(lambda: bench.servos.torque == [1, 1])
         time.sleep(random.Random(seed).uniform(0.0, 0.5))
         pid = run.process.pid if name == "supervisor" else child(run.process.pid, name)
         start = time.monotonic()
         os.kill(pid, signal.SIGKILL)
-        _wait(lambda: bench.servos.torque == [0, 0])
+        wait_for(lambda: bench.servos.torque == [0, 0], interval=0.001)
         return time.monotonic() - start
 
 
@@ -51,23 +49,14 @@ def _again_after(name: str, seed: int) -> float:
     with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
         ros = ("-p", "viewer:port:=0")
         run = bench.run("--target", "face" if name == "vision" else "smooth", "--viewer", ros=ros)
-        pid = _wait(lambda: child(run.process.pid, name))
+        pid = wait_for(lambda: child(run.process.pid, name))
         if name == "page":
-            _wait(lambda: bench.servos.torque == [1, 1])
+            wait_for(lambda: bench.servos.torque == [1, 1])
         time.sleep(2.0 + random.Random(seed).uniform(0.0, 1.0))
         start = time.monotonic()
         control, before = child(run.process.pid, "control"), bench.servos.torque
         os.kill(pid, signal.SIGKILL)
-        _wait(lambda: child(run.process.pid, name) not in (0, pid))
+        wait_for(lambda: child(run.process.pid, name) not in (0, pid), interval=0.001)
         assert child(run.process.pid, "control") == control, run.output
         assert bench.servos.torque == before, run.output
         return time.monotonic() - start
-
-
-def _wait(condition: Callable[[], int]) -> int:
-    end = time.monotonic() + 60.0
-    while not (found := condition()):
-        if time.monotonic() > end:
-            raise SystemExit("no result within 60 s")
-        time.sleep(_SLICE)
-    return found

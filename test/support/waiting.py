@@ -67,12 +67,12 @@ def repeating(*works: Callable[[], object], period: float = 0.0) -> Iterator[Non
         join(*threads)
 
 
-def wait_for(what: Callable[[], T], patience: float = PATIENCE) -> T:
+def wait_for(what: Callable[[], T], patience: float = PATIENCE, interval: float = 0.01) -> T:
     """Polls until `what` gives something true; what it gave."""
     deadline = time.monotonic() + patience
     while not (found := what()):
         _raise_failure()
         if time.monotonic() > deadline:
             raise AssertionError(f"waited {patience} s in vain; last answer: {found!r}")
-        time.sleep(0.01)
+        time.sleep(interval)
     return found

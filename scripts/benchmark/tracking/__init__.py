@@ -9,7 +9,6 @@ head loses, it does not see.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,8 +18,7 @@ from closed_loop import ClosedLoop
 
 from head_tracking.tracking import picture
 from tracking.asked import asked, cases, simple
-from tracking.judging import HEAD, OPPONENTS, Job, Score, judge, judge_all, tracker
-from tracking.motions import PATHS
+from tracking.judging import OPPONENTS, Job, Score, judge_all, tracker
 from tracking.situations import FAMILIES, SITUATIONS
 
 DOCS = File(__file__).parents[3] / "docs" / "pictures"
@@ -32,54 +30,25 @@ def main(arguments: Sequence[str] = ()) -> str:
     """Judge what is asked for, and return the tables."""
     parser = argparse.ArgumentParser(prog="scripts/benchmark/measure tracking")
     parser.add_argument("--only", default=",".join(FAMILIES), help="families (default: all)")
-    parser.add_argument("--named", default="", help="only situations with this in their name")
     parser.add_argument("--seeds", default="", help="FIRST..LAST")
-    parser.add_argument("--who", default=f"ours,{','.join(OPPONENTS)}")
-    parser.add_argument("--processes", type=int)
     parser.add_argument("--exam", action="store_true", help="draw from wider ranges")
     parser.add_argument("--asked", action="store_true", help="only what is asked of each family")
-    parser.add_argument("--json", type=File, help="write all scores into this file")
-    parser.add_argument("--scores", type=File, nargs="*", help="show these files; run nothing")
-    parser.add_argument("--before", type=File, nargs="*", default=(), help="compare with these")
     options = parser.parse_args(arguments)
-    who = options.who.split(",")
     scores = judge_all(
-        (
-            Job(situation.name, seed, name, options.exam)
-            for situation in SITUATIONS.values()
-            if situation.family in options.only.split(",") and options.named in situation.name
-            for seed in seeds(options.seeds, situation.family)
-            for name in who
-        ),
-        options.processes,
-    ) if options.scores is None else read(options.scores)  # fmt: skip
-    if options.json:
-        options.json.write_text(json.dumps([[vars(job), score] for job, score in scores.items()]))
-    before = read(options.before)
-    chosen = {
-        family: {job: score for job, score in scores.items() if family_of(job) == family}
-        for family in dict.fromkeys(map(family_of, scores))
-    }
-    parts = [asked(chosen, before)]
+        Job(situation.name, seed, name, options.exam)
+        for situation in SITUATIONS.values()
+        if situation.family in options.only.split(",")
+        for seed in seeds(options.seeds, situation.family)
+        for name in ("ours", *OPPONENTS)
+    )
+    chosen: dict[str, dict[Job, Score]] = {}
+    for job, score in scores.items():
+        chosen.setdefault(SITUATIONS[job.situation].family, {})[job] = score
+    parts = [asked(chosen)]
     if not options.asked:
-        parts += [cases(part) if family == "table" else table(part, before)
+        parts += [cases(part) if family == "table" else table(family, part)
                   for family, part in chosen.items()]  # fmt: skip
     return "\n\n".join(parts)
-
-
-def read(files: Sequence[File]) -> dict[Job, Score]:
-    """Return the scores in files that `--json` has written."""
-    return {
-        Job(**job): Score(*score)
-        for file in files
-        for job, score in json.loads(file.read_text())
-        if job["situation"] in SITUATIONS
-    }
-
-
-def family_of(job: Job) -> str:
-    """Return the family of a job's situation."""
-    return SITUATIONS[job.situation].family
 
 
 def seeds(text: str, family: str) -> range:
@@ -90,11 +59,10 @@ def seeds(text: str, family: str) -> range:
     return range(100, 100 + SEEDS.get(family, 5))
 
 
-def table(scores: dict[Job, Score], before: dict[Job, Score]) -> str:
+def table(family: str, scores: dict[Job, Score]) -> str:
     """Return a row for each situation: errors in mrad, medians of all seeds."""
-    others = list(dict.fromkeys(job.who for job in scores if job.who != "ours"))
     titles = [
-        f"{family_of(next(iter(scores)))}: rms, mrad", "ours", "worst seed", "before", *others,
+        f"{family}: rms, mrad", "ours", "worst seed", *OPPONENTS,
         "over the better simple law: median", "worst", "largest error", "overshoot",
         "oscillating", "blind", "NEES",
     ]  # fmt: skip
@@ -103,13 +71,11 @@ def table(scores: dict[Job, Score], before: dict[Job, Score]) -> str:
         here = {job: score for job, score in scores.items() if job.situation == name}
         ours = {job: score for job, score in here.items() if job.who == "ours"}
         found = list(ours.values())
-        was = [score for job, score in before.items() if (job.situation, job.who) == (name, "ours")]
         ratios = [score.rms / simple(scores, job) for job, score in ours.items()]
         cells = [
             f"{median(found):.1f}",
             f"{max(score.rms for score in found):.1f}",
-            f"{median(was):.1f}" if was else "",
-            *(f"{median([s for job, s in here.items() if job.who == o]):.0f}" for o in others),
+            *(f"{median([s for job, s in here.items() if job.who == o]):.0f}" for o in OPPONENTS),
             f"{statistics.median(ratios):.2f}",
             f"{max(ratios):.2f}",
             f"{max(score.worst for score in found):.0f}",
@@ -137,16 +103,3 @@ def tracking() -> str:
         title = f"law {name}: ±0.5 rad at 0.5 Hz, 2 mrad noise, 100 ms late"
         (DOCS / f"tracking_{name}.svg").write_text(picture(trace, title))
     return main()
-
-
-__all__ = [
-    "HEAD",
-    "OPPONENTS",
-    "PATHS",
-    "SITUATIONS",
-    "Job",
-    "Score",
-    "judge",
-    "judge_all",
-    "tracking",
-]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import replace
 
 from tracking.judging import Job, Score
 from tracking.situations import SITUATIONS
@@ -16,8 +16,7 @@ Measure = Callable[[Scores, Scores], str]
 
 def simple(scores: Scores, job: Job) -> float:
     """Return the error of the better simple law in the same run [mrad]."""
-    laws = [Job(job.situation, job.seed, who, job.exam) for who in ("position", "kalman")]
-    return min((scores[law].rms for law in laws if law in scores), default=math.nan)
+    return min(scores[replace(job, who=law)].rms for law in ("position", "kalman"))
 
 
 def cases(scores: Scores) -> str:
@@ -34,7 +33,7 @@ def cases(scores: Scores) -> str:
 def _over(scores: Scores, law: str) -> dict[Job, float]:
     """Return the error of each case over that of a law in the same run."""
     return {
-        job: score.rms / scores[Job(job.situation, job.seed, law, job.exam)].rms
+        job: score.rms / scores[replace(job, who=law)].rms
         for job, score in scores.items()
         if job.who == "ours"
     }
@@ -50,24 +49,20 @@ def _worse(ours: Scores, scores: Scores) -> str:
     return f"of {len(ours)} cases: {'; '.join(parts)}"
 
 
-def asked(families: dict[str, Scores], before: Scores) -> str:
-    """Return the rows of all families that were run, beside what was measured before."""
-    rows = ["| Judged | before | measured | asked |", "|---|---|---|---|"]
+def asked(families: dict[str, Scores]) -> str:
+    """Return the rows of all families that were run."""
+    rows = ["| Judged | measured | asked |", "|---|---|---|"]
     for family, scores in families.items():
-        situations = {job.situation for job in scores}
-        old = {job: score for job, score in before.items() if job.situation in situations}
-        what, measure, wanted = _FIGURES.get(family, (family, _errors, ""))
-        measured = [(what, measure, wanted), (f"{family}: declared to oscillate", _wrong, "never")]
+        ours = {job: score for job, score in scores.items() if job.who == "ours"}
+        measured = [
+            _FIGURES.get(family, (family, _errors, "")),
+            (f"{family}: declared to oscillate", _wrong, "never"),
+        ]
         if family == "mixed":
             measured.append(("mean processor time of a point, a step, in gazes", _costs, "20, 10"))
-        for what, measure, wanted in measured:
-            was, now = (
-                measure({job: score for job, score in found.items() if job.who == "ours"}, found)
-                if found
-                else ""
-                for found in (old, scores)
-            )
-            rows.append(f"| {what} | {was} | {now} | {wanted} |")
+        rows += [
+            f"| {what} | {measure(ours, scores)} | {asked} |" for what, measure, asked in measured
+        ]
     return "\n".join(rows)
 
 

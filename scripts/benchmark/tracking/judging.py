@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -33,7 +32,6 @@ OPPONENTS: dict[str, Callable[[], SimpleLaw]] = {
     "tutorials": Tutorials,
     "reachy_mini": ReachyMini,
 }
-"""`ours` and `ours:LAW` are controllers of the package."""
 
 
 class Score(NamedTuple):
@@ -45,7 +43,6 @@ class Score(NamedTuple):
         last: rms of the last 15 s.
         oscillating: ratio of the steps in which the head was declared to oscillate.
         overshoot: how far a joint went beyond the range of its target, after the first second.
-        farthest: the largest angle of a joint.
         nees: squared prediction error over stated variance, mean; nan: not measured.
         blind: ratio of the time in which no camera saw a target that was to be seen.
         delay: by how much a learned servo delay is off at most while its deviation says that it is
@@ -58,7 +55,6 @@ class Score(NamedTuple):
     last: float = math.nan
     oscillating: float = 0.0
     overshoot: float = 0.0
-    farthest: float = 0.0
     nees: float = math.nan
     blind: float = 0.0
     delay: float = math.nan
@@ -86,8 +82,8 @@ def tracker(law: str, loop: ClosedLoop, conditions: Conditions) -> Tracker:
 class _Watch:
     """Notes what the package's tracker states, step by step."""
 
-    def __init__(self, law: str, loop: ClosedLoop, conditions: Conditions) -> None:
-        self.tracker = tracker(law, loop, conditions)
+    def __init__(self, loop: ClosedLoop, conditions: Conditions) -> None:
+        self.tracker = tracker("predictive", loop, conditions)
         self.steps = self.oscillating = 0
         self.nees: list[float] = []
         self.delay = 0.0
@@ -143,19 +139,18 @@ def cost(times: Sequence[float]) -> float:
 def judge(job: Job) -> Score:
     """Run a job."""
     path, conditions = SITUATIONS[job.situation].setup(job.seed, job.exam)
-    name, _, law = job.who.partition(":")
     watch: _Watch | None = None
     controller: Any
-    if name == "ours":
+    if job.who == "ours":
         if isinstance(conditions.servos, Streamed):
             stream = replace(conditions.servos, stream=lambda: SetpointStream(0.02, 0.0))
             conditions = replace(conditions, servos=stream)
         loop = ClosedLoop(path, conditions, lambda now: watch.observe(now) if watch else None)
-        watch = _Watch(law or "predictive", loop, conditions)
+        watch = _Watch(loop, conditions)
         controller = watch.tracker
     else:
-        controller = OPPONENTS[name]()
-        rate = 10.0 if name == "tutorials" else 50.0
+        controller = OPPONENTS[job.who]()
+        rate = 10.0 if job.who == "tutorials" else 50.0
         loop = ClosedLoop(path, replace(conditions, rate=rate))
     outcome = loop.run(controller)
     if not outcome.seen:
@@ -173,7 +168,6 @@ def judge(job: Job) -> Score:
         1e3 * trace.maximum,
         1e3 * trace.between(conditions.duration - 15.0).rms,
         overshoot=1e3 * max(float(beyond.max()), 0.0),
-        farthest=float(np.abs(trace.positions).max()),
         blind=blind,
         step=cost(outcome.costs),
     )
@@ -187,8 +181,8 @@ def judge(job: Job) -> Score:
     )
 
 
-def judge_all(jobs: Iterable[Job], processes: int | None = None) -> dict[Job, Score]:
-    """Run jobs on several processors."""
+def judge_all(jobs: Iterable[Job]) -> dict[Job, Score]:
+    """Run jobs on all processors."""
     listed = list(jobs)
-    with ProcessPoolExecutor(processes or os.cpu_count()) as pool:
+    with ProcessPoolExecutor() as pool:
         return dict(zip(listed, pool.map(judge, listed, chunksize=2), strict=True))

@@ -20,13 +20,11 @@ class SimpleLaw:
     """What simple laws have in common: joint history, outliers, silence.
 
     The law itself: go to the latest believed point at 5 rad/s (`position`).
-
-    Args:
-        speed: highest [rad/s].
     """
 
-    def __init__(self, speed: float = 5.0) -> None:
-        self.speed = speed
+    speed = 5.0
+
+    def __init__(self) -> None:
         self.joints = (0.0, 0.0)
         self.point: Point | None = None
         self.stamp = -math.inf

@@ -6,9 +6,8 @@ while something is being tuned.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from random import Random
 from typing import NamedTuple
@@ -161,33 +160,39 @@ def pursuit(t: float) -> tuple[float, float, float]:
     return around(math.radians(10.0) * (2.0 * half * half * (3.0 - 2.0 * half) - 1.0), 0.16)
 
 
-HEAVY = {
-    "at most 5 rad/s²": PlainServo(acceleration=5.0),
-    "at most 10 rad/s²": PlainServo(acceleration=10.0),
-    "80 ms dead time, 15 rad/s²": PlainServo(dead_time=0.08, acceleration=15.0),
+Changes = dict[str, dict[str, object]]
+"""Changes of conditions, by the name of the trouble."""
+
+HEAVY: Changes = {
+    "at most 5 rad/s²": {"servos": PlainServo(acceleration=5.0)},
+    "at most 10 rad/s²": {"servos": PlainServo(acceleration=10.0)},
+    "80 ms dead time, 15 rad/s²": {"servos": PlainServo(dead_time=0.08, acceleration=15.0)},
 }
-SERVOS = {
-    **{f"dead time {ms} ms": PlainServo(dead_time=ms / 1e3) for ms in (10, 60, 100, 150)},
-    "lag 80 ms": PlainServo(lag=0.08),
-    "at most 2 rad/s": PlainServo(speed=2.0),
-    "play 10 mrad": PlainServo(play=0.01),
-    "dead band 10 mrad": PlainServo(dead_band=0.01),
-    "profile 20 rad/s²": PlainServo(profile=20.0),
-    "profile 40 rad/s², lag 77 ms": PlainServo(profile=40.0, lag=0.077),
+SERVOS: Changes = {
+    **{f"dead time {ms} ms": {"servos": PlainServo(ms / 1e3)} for ms in (10, 60, 100, 150)},
+    "lag 80 ms": {"servos": PlainServo(lag=0.08)},
+    "at most 2 rad/s": {"servos": PlainServo(speed=2.0)},
+    "play 10 mrad": {"servos": PlainServo(play=0.01)},
+    "dead band 10 mrad": {"servos": PlainServo(dead_band=0.01)},
+    "profile 20 rad/s²": {"servos": PlainServo(profile=20.0)},
+    "profile 40 rad/s², lag 77 ms": {"servos": PlainServo(profile=40.0, lag=0.077)},
     **HEAVY,
 }
 SWING, SLOW = "±0.5 rad, 0.5 Hz", "±0.5 rad, 0.2 Hz"
 TRACKS = ("still", SLOW, SWING, "circle", "stop and go", "jumps")
-GAPS = {
+GAPS: Changes = {
     "gap of 0.3 s": {"gaps": tuple((t, t + 0.3) for t in range(3, 20, 3))},
     "gap of 0.8 s": {"gaps": tuple((t + 0.2, t + 1.0) for t in range(3, 20, 3))},
     "gap of 1.5 s": {"gaps": tuple((t + 0.4, t + 1.9) for t in range(3, 20, 4))},
     "50 % lost in bursts": {"lost": 0.5, "outage": 0.3},
     "70 % lost in bursts": {"lost": 0.7, "outage": 0.4},
 }
-CAMERAS: dict[str, dict[str, object]] = {
+SELDOM: Changes = {
     "5 a second, 400 ms late": {"points": 5.0, "delay": 0.4, "delay_jitter": 0.05},
     "8 a second, 300 ms late": {"points": 8.0, "delay": 0.3, "delay_jitter": 0.05},
+}
+CAMERAS: Changes = {
+    **SELDOM,
     "15 a second, 120 ms late, out of order": {"points": 15.0, "delay": 0.12, "delay_jitter": 0.07},
     "60 a second, at once": {"points": 60.0, "delay": 0.0},
     "in batches of 0.2 s": {"batch": 0.2, "delay": 0.05},
@@ -199,17 +204,38 @@ CAMERAS: dict[str, dict[str, object]] = {
         "more": (Camera(points=5.0, delay=0.3, noise=0.005, on_head=True),)
     },
 }
-LATE: dict[str, dict[str, object]] = {
+LATE: Changes = {
     "10 % of steps 60 to 150 ms late": {"late": 0.1},
     "30 % of steps 60 to 150 ms late": {"late": 0.3},
 }
-STAMPS = {f"stamps {ms:+d} ms": {"stamp_error": ms / 1e3} for ms in (-120, -80, 50, 90, 200)}
 JITTER = {"stamp_jitter": 0.0115}
-BASES = {
-    "base sways ±0.4 rad at 0.5 Hz": sway(0.4, 0.5),
-    "base sways ±0.2 rad at 0.25 Hz": sway(0.2, 0.25),
-    "base drives at up to 1 rad/s": drive,
+STAMPS: Changes = {
+    f"stamps {ms:+d} ms": {"stamp_error": ms / 1e3, **JITTER} for ms in (-120, -80, 50, 90, 200)
 }
+BASES: Changes = {
+    "base sways ±0.4 rad at 0.5 Hz": {"base": sway(0.4, 0.5)},
+    "base sways ±0.2 rad at 0.25 Hz": {"base": sway(0.2, 0.25)},
+    "base drives at up to 1 rad/s": {"base": drive},
+}
+
+
+def _on_paths(
+    family: str, names: Sequence[str], conditions: Conditions, troubles: Changes
+) -> list[Situation]:
+    """Every trouble on every path."""
+    return [
+        Situation(family, f"{name}: {trouble}", fixed(PATHS[name], replace(conditions, **change)))
+        for trouble, change in troubles.items()
+        for name in names
+    ]
+
+
+def _on_person(family: str, duration: float, troubles: Changes) -> list[Situation]:
+    """Every trouble for a person in front of a webcam."""
+    return [
+        Situation(family, f"person: {trouble}", people(duration, replace(WEBCAM, **change)))
+        for trouble, change in troubles.items()
+    ]
 
 
 def _families() -> list[Situation]:
@@ -238,52 +264,27 @@ def _families() -> list[Situation]:
         for speed in (3, 6, 15, 30)
     ]
     found += [
-        Situation("sharp", name, fixed(path, replace(SHARP, delay=late)))
-        for late in (0.0, 0.05)
+        Situation("sharp", f"{name}, {ms} ms late", fixed(path, replace(SHARP, delay=ms / 1e3)))
+        for ms in (0, 50)
         for name, path in (
-            (f"fictitious, {late * 1e3:.0f} ms late", fictitious),
-            (f"as the turtlebot sees it, {late * 1e3:.0f} ms late", as_turtlebot_sees),
-            (f"to and fro at 0.5 rad/s, {late * 1e3:.0f} ms late", triangle(0.5)),
+            ("fictitious", fictitious),
+            ("as the turtlebot sees it", as_turtlebot_sees),
+            ("to and fro at 0.5 rad/s", triangle(0.5)),
         )
     ]
-    for trouble, change in GAPS.items():
-        found += [
-            Situation("gaps", f"{name}: {trouble}", fixed(PATHS[name], replace(long, **change)))
-            for name in (SLOW, SWING)
-        ]
-        found.append(
-            Situation("gaps", f"person: {trouble}", people(20.0, replace(WEBCAM, **change)))
-        )
-    for trouble, change in LATE.items():
-        found += [
-            Situation("late", f"{name}: {trouble}", fixed(PATHS[name], replace(long, **change)))
-            for name in (SLOW, SWING)
-        ]
-        found.append(
-            Situation("late", f"person: {trouble}", people(30.0, replace(WEBCAM, **change)))
-        )
+    both = (SLOW, SWING)
+    found += _on_paths("gaps", both, long, GAPS) + _on_person("gaps", 20.0, GAPS)
+    found += _on_paths("late", both, long, LATE) + _on_person("late", 30.0, LATE)
     for name in ("still", "circle", SLOW, SWING):
         plain = f"{name}: stamps ±20 ms"
         found.append(Situation("stamps", plain, fixed(PATHS[name], replace(long, **JITTER))))
+        troubles = {f"{trouble} ±20 ms": change for trouble, change in STAMPS.items()}
         found += [
-            Situation(
-                "stamps",
-                f"{name}: {trouble} ±20 ms",
-                fixed(PATHS[name], replace(long, **JITTER, **change)),
-                plain,
-            )
-            for trouble, change in STAMPS.items()
+            replace(situation, without=plain)
+            for situation in _on_paths("stamps", (name,), long, troubles)
         ]
-    found += [
-        Situation("base", f"{name}: {trouble}", fixed(PATHS[name], replace(long, base=base)))
-        for trouble, base in BASES.items()
-        for name in ("still", SLOW)
-    ]
-    found += [
-        Situation("heavy", f"{name}: {trouble}", fixed(PATHS[name], replace(long, servos=servo)))
-        for trouble, servo in HEAVY.items()
-        for name in (SLOW, SWING)
-    ]
+    found += _on_paths("base", ("still", SLOW), long, BASES)
+    found += _on_paths("heavy", both, long, HEAVY)
     found += [
         Situation(
             "trajectory",
@@ -293,40 +294,24 @@ def _families() -> list[Situation]:
         for ms in (50, 100, 200)
         for frequency in (0.25, 0.5)
     ]
-    found += [
-        Situation(
-            "slow", f"{name}: {trouble}", fixed(PATHS[name], replace(web, **CAMERAS[trouble]))
-        )
-        for trouble in ("5 a second, 400 ms late", "8 a second, 300 ms late")
-        for name in TRACKS
-    ]
-    found += [
-        Situation("slow", f"person: {trouble}", people(30.0, replace(WEBCAM, **CAMERAS[trouble])))
-        for trouble in ("5 a second, 400 ms late", "8 a second, 300 ms late")
-    ]
-    return found + list(_table(long, web))
+    found += _on_paths("slow", TRACKS, web, SELDOM) + _on_person("slow", 30.0, SELDOM)
+    return found + _table(long)
 
 
-def _table(good: Conditions, web: Conditions) -> list[Situation]:
-    """About 300 cases: every trouble on every track, each once."""
-    changes: dict[str, dict[str, object]] = {
-        **{f"servo: {name}": {"servos": servo} for name, servo in SERVOS.items()},
-        **{f"camera: {name}": change for name, change in CAMERAS.items()},
-        **{f"gaps: {name}": change for name, change in GAPS.items()},
-        **{f"late: {name}": change for name, change in LATE.items()},
-        **{f"stamps: {name}": {**JITTER, **change} for name, change in STAMPS.items()},
-        **{f"base: {name}": {"base": base} for name, base in BASES.items()},
+def _table(good: Conditions) -> list[Situation]:
+    """About 300 cases: every trouble on every track and for a person, each once."""
+    groups = {"servo": SERVOS, "camera": CAMERAS, "gaps": GAPS, "late": LATE}
+    groups |= {"stamps": STAMPS, "base": BASES}
+    troubles: Changes = {
+        **{f"{group}: {name}": change for group, each in groups.items()
+           for name, change in each.items()},
         **{f"controller {ms} ms late": {"servos": Streamed(ms / 1e3)} for ms in (50, 100, 200)},
-    }
-    cases = [
-        Situation("table", f"{name}: {what}", fixed(PATHS[name], replace(good, **change)))
-        for (what, change), name in itertools.product(changes.items(), TRACKS)
-    ]
+    }  # fmt: skip
     drawn = [
-        Situation("table", f"person {k}: {what}", _person_with(change))
-        for k, (what, change) in itertools.product((1,), changes.items())
+        Situation("table", f"person 1: {trouble}", _person_with(change))
+        for trouble, change in troubles.items()
     ]
-    return [*cases, *drawn]
+    return _on_paths("table", TRACKS, good, troubles) + drawn
 
 
 def _person_with(change: dict[str, object]) -> Make:
