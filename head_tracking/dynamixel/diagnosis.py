@@ -266,7 +266,7 @@ def _stuck(watch: _Watch) -> str:
         watch.owed = -0.1 if turns else 0.0
     patience = max(0.12, 0.1 + 1.3 * way / max(watch.asked, 1e-3))
     if off > 0.12 or (off > 0.06 and not _DRIVES <= load <= 0.6):
-        watch.owed += min(watch.elapsed, 0.02)
+        watch.owed += min(abs(watch.elapsed), 0.02)  # below 0: the clock was set back
         if watch.owed < patience:
             return ""
         if load < _DRIVES:

@@ -373,6 +373,19 @@ def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
     assert next(told(rig, 0.0, ("swapped: its memory holds the angle limits of head_tilt",))) < TOLD
 
 
+def test_a_blocked_joint_is_named_also_if_the_clock_of_the_stamps_is_set_back() -> None:
+    rig = Rig()
+    rig.connect()
+    rig.still = True
+    rig.run(1.0)
+    rig[1].drive.impede(2.0)
+    rig.goal = lambda joint: 0.7  # type: ignore[method-assign]
+    rig.run(0.1)
+    rig.bus.cycle._clock = lambda: rig.bench.now() - 3_600_000_000_000
+    rig.run(0.5)
+    assert list(told(rig, 1.0, ("blocked",)))
+
+
 def health(rig: Rig) -> set[Symptom]:
     return set(rig.bus.statistics().servos[0].symptoms)
 
