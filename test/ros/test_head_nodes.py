@@ -114,6 +114,17 @@ def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(track
     assert max(tracked.speeds(1.0)) > 1.0
 
 
+def test_short_pauses_of_the_target_are_not_logged(track, capfd):
+    tracked = track()
+    for _ in range(3):
+        tracked.path = lambda now: 0.1
+        tracked.world.run(1.0)
+        tracked.path = None
+        tracked.world.run(0.3)
+        assert tracked.fields["state"] == "coasting"
+    assert capfd.readouterr().err.count("tracking: ") == 1
+
+
 def test_a_resumed_head_keeps_max_joint_speed(track):
     tracked = track(max_joint_speed=0.1)
     tracked.stop_and_resume()

@@ -30,7 +30,7 @@ from head_tracking.ros.kit.topics import (
     publishers_of_another_type,
 )
 from head_tracking.tf import listening_buffer
-from head_tracking.tracking import ClockWatch
+from head_tracking.tracking import ClockWatch, TargetState
 
 _WATCH_PERIOD = 0.25  # s
 _UNHEARD_PERIOD = 1.0  # s
@@ -72,7 +72,7 @@ class HeadNode(ClosingNode):
 
     Attributes:
         control: controls the head.
-        logs_states: whether each new state is logged.
+        logs_states: whether new states are logged; short pauses of the target are not.
     """
 
     control: HeadControl
@@ -102,7 +102,7 @@ class HeadNode(ClosingNode):
             ValueError: a parameter is not allowed.
             HeadTrackingError: what is to drive the joints is missing.
         """
-        self._unheard = self._text = ""  # publishers of targets of another type
+        self._unheard = self._text = self._logged = ""  # publishers of targets of another type
         self._errors = self.create_publisher(
             Float64, error_topic, 10, qos_overriding_options=OVERRIDABLE
         )
@@ -220,5 +220,6 @@ class HeadNode(ClosingNode):
             self._status_topic.publish(status_message(control.name, level, text, fields))
             if is_new:
                 self._state_topic.publish(String(data=text))
-            if self.logs_states and state != before.get("state"):
+            if self.logs_states and state not in (self._logged, TargetState.COASTING):
+                self._logged = state
                 self.get_logger().info(text)
