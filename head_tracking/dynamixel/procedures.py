@@ -360,12 +360,18 @@ class Procedures:
         }
         changed = {}
         self.requests.drop_goals(joint.name)
+        for servo in joint.servos:
+            servo.require_writable_memory()  # before any of them has changed
         joint.writing = True
         try:
             for servo, registers in wanted.items():
                 changed[servo.id] = yield from servo.write_eeprom(registers)
             for servo in joint.servos:
                 yield from servo.identify()
+        except BaseException:
+            for servo in joint.servos:  # what has changed is read when the cycle finds it again
+                servo.lose(0)
+            raise
         finally:
             joint.writing = False
         return changed

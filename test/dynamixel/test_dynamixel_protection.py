@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from dynamixel_fakes import (
     PAN,
+    TILT,
     TORQUE,
     FakeRig,
     speed_ticks,
@@ -293,6 +294,16 @@ def test_what_cannot_be_written_into_the_memory_is_refused(rig: FakeRig) -> None
     with pytest.raises(ServoError, match="Return Delay Time"):
         write("head_tilt_joint", EepromSettings())
     assert [servo["Return Delay Time"] for servo in (rig.pan, rig.tilt)] == [250, 250]
+
+
+def test_limits_that_were_written_before_the_writing_failed_are_known(rig: FakeRig) -> None:
+    rig.tilt["CW Angle Limit"] = 400
+    rig.connect()
+    rig.tilt.ignored.add(8)  # CCW Angle Limit
+    with pytest.raises(ServoError, match="CCW Angle Limit"):
+        run(rig.bus.writing_eeprom("head_tilt_joint", EepromSettings()), rig.bench.pass_time)
+    assert rig.passed(5) == [EventKind.RETURNED]
+    assert rig.bus.joint("head_tilt_joint").limits == (TILT.position(300), TILT.position(800))
 
 
 def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
