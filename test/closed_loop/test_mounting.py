@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 import rclpy
-from closed_loop import ClosedLoop, Conditions, Mounted, ax12
+import runs
+from closed_loop import ClosedLoop, Mounted, ax12
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped
 from lockstep import World
@@ -18,7 +19,7 @@ from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.tracking import TargetState
 
 WIDE = (5.0, 3.0)  # rad: a head that turns the wrong way keeps its target in view
-ON_HEAD = Conditions(duration=2.0, noise=0.002, delay=0.1, on_head=True, field=WIDE)
+ON_HEAD = replace(runs.ON_HEAD, duration=2.0, field=WIDE)
 
 
 def still(t):

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import runs
-from closed_loop import ClosedLoop, Conditions
+from closed_loop import ClosedLoop
 from plant import PlainServo
 from runs import around, circle, from_rest, sine, still, swing
 
 from head_tracking.tracking import LAWS, HeadBase, LearningParameters, TargetState, Tracker
 
-ON_HEAD = Conditions(duration=8.0, noise=0.002, delay=0.1, on_head=True)
+ON_HEAD = replace(runs.ON_HEAD, duration=8.0)
 
 
 class Watched(runs.Watched):

@@ -267,7 +267,6 @@ class Conditions(Camera):
         more: further cameras.
         seed: of all that is random.
         servos: both joints.
-        spoil: what becomes of a point (time, place) on its way; None: it is lost.
     """
 
     duration: float = 10.0
@@ -280,7 +279,6 @@ class Conditions(Camera):
     more: tuple[Camera, ...] = ()
     seed: int = 1
     servos: Make = field(default_factory=ax12)
-    spoil: Callable[[float, Vector3], Vector3 | None] = lambda time, point: point
 
 
 WEBCAM = Conditions(
@@ -467,10 +465,9 @@ class ClosedLoop:
         outcome.seen.append(at)
         point = turned(point, left + is_outlier * wild[0], up + is_outlier * wild[1])
         scale = max(0.05, math.exp(away) + deeper / math.hypot(*point))
-        kept = self._conditions.spoil(at, (point[0] * scale, point[1] * scale, point[2] * scale))
-        if kept is not None:
-            target = Target(_ns(START + at + camera.stamp_error + late), frame, kept)
-            heapq.heappush(self._inbox, (arrives, len(outcome.seen), target, camera.on_head))
+        seen = point[0] * scale, point[1] * scale, point[2] * scale
+        target = Target(_ns(START + at + camera.stamp_error + late), frame, seen)
+        heapq.heappush(self._inbox, (arrives, len(outcome.seen), target, camera.on_head))
 
     def _judge(self, now: float, recording: Trace) -> None:
         positions, point = self._servos.true_positions(_ns(now)), self.truth(now)

@@ -13,6 +13,7 @@ from head_tracking.tracking import LAWS, Tracker, TrackingStep
 from head_tracking.transforms import Vector3
 
 LEVEL = 0.08  # m above the head's base frame
+ON_HEAD = Conditions(duration=10.0, noise=0.002, delay=0.1, on_head=True)
 
 
 def around(bearing: float, level: float = LEVEL, distance: float = 2.0) -> Vector3:
