@@ -394,7 +394,7 @@ class ServoBus:
         """Clear the faults of joints, or of all (None), leave them relaxed; return those with one.
 
         Protocol 1.0 servos of Dynamixel are ready at once; others restart, which is waited for
-        `patience` seconds at most.
+        `patience` seconds at most. So is a servo that does not answer.
 
         Raises:
             ServoError: A servo does not recover.

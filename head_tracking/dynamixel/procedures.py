@@ -270,7 +270,7 @@ class Procedures:
         restart, and are lost until the bus finds them again.
         """
         if joint.lost:
-            raise ServoError("the servo does not answer")
+            return  # it may be restarting, for another request
         problems = yield from self.relax([joint])
         for servo in joint.servos:
             if servo.faulted and not servo.lost:

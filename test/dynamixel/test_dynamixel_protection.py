@@ -231,7 +231,20 @@ def test_a_servo_that_has_shut_down_and_does_not_answer_is_not_called_recovered(
     rig.pan.answers = False
     rig.step(10)
     with pytest.raises(ServoError):
-        run(rig.bus.recovering())
+        run(rig.bus.recovering(None, 0.5), rig.bench.pass_time)
+
+
+@pytest.mark.parametrize("cycles", [0, 3])
+def test_a_joint_that_is_restarting_is_recovered_for_everybody_who_asks(cycles: int) -> None:
+    rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.3))
+    rig.servos[0].overload()
+    rig.step(5)
+    asked = []
+    for _ in range(2):
+        asked.append(submit(rig.bus, rig.bus.recovering(None, 2.0)))
+        rig.step(cycles)
+    rig.step(50)
+    assert [each.result(0.0) for each in asked] == [("j1",), ("j1",)]
 
 
 def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> None:
