@@ -32,6 +32,7 @@ from head_tracking.exceptions import (
     FrameError,
     HeadTrackingError,
     RefusedCommandError,
+    RefusedError,
     SupersededError,
     UnreachableError,
 )
@@ -433,6 +434,10 @@ class Head:
         """Measure the pose of the camera; see `head_tracking.calibration.gathering`."""
         from head_tracking.calibration.gathering import calibrate_camera
 
+        if self.calibration is not None:
+            raise RefusedError(
+                "this head uses a calibration: open it without, to calibrate the camera anew"
+            )
         epoch = self._permit()
         calibration = calibrate_camera(
             self, camera, target=target, marker=marker, frame=frame, model=model,

@@ -14,6 +14,7 @@ from head_tracking.calibration import Calibration, CalibrationFileError, Estimat
 from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.cli.doctor.configured import check_calibration
 from head_tracking.cli.doctor.findings import Grade
+from head_tracking.exceptions import RefusedError
 from head_tracking.share import robot_file
 from head_tracking.transforms import Rotation, Transform, load_robot_model, parse_robot_model
 
@@ -70,6 +71,8 @@ def test_a_head_uses_it(file, geometry):
         assert head.calibration.source == file
         assert head.calibration.age < 3600.0
         assert head.calibration.estimates["camera pitch"].deviation == 0.001
+        with pytest.raises(RefusedError):  # the result would not fit the model
+            head.calibrate()
 
 
 @pytest.mark.parametrize(
