@@ -229,30 +229,24 @@ def test_a_continuous_pan_takes_the_short_way_round():
     assert 3.0 < gaze.pan < 3.6
 
 
-@pytest.mark.parametrize(
-    ("joints", "frame"),
-    [
-        (("no_joint", TILT), "camera_link"),
-        ((PAN, TILT), "nose"),
-        ((PAN, TILT), "head_pan_link"),
-        ((PAN, TILT), "pan_tilt_bracket"),
-        ((TILT, PAN), "camera_link"),
-        (("camera_link_mount", TILT), "camera_link"),
-    ],
-)
-def test_a_head_that_cannot_be_is_refused(kinectbot, joints, frame):
-    with pytest.raises(RobotModelError):
-        PanTiltHead(kinectbot, *joints, frame)
+SPINNING = head_urdf().replace('name="mount" type="fixed"', 'name="mount" type="continuous"')
 
 
 @pytest.mark.parametrize(
-    ("urdf", "axis"),
+    ("urdf", "joints", "frame", "axis"),
     [
-        (head_urdf(tilt_axis="0 0 1"), None),
-        (head_urdf().replace('name="mount" type="fixed"', 'name="mount" type="continuous"'), None),
-        (head_urdf(), (0.0, 0.0, 0.0)),
+        (None, ("no_joint", TILT), "camera_link", None),
+        (None, (PAN, TILT), "nose", None),
+        (None, (PAN, TILT), "head_pan_link", None),
+        (None, (PAN, TILT), "pan_tilt_bracket", None),
+        (None, (TILT, PAN), "camera_link", None),
+        (None, ("camera_link_mount", TILT), "camera_link", None),
+        (head_urdf(tilt_axis="0 0 1"), (PAN, TILT), "camera", None),  # parallel
+        (SPINNING, (PAN, TILT), "camera", None),  # a joint behind the tilt
+        (head_urdf(), (PAN, TILT), "camera", (0.0, 0.0, 0.0)),
     ],
 )
-def test_parallel_axes_a_joint_behind_the_tilt_and_no_pointing_axis_are_refused(urdf, axis):
+def test_a_head_that_cannot_be_is_refused(kinectbot, urdf, joints, frame, axis):
+    model = parse_robot_model(urdf) if urdf else kinectbot
     with pytest.raises(RobotModelError):
-        PanTiltHead(parse_robot_model(urdf), PAN, TILT, "camera", pointing_axis=axis)
+        PanTiltHead(model, *joints, frame, pointing_axis=axis)

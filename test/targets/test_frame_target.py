@@ -48,15 +48,29 @@ def test_a_link_that_never_moves_is_always_fresh(buffer):
         assert torso.newest(now).stamp == now
 
 
-def test_a_joint_of_a_skeleton_is_the_newest_users(buffer):
-    see(buffer, "left_hand_1", SECOND, 1.0)
-    see(buffer, "left_hand_2", 2 * SECOND, 2.0)
-    see(buffer, "right_hand_2", 2 * SECOND, 3.0)
-    now = 2 * SECOND
-    assert target(buffer, "left_hand").newest(now).point[0] == pytest.approx(2.0)
-    assert target(buffer, "left_hand", mirror_skeleton=True).newest(now).point[0] == pytest.approx(
-        3.0
-    )
+@pytest.mark.parametrize(
+    ("frame", "options", "x"),
+    [
+        ("left_hand", {}, 2.0),
+        ("left_hand", {"skeleton_user": 1}, 1.0),
+        ("left_hand", {"mirror_skeleton": True}, 3.0),
+        ("right_hand", {"mirror_skeleton": True, "skeleton_user": 1}, 1.0),
+        ("head", {"mirror_skeleton": True}, 4.0),
+        ("gripper", {"mirror_skeleton": True, "skeleton_user": 3}, 5.0),  # no joint of one
+    ],
+)
+def test_a_joint_of_a_skeleton_is_that_of_the_newest_or_the_chosen_user(buffer, frame, options, x):
+    for name, second, away in (
+        ("left_hand_1", 1, 1.0),
+        ("left_hand_2", 2, 2.0),
+        ("left_hand_rest", 2, 9.0),
+        ("right_hand_2", 2, 3.0),
+        ("head_1", 2, 4.0),
+        ("gripper", 2, 5.0),
+    ):
+        see(buffer, name, second * SECOND, away)
+    found = target(buffer, frame, max_age=5.0, **options).newest(2 * SECOND)
+    assert found.point[0] == pytest.approx(x)
 
 
 def test_an_unknown_frame_and_no_frame_are_errors(buffer):

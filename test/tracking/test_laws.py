@@ -6,14 +6,7 @@ import pytest
 
 from head_tracking.gaze import together
 from head_tracking.parameters import parameter_info
-from head_tracking.tracking import (
-    LAWS,
-    JointReading,
-    SpeedLaw,
-    SpeedLimits,
-)
-
-READING = JointReading(0.0, (0.5, 0.1))
+from head_tracking.tracking import LAWS, SpeedLaw, SpeedLimits
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Every model against the textbook, by matrices; and their mixture."""
+"""Every model against the textbook, by matrices."""
 
 import math
 import random
@@ -93,22 +93,7 @@ def test_every_model_is_the_textbooks(rate):
         assert tilt.states[m][: model.order] == pytest.approx(halves, rel=1e-5, abs=1e-5)
 
 
-@pytest.mark.parametrize("noise", [0.001, 0.02])
-def test_weights_add_up_and_the_mixture_is_finite_whatever_comes(noise):
-    rng = random.Random(3)
-    times, points = [0.0], [0.0]
-    for _ in range(200):
-        times.append(times[-1] + rng.choice((1e-4, 0.01, 0.03, 0.4)))
-        points.append(points[-1] + rng.gauss(0.0, noise) + rng.choice((0.0, 0.0, 0.0, 0.3)))
-    for bearing in fed(times, points).joints:
-        for each in (bearing.near, bearing.far):
-            assert sum(each.weights) == pytest.approx(1.0)
-            assert all(map(math.isfinite, (*each.motion, *each.scores, each.error)))
-        assert all(map(math.isfinite, bearing.certainty))
-        assert bearing.certainty[0] >= 0.0
-
-
-def learned(path, seconds=4.0, noise=0.0):
+def learned(path, seconds, noise):
     rng = random.Random(1)
     oscillation, stamps, points = Oscillation(), [], []
     for t in np.arange(0.0, seconds, 1 / 30).tolist():
@@ -119,25 +104,18 @@ def learned(path, seconds=4.0, noise=0.0):
     return oscillation.rate
 
 
-@pytest.mark.parametrize("frequency", [0.2, 2.0])
-def test_the_rate_of_a_swing_is_learned_about_any_centre(frequency):
+@pytest.mark.parametrize(
+    ("frequency", "seconds", "noise"), [(0.2, 4.0, 0.0), (2.0, 4.0, 0.0), (0.5, 8.0, 0.004)]
+)
+def test_the_rate_of_a_swing_is_learned_about_any_centre_without_bias(frequency, seconds, noise):
     rate = math.tau * frequency
-    assert learned(lambda t: 3.0 + math.sin(rate * t)) == pytest.approx(rate, rel=0.03)
+    found = learned(lambda t: 3.0 + math.sin(rate * t), seconds, noise)
+    assert found == pytest.approx(rate, rel=0.03 if noise == 0.0 else 0.05)
 
 
-def test_noise_brings_no_bias_to_the_rate():
-    assert learned(lambda t: math.sin(math.pi * t), 8.0, 0.004) == pytest.approx(math.pi, rel=0.05)
-
-
-def test_a_swing_is_predicted_far_ahead_and_a_wanderer_is_not():
+def test_a_swing_is_predicted_far_ahead():
     """Each model is scored over the lead time for which it is used."""
-    rng, at = random.Random(4), [0.0]
     times = [k / 30 for k in range(240)]
-    swing = [0.4 * math.sin(3.0 * t) for t in times]
-    bearing, _ = fed(times, swing).joints
+    bearing, _ = fed(times, [0.4 * math.sin(3.0 * t) for t in times]).joints
     expected = 0.4 * math.sin(3.0 * (times[-1] + 0.5))
     assert bearing.far.motion.after(0.5) == pytest.approx(expected, abs=0.02)
-    for _ in times[1:]:
-        at.append(at[-1] + rng.gauss(0.0, 0.02))
-    bearing, _ = fed(times, at).joints
-    assert abs(bearing.far.motion.after(0.5) - at[-1]) < 0.05
