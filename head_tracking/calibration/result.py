@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -26,9 +27,10 @@ from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robo
 
 _TIME: Final = "%Y-%m-%dT%H:%M:%S"
 _MALFORMED: Final = (
-    yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError,
+    yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError,
 )  # fmt: skip
-_OLD: Final = 180 * 86_400.0  # s
+_DAY: Final = 86_400.0  # s
+_OLD: Final = 180 * _DAY
 _SAME: Final = 1e-6  # m, and of a quaternion
 
 
@@ -99,8 +101,16 @@ class Calibration:
 
     @property
     def is_old(self) -> bool:
-        """Whether it is older than half a year: mountings may have become loose."""
-        return self.age > _OLD
+        """Whether it is older than half a year (mountings may have become loose), or not dated."""
+        return not -_DAY < self.age < _OLD
+
+    @property
+    def age_text(self) -> str:
+        """Its age, and what to do because of that."""
+        if self.age < -_DAY:
+            return "its date is in the future: set the clock of this computer, or calibrate again"
+        advice = "; it is old: calibrate again" if self.is_old else ""
+        return f"{self.age / _DAY:.0f} days old{advice}"
 
     @staticmethod
     def of(
@@ -125,7 +135,11 @@ class Calibration:
         )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
-        """Write a YAML file, atomically."""
+        """Write a YAML file, atomically.
+
+        Raises:
+            CalibrationFileError: it cannot be written; an earlier file is as before.
+        """
         path = Path(path)
         document = {
             "robot": self.robot,
@@ -141,9 +155,22 @@ class Calibration:
             "estimates": {name: each._asdict() for name, each in self.estimates.items()},
             **{name: getattr(self, name) for name in _NUMBERS},
         }
+        text = _HEADER + yaml.safe_dump(document, sort_keys=False)
         draft = path.with_name(f".{path.name}.draft")
-        draft.write_text(_HEADER + yaml.safe_dump(document, sort_keys=False))
-        draft.replace(path)
+        try:
+            if path.exists() and not path.is_file():  # a device, such as /dev/stdout
+                path.write_text(text)
+                return
+            draft.write_text(text)
+            draft.replace(path)
+        except OSError as error:
+            with suppress(OSError):
+                draft.unlink()
+            raise CalibrationFileError(
+                path,
+                f"it cannot be written ({error.strerror}); give a file in a writable folder, on a "
+                "disk with free space",
+            ) from error
 
     def apply(self, model: RobotModel) -> RobotModel:
         """Return a robot model, with its URDF, changed by this calibration.
@@ -155,19 +182,19 @@ class Calibration:
             CalibrationFileError: the calibration was made with another model.
         """
         tree, difference = ElementTree.fromstring(model.urdf), ""
-        if model.name != self.robot:
-            difference = "it is another robot"
         for joint in self.joints:
             before = model.joints.get(joint.name)
             if before is None or not _is_same(before.origin, joint.replaces):
-                difference = f"the joint {joint.name!r} differs"
+                difference = f"the joint {joint.name!r} differs; calibrate again"
             else:
                 _write(tree, joint)
+        if model.name != self.robot:
+            difference = "it is another robot; give a calibration of this one"
         if difference:
             raise CalibrationFileError(
                 self.source or Path("calibration"),
                 f"the calibration of {self.robot!r} does not match the model {model.name!r}: "
-                f"{difference}; calibrate again",
+                f"{difference}",
             )
         return parse_robot_model(ElementTree.tostring(tree, encoding="unicode"))
 
@@ -181,6 +208,8 @@ class Calibration:
         path = Path(path)
         try:
             found = yaml.safe_load(path.read_text())
+            if not isinstance(found, Mapping):
+                raise ValueError("no names with values")
             return Calibration(
                 str(found["robot"]),
                 time.mktime(time.strptime(str(found["made"]), _TIME)),
@@ -196,13 +225,14 @@ class Calibration:
                 **{name: read(found[name]) for name, read in _NUMBERS.items()},
                 source=path,
             )
-        except OSError as error:
-            raise CalibrationFileError(path, error.strerror or str(error)) from error
-        except _MALFORMED as error:
+        except (OSError, *_MALFORMED) as error:
+            problem = f"it is not valid: {' '.join(str(error).split())}"
+            if isinstance(error, OSError):
+                problem = str(error.strerror)
+            elif isinstance(error, KeyError):
+                problem = f"it has no {error}"
             raise CalibrationFileError(
-                path,
-                f"not a valid calibration file ({type(error).__name__}: "
-                f"{' '.join(str(error).split())}); create one with `head_tracking calibrate`",
+                path, f"{problem}; create a calibration with `head_tracking calibrate`"
             ) from error
 
 
@@ -212,7 +242,7 @@ def calibrated(model: RobotModel, path: str | Path) -> RobotModel:
 
 
 def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
-    """Return name, change and deviation of each estimate as text."""
+    """Return name, change and deviation of each estimate as texts."""
     rows = []
     for parameter in PARAMETERS:
         estimate = calibration.estimates.get(parameter.name)
@@ -221,9 +251,9 @@ def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
         change, unit = parameter.displayed(estimate.value)
         deviation, _ = parameter.displayed(estimate.deviation)
         if estimate.observable:
-            rows.append((parameter.name, f"{change:+.2f} {unit}", f"{deviation:.2f} {unit}"))
+            rows.append((parameter.name, f"{change:+.2f} {unit}", f"± {deviation:.2f} {unit}"))
         else:
-            rows.append((parameter.name, "not observable", "value of the model"))
+            rows.append((parameter.name, "not observable", "(value of the model)"))
     return rows
 
 

@@ -67,7 +67,7 @@ def _calibrate(options: argparse.Namespace) -> None:
         print("calibrate: ended; the servos are relaxed, and no file is written", file=sys.stderr)
         raise
     for name, change, deviation in summary(calibration):
-        print(f"{name:<22} {change:>18}  +- {deviation}")
+        print(f"{name:<22} {change:>18}  {deviation}")
     print(
         f"{calibration.views} views used, {calibration.left_out} ignored; corner noise "
         f"{calibration.noise:.2f} px\nthe views disagree by "

@@ -113,15 +113,11 @@ class CameraCalibration:
             report=self._report,
         )
         head.check()
-        found = calibration.estimates
         file = folder / f"{calibration.robot}.yaml"
         calibration.save(file)
         return Progress(
             text=f"Calibrated. The result is in {file}. To use it, start with --calibration {file}",
-            rows=tuple(
-                (name, change, f"± {deviation}" if found[name].observable else deviation)
-                for name, change, deviation in summary(calibration)
-            ),
+            rows=tuple(summary(calibration)),
         )
 
     def _report(self, text: str) -> None:

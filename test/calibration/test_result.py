@@ -1,6 +1,7 @@
 """Files of calibrations, and heads that use them."""
 
 import math
+import os
 import time
 from dataclasses import replace
 
@@ -58,6 +59,26 @@ def test_a_file_is_what_was_saved(file):
     assert Calibration.load(again) == found
 
 
+def test_a_file_that_cannot_be_written_leaves_the_earlier_one_and_no_draft(file):
+    calibration, draft = Calibration.load(file), file.with_name(f".{file.name}.draft")
+    before = file.read_text()
+    draft.symlink_to("/dev/full")
+    with pytest.raises(CalibrationFileError):
+        calibration.save(file)
+    assert file.read_text() == before
+    assert list(file.parent.iterdir()) == [file]
+
+
+def test_a_device_is_written_and_not_replaced(file):
+    pipe = file.with_name("pipe")
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    Calibration.load(file).save(pipe)
+    assert os.read(reader, 10_000).decode() == file.read_text()
+    os.close(reader)
+    assert pipe.is_fifo()
+
+
 def test_a_head_uses_it(file, geometry):
     with Head.simulated(calibration=file) as head:
         measured = head.pose("camera_optical_frame", geometry.base)
@@ -80,6 +101,7 @@ def test_a_head_uses_it(file, geometry):
     [
         ("kinectbot", 3, Grade.GREEN),
         ("kinectbot", 400, Grade.AMBER),
+        ("kinectbot", -400, Grade.AMBER),
         ("turtlebot", 3, Grade.RED),
         ("no_such_robot", 3, Grade.SKIPPED),
     ],
@@ -88,7 +110,7 @@ def test_the_doctor_grades_it(file, robot, days, grade):
     replace(Calibration.load(file), made=time.time() - 86400.0 * days).save(file)
     finding = check_calibration(robot, file)
     assert (finding.check, finding.level) == ("calibration", grade)
-    if grade in (Grade.GREEN, Grade.AMBER):
+    if days > 0 and grade in (Grade.GREEN, Grade.AMBER):
         assert f"{days} days" in finding.text
 
 
@@ -123,7 +145,7 @@ def test_a_damaged_file_is_refused(file, damage, geometry):
         calibrated(geometry.model, file)
 
 
-@pytest.mark.parametrize("text", ["", "[1, 2", "7", "{}"])
+@pytest.mark.parametrize("text", ["", "[1, 2", "7", "{}", pytest.param("[" * 5000, id="deep")])
 def test_what_is_no_calibration_is_refused(tmp_path, text):
     path = tmp_path / "other.yaml"
     path.write_text(text)

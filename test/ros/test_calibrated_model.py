@@ -58,4 +58,4 @@ def test_diagnostics_tell_its_values_deviations_age_and_source(threads, file, tm
     assert health.level is Level.WARN
     assert "400" in health.message
     assert health.values["source"] == str(tmp_path / "aged.yaml")
-    assert re.match(r"\+1\.15 degrees \+- 0\.06", health.values["camera pitch"])
+    assert re.match(r"\+1\.15 degrees ± 0\.06", health.values["camera pitch"])

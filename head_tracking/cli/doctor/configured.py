@@ -75,10 +75,7 @@ def check_calibration(robot: str, path: Path) -> Finding:
         return Finding("calibration", Grade.RED, str(error))
     except HeadTrackingError as error:
         return Finding("calibration", Grade.SKIPPED, f"{path}: the model is not valid: {error}")
-    days = calibration.age / 86400.0
-    text = f"{path}: {days:.0f} days old, {calibration.views} views"
+    text = f"{path}: {calibration.age_text}; {calibration.views} views"
     for name, change, deviation in summary(calibration):
-        text += f"; {name} {change} +- {deviation}"
-    if not calibration.is_old:
-        return Finding("calibration", Grade.GREEN, text)
-    return Finding("calibration", Grade.AMBER, f"{text}; it is old: calibrate again")
+        text += f"; {name} {change} {deviation}"
+    return Finding("calibration", Grade.AMBER if calibration.is_old else Grade.GREEN, text)

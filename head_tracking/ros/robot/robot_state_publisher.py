@@ -154,7 +154,7 @@ class RobotStatePublisherNode(Node):
             calibration = self._calibration = Calibration.load(p.calibration)
             self._values = {"source": p.calibration, "views": str(calibration.views)}
             for name, change, deviation in summary(calibration):
-                self._values[name] = f"{change} +- {deviation}"
+                self._values[name] = f"{change} {deviation}"
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_calibration)
 
@@ -188,8 +188,7 @@ class RobotStatePublisherNode(Node):
         """Publish the age of the calibration, and each value with its standard deviation."""
         calibration = self._calibration
         level = Level.WARN if calibration.is_old else Level.OK
-        advice = "; it is old: calibrate again" if calibration.is_old else ""
-        text = f"{calibration.age / 86400.0:.0f} days old{advice}"
+        text = calibration.age_text
         self._diagnostics.publish(report(self, "calibration", level, text, self._values))
 
     def _edges(self, *, moving: bool) -> list[TransformStamped]:
