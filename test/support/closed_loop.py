@@ -13,10 +13,10 @@ import random
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 from dynamixel_fakes import speed_ticks
-from plant import JointsRead, Make, Servos, angles, in_camera, turned
+from plant import JointsRead, Make, angles, in_camera, turned
 
 from head_tracking.dynamixel import JointConfiguration
 from head_tracking.dynamixel.protocol import read_packet, sync_write_packet
@@ -24,7 +24,7 @@ from head_tracking.gaze import HeadCommand
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedBus, SimulatedServo
 from head_tracking.simulation.packets import decode_status
-from head_tracking.tracking import Sample, Target, TargetPlacer, Trace, TrackingStep
+from head_tracking.tracking import Sample, Target, TargetPlacer, Trace
 from head_tracking.transforms import (
     RobotModel,
     Rotation,
@@ -46,38 +46,6 @@ _CYCLES = 50.0  # of the bus, a second
 _UPDATE = 1_000_000  # ns from a reading to the packet that answers it
 _SEEN = 0.0063  # s by which points come after cycles: at 30 a second they wait 10 ms on average
 _ODOMETRY_LATE = 0.02  # s
-
-
-class Controller(Protocol):
-    """A controller of the package; `Tracker` is one."""
-
-    def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
-        """Accept pan and tilt [rad] as measured at `stamp` [s]."""
-
-    def target_seen(
-        self, stamp: float, point: Vector3, now: float, *, moving: bool = False
-    ) -> object:
-        """Accept a point [m] that was seen at `stamp` [s], perhaps by a camera on the head."""
-
-    def step(self, now: float) -> TrackingStep:
-        """Return the command for now."""
-
-
-@runtime_checkable
-class RawController(Protocol):
-    """A controller that shares nothing with the package; times begin at 0."""
-
-    def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
-        """Accept pan and tilt [rad] as measured at `stamp` [s]."""
-
-    def base_moved(self, now: float, pose: tuple[float, float, float]) -> None:
-        """Accept the latest x, y [m] and yaw [rad] of the robot."""
-
-    def camera_saw(self, stamp: float, point: Vector3, now: float, *, on_head: bool) -> None:
-        """Accept a point [m] as the camera measured it, in its own or the head's base frame."""
-
-    def command(self, now: float) -> HeadCommand | None:
-        """Return the command for now."""
 
 
 @functools.cache
@@ -170,17 +138,13 @@ class Mounted:
             tilt servo: ((1, 0), (0, 1)) if they are mounted as they should be.
     """
 
-    def __init__(self, servos: Servos, turns: tuple[tuple[float, float], ...]) -> None:
+    def __init__(self, servos: Any, turns: tuple[tuple[float, float], ...]) -> None:
         self._servos, self._turns = servos, turns
-        self.read, self.write = servos.read, servos.write
 
-    @property
-    def goals(self) -> tuple[int, int] | None:
-        """See `Servos`."""
-        return self._servos.goals
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._servos, name)
 
     def true_positions(self, now: int) -> tuple[float, float]:
-        """See `Servos`."""
         by_pan, by_tilt = self._turns
         pan, tilt = self._servos.true_positions(now)
         return by_pan[0] * pan + by_tilt[0] * tilt, by_pan[1] * pan + by_tilt[1] * tilt
@@ -318,8 +282,11 @@ class Outcome:
 class ClosedLoop:
     """Runs a controller against servos and cameras, in simulated time.
 
-    A `Controller` is given points as a node gives them, transformed by the package; a
-    `RawController` is given what the cameras measured.
+    One with the methods of `Tracker` is given points as a node gives them, transformed by the
+    package. One that shares nothing with the package has instead, with times that begin at 0:
+    `joints_read(stamp, positions)`; `base_moved(now, (x, y, yaw))`; `command(now)`; and
+    `camera_saw(stamp, point, now, on_head=)` with what a camera measured, in its own or the head's
+    base frame.
 
     Args:
         path: of the target.
@@ -360,7 +327,7 @@ class ClosedLoop:
 
     def run(self, controller: Any) -> Outcome:
         """Run from the start to the end: in each cycle read, update, write."""
-        outcome, self._is_raw = Outcome(Trace()), isinstance(controller, RawController)
+        outcome, self._is_raw = Outcome(Trace()), hasattr(controller, "camera_saw")
         stepped = -math.inf
         for event in self._events():
             now = event.time

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from random import Random
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import JointReading
@@ -74,24 +74,8 @@ class JointsRead(NamedTuple):
     positions: tuple[float, float]
 
 
-class Servos(Protocol):
-    """Pan and tilt; times in ns."""
-
-    @property
-    def goals(self) -> tuple[int, int] | None:
-        """The last written goals, in steps of the servos."""
-
-    def read(self, now: int) -> JointsRead:
-        """Measure both joints."""
-
-    def write(self, command: HeadCommand, now: int) -> None:
-        """Send both servos their goals."""
-
-    def true_positions(self, now: int) -> tuple[float, float]:
-        """Return the true positions of pan and tilt [rad]."""
-
-
-Make: TypeAlias = Callable[[tuple[float, float]], Servos]
+Make: TypeAlias = Callable[[tuple[float, float]], Any]
+"""Makes the servos of pan and tilt, with the methods of `PlainHead`, at start positions [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +102,7 @@ class PlainServo:
     play: float = 0.0
     resolution: float = 0.0015
 
-    def __call__(self, start: tuple[float, float]) -> Servos:
-        """Make both joints of a head."""
+    def __call__(self, start: tuple[float, float]) -> PlainHead:
         return PlainHead((self, self), start)
 
     @staticmethod
@@ -145,17 +128,19 @@ class Pair:
     pan: PlainServo
     tilt: PlainServo
 
-    def __call__(self, start: tuple[float, float]) -> Servos:
-        """Make both joints of a head."""
+    def __call__(self, start: tuple[float, float]) -> PlainHead:
         return PlainHead((self.pan, self.tilt), start)
 
 
 class PlainHead:
-    """Pan and tilt by their equations.
+    """Pan and tilt by their equations; times in ns.
 
     Args:
         servos: of pan and tilt.
         start: their positions at first [rad].
+
+    Attributes:
+        goals: the last written ones, in steps of the servos.
     """
 
     def __init__(self, servos: tuple[PlainServo, PlainServo], start: tuple[float, float]) -> None:
@@ -163,27 +148,21 @@ class PlainHead:
         self._joints = tuple(map(_Joint, servos, start))
 
     def read(self, now: int) -> JointsRead:
-        """See `Servos`."""
+        """Measure both joints."""
         stamp = now + 1_000_000
         self.true_positions(stamp)
         pan, tilt = (joint.measured for joint in self._joints)
         return JointsRead(stamp, now + 2_000_000, (pan, tilt))
 
     def write(self, command: HeadCommand, now: int) -> None:
-        """See `Servos`."""
-        goals = []
-        for joint, goal, speed in zip(
-            self._joints,
-            (command.pan, command.tilt),
-            (command.pan_speed, command.tilt_speed),
-            strict=True,
-        ):
+        """Send both joints their goals."""
+        (pan, tilt), c = self._joints, command
+        for joint, goal, speed in ((pan, c.pan, c.pan_speed), (tilt, c.tilt, c.tilt_speed)):
             joint.commands.append((now * 1e-9 + joint.servo.dead_time, goal, speed))
-            goals.append(round(goal / joint.servo.resolution))
-        self.goals = goals[0], goals[1]
+        self.goals = round(c.pan / pan.servo.resolution), round(c.tilt / tilt.servo.resolution)
 
     def true_positions(self, now: int) -> tuple[float, float]:
-        """See `Servos`."""
+        """Return where the camera really points [rad]."""
         pan, tilt = (joint.advance(now * 1e-9) for joint in self._joints)
         return pan, tilt
 
@@ -249,34 +228,21 @@ class Deaf:
         seconds: how long from the first command on.
     """
 
-    def __init__(self, servos: Servos, seconds: float) -> None:
+    def __init__(self, servos: Any, seconds: float) -> None:
         self._servos, self._deaf = servos, round(seconds * 1e9)
         self._since: int | None = None
-        self.read, self.true_positions = servos.read, servos.true_positions
 
-    @property
-    def goals(self) -> tuple[int, int] | None:
-        """See `Servos`."""
-        return self._servos.goals
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._servos, name)
 
     def write(self, command: HeadCommand, now: int) -> None:
-        """See `Servos`."""
         self._since = self._since or now
         if now - self._since > self._deaf:
             self._servos.write(command, now)
 
 
-class Stream(Protocol):
-    """Turns commands into positions, a control period apart."""
-
-    def positions(
-        self, command: HeadCommand | None, joints: JointReading, now: float
-    ) -> tuple[float, float] | None:
-        """Return the positions to publish now [rad]."""
-
-
 class PlainStream:
-    """Set-points that move at the commanded speeds."""
+    """Set-points that move at the commanded speeds, a control period apart."""
 
     def __init__(self) -> None:
         self._setpoint: tuple[float, float] | None = None
@@ -285,20 +251,16 @@ class PlainStream:
     def positions(
         self, command: HeadCommand | None, joints: JointReading, now: float
     ) -> tuple[float, float] | None:
-        """See `Stream`."""
+        """Return the positions to publish now [rad]."""
         dt, self._last = min(now - self._last, 0.1), now
         if command is None:
             return None
         pan, tilt = self._setpoint or joints.positions
-        self._setpoint = (
-            pan + _clamped(command.pan - pan, command.pan_speed * dt),
-            tilt + _clamped(command.tilt - tilt, command.tilt_speed * dt),
-        )
+        pan_step, tilt_step = command.pan_speed * dt, command.tilt_speed * dt
+        pan += min(max(command.pan - pan, -pan_step), pan_step)
+        tilt += min(max(command.tilt - tilt, -tilt_step), tilt_step)
+        self._setpoint = pan, tilt
         return self._setpoint
-
-
-def _clamped(value: float, most: float) -> float:
-    return min(max(value, -most), most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,16 +275,15 @@ class Streamed:
 
     dead_time: float
     lag: float = 0.02
-    stream: Callable[[], Stream] = PlainStream
+    stream: Callable[[], Any] = PlainStream
 
-    def __call__(self, start: tuple[float, float]) -> Servos:
-        """Make both joints of a head."""
+    def __call__(self, start: tuple[float, float]) -> PlainHead:
         servo = PlainServo(self.dead_time, self.lag, dead_band=0.0, resolution=0.0005)
         return _StreamedHead(servo, start, self.stream())
 
 
 class _StreamedHead(PlainHead):
-    def __init__(self, servo: PlainServo, start: tuple[float, float], stream: Stream) -> None:
+    def __init__(self, servo: PlainServo, start: tuple[float, float], stream: Any) -> None:
         super().__init__((servo, replace(servo)), start)
         self._stream = stream
         self._measured = JointReading(0.0, start)

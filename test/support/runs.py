@@ -64,7 +64,6 @@ class Watched:
         self.joints_read, self.target_seen = steered.joints_read, steered.target_seen
 
     def step(self, now: float) -> TrackingStep:
-        """See `Controller`."""
         step = self.tracker.step(now)
         self._note(now, self.tracker)
         return step

@@ -40,6 +40,11 @@ def test_rpy_straight_up_and_down(pitch):
     )
 
 
+def test_rpy_turns_about_fixed_axes_in_order():
+    turned = Rotation.from_rpy(math.pi / 2, 0, math.pi / 2) @ (0, 1, 0)
+    assert turned == pytest.approx((0, 0, 1))
+
+
 @given(transforms, transforms, vectors)
 def test_composition_is_the_product_of_matrices(a, b, p):
     assert np.allclose((a @ b).as_matrix(), a.as_matrix() @ b.as_matrix(), atol=1e-9)

@@ -33,16 +33,16 @@ class SimpleLaw:
         self._suspect: Point | None = None
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:
-        """See `RawController`."""
+        """See `ClosedLoop`."""
         self._history.append((stamp, positions))
         self.joints = positions
 
     def base_moved(self, now: float, pose: tuple[float, float, float]) -> None:
-        """See `RawController`."""
+        """See `ClosedLoop`."""
         self._bases.append((now, pose))
 
     def camera_saw(self, stamp: float, point: Point, now: float, *, on_head: bool) -> None:
-        """See `RawController`."""
+        """See `ClosedLoop`."""
         if on_head:
             point = in_base(point, *self.joints_at(stamp))
         x, y, yaw = min(self._bases, key=lambda entry: abs(entry[0] - stamp))[1]
@@ -92,7 +92,7 @@ class SimpleLaw:
         return c * dx + s * dy, c * dy - s * dx, point[2]
 
     def command(self, now: float) -> HeadCommand | None:
-        """See `RawController`."""
+        """See `ClosedLoop`."""
         if self.point is None:
             return None
         if now - self.stamp > _RECENTER:
