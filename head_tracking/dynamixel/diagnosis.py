@@ -115,6 +115,11 @@ class _Watch:
         self.pace_since, self.pace_begin, self.pace_error = 0, 0.0, 0.0
         self.rest_position = self.rest_error = self.owed = 0.0
 
+    @property
+    def off(self) -> str:
+        """How far it is from its goal."""
+        return f"it stands {abs(self.error):.2f} rad from its goal"
+
     def lasting(self, what: str, seconds: float) -> bool:
         """Return whether a condition has held for so long; call it while the condition holds."""
         first, last = self.since.get(what, (self.now, 0))
@@ -129,95 +134,97 @@ class _Watch:
         self.rest_position, self.owed = self.position, 0.0
 
 
-# Detectors: each returns a sentence, or nothing
+# Detectors: each returns a symptom and a sentence, or None
+
+Found = tuple[Symptom, str] | None
 
 
-def _jump(watch: _Watch) -> str:
+def _jump(watch: _Watch) -> Found:
     """Find a step that no motor can make, without a step back."""
     if not (watch.joint.on and 0.0 < watch.elapsed < 0.1):
-        return ""
+        return None
     far = 2.0 * watch.servo.model.no_load_speed * watch.elapsed + 8.0 * watch.tick
     jumps = abs(watch.step) > far
     before, watch.jump = watch.jump, watch.step if jumps else 0.0
     if jumps or not before:
-        return ""
-    return (
+        return None
+    return Symptom.JUMP, (
         f"its position jumped by {before:+.2f} rad in a cycle: a dirty or loose encoder, or "
         "a broken gear"
     )
 
 
-def _frozen(watch: _Watch) -> str:
+def _frozen(watch: _Watch) -> Found:
     """Find a constant position, not at the end of its scale, with a speed."""
     servo, speed = watch.servo, abs(watch.servo.velocity)
     if watch.step or speed < _MOVES or servo.ticks in (0, servo.model.ticks - 1):
-        return ""
+        return None
     if not watch.lasting("frozen", max(0.12, 10.0 * watch.tick / speed)):
-        return ""
-    return (
+        return None
+    return Symptom.FROZEN, (
         f"it measures {servo.velocity:+.1f} rad/s, but its position stays at {servo.position:.3f} "
         "rad: its encoder is frozen"
     )
 
 
-def _sag(watch: _Watch) -> str:
+def _sag(watch: _Watch) -> Found:
     """Find a voltage that falls by a tenth of the nominal voltage in a short time."""
     volts, usual = watch.servo.voltage, watch.usual_voltage
     watch.usual_voltage += (0.1 if volts > usual else 0.001) * (volts - usual)
     falls = usual - volts >= 0.1 * watch.servo.model.nominal_voltage
     if not (falls and watch.lasting("sag", 0.06)):
-        return ""
-    return (
+        return None
+    return Symptom.SAG, (
         f"its supply falls from {usual:.1f} to {volts:.1f} V under load: too weak, or a thin cable "
         "or bad plug"
     )
 
 
-def _line(watch: _Watch) -> str:
+def _line(watch: _Watch) -> Found:
     """Find 4 transactions that failed within 0.3 s, with a servo that answers."""
     failed = watch.servo.counters.failed
     watch.failures += [watch.now] * min(4, failed - watch.failed)
     watch.failed = failed
     watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
     if len(watch.failures) < 4 or watch.servo.failed_cycles:
-        return ""
-    return (
+        return None
+    return Symptom.LINE, (
         f"{len(watch.failures)} transactions failed within 0.3 s, though it answers: plugs, "
         "cables, ground, or two servos with one id"
     )
 
 
-def _apart(watch: _Watch) -> str:
+def _apart(watch: _Watch) -> Found:
     """Find that the two servos of a joint are apart."""
     first, second = watch.joint.servos
     apart = abs(first.position - second.position)
     comparable = first.answers and second.answers and not watch.joint.busy
     far = comparable and apart >= 0.06 + 0.02 * abs(first.velocity)
     if not (far and watch.lasting("apart", 0.06)):
-        return ""
-    return (
+        return None
+    return Symptom.APART, (
         f"it and servo {second.id}, which turn one joint, are {apart:.2f} rad apart: a horn has "
         "slipped, or one is mounted or calibrated the wrong way round"
     )
 
 
-def _away(watch: _Watch) -> str:
+def _away(watch: _Watch) -> Found:
     """Find that it turns away from its goal; braking before it turns round may take longer."""
     speed = watch.servo.velocity
     turns_away = speed * watch.error < 0.0 and abs(speed) >= _MOVES and abs(watch.error) >= 0.1
     if not turns_away:
         watch.away_speed = abs(speed)
-        return ""
+        return None
     patience = 0.12 if abs(speed) >= 0.8 * watch.away_speed else 0.2
     if not watch.lasting("away", patience):
-        return ""
-    return (
+        return None
+    return Symptom.AWAY, (
         f"it turns away from its goal at {speed:+.1f} rad/s: something pushes it, or its motor is "
         "defective"
     )
 
 
-def _slow(watch: _Watch) -> str:
+def _slow(watch: _Watch) -> Found:
     """Find less than 35 % of the goal speed for 0.16 s, after 0.1 s to accelerate.
 
     Within 0.3 rad of a goal that changes, a tracking law may ask for more speed than it needs.
@@ -231,26 +238,26 @@ def _slow(watch: _Watch) -> str:
     if near or not moves or watch.pace_error * error < 0.0:
         watch.pace_since, watch.pace_begin, watch.pace_error = now, position, error
         watch.pace_target = target
-        return ""
+        return None
     seconds = (now - watch.pace_since) * 1e-9
     if seconds < 0.1:
         watch.pace_begin = position
     if seconds < 0.26:
-        return ""
+        return None
     moved = abs(position - watch.pace_begin)
     watch.pace_since, watch.pace_begin = now - 100_000_000, position
     share = servo.voltage / servo.model.nominal_voltage if servo.voltage else 1.0
     fastest = servo.model.no_load_speed * min(1.0, share)
     if moved >= 0.35 * min(watch.asked, 0.9 * fastest) * 0.16:
-        return ""
-    return (
+        return None
+    return Symptom.SLOW, (
         f"it turns at {abs(servo.velocity):.1f} rad/s, far below the goal speed, at "
         f"{servo.voltage:.1f} V and {abs(servo.load):.0%} of its torque: friction, load, or a weak "
         "supply"
     )
 
 
-def _stuck(watch: _Watch) -> str:
+def _stuck(watch: _Watch) -> Found:
     """Find that it stands away from its goal; its load shows whether it is blocked or idle.
 
     It stands if it has not moved a short distance in the time that this takes at the goal speed,
@@ -268,30 +275,20 @@ def _stuck(watch: _Watch) -> str:
     if off > 0.12 or (off > 0.06 and not _DRIVES <= load <= 0.6):
         watch.owed += min(abs(watch.elapsed), 0.02)  # below 0: the clock was set back
         if watch.owed < patience:
-            return ""
+            return None
         if load < _DRIVES:
-            return "has no load, with torque on: motor or gear"
-        return (
-            f"has a load of {load:.0%}: an obstacle, an end stop (has a horn slipped?), or a "
-            "frozen encoder"
+            return Symptom.IDLE, f"{watch.off} and has no load, with torque on: motor or gear"
+        return Symptom.BLOCKED, (
+            f"{watch.off} and has a load of {load:.0%}: an obstacle, an end stop (has a horn "
+            "slipped?), or a frozen encoder"
         )
-    return ""
+    return None
 
 
-Detector = tuple[Symptom, Callable[[_Watch], str]]
-
-READ: Final[tuple[Detector, ...]] = (
-    (Symptom.JUMP, _jump),
-    (Symptom.FROZEN, _frozen),
-    (Symptom.SAG, _sag),
-)
+_READ: Final = (_jump, _frozen, _sag)
 """For every servo that was read."""
 
-FOLLOWING: Final[tuple[Detector, ...]] = (
-    (Symptom.AWAY, _away),
-    (Symptom.SLOW, _slow),
-    (Symptom.BLOCKED, _stuck),
-)
+_FOLLOWING: Final = (_away, _slow, _stuck)
 """For servos with a goal; registers are read before one of these is reported."""
 
 
@@ -333,13 +330,13 @@ class Diagnosis:
                 if joint.on:
                     watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
                 if servo.counters.failed != watch.failed:
-                    self._find(watch, Symptom.LINE, _line)
+                    self._find(watch, _line)
                 if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
                     self._examine(watch)
                 else:
                     watch.forget_motion()
             if len(watches) > 1:
-                self._find(watches[0], Symptom.APART, _apart)
+                self._find(watches[0], _apart)
                 self._check_pair(joint, watches)
 
     def _examine(self, watch: _Watch) -> None:
@@ -352,8 +349,8 @@ class Diagnosis:
         watch.step, watch.position, watch.stamp = step, servo.position, servo.stamp
         if watch.identity is not servo.identity:
             watch.identity, watch.usual_voltage, watch.step = servo.identity, servo.voltage, 0.0
-        for symptom, find in READ:
-            self._find(watch, symptom, find)
+        for find in _READ:
+            self._find(watch, find)
         slack = 3.0 if Symptom.WARM in watch.symptoms else 0.0
         warn = self._settings.temperature.warn
         for symptom, text in conditions(servo, warn, slack=slack).items():
@@ -364,9 +361,9 @@ class Diagnosis:
             return
         watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
         watch.asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
-        for symptom, find in FOLLOWING:
-            if text := find(watch):
-                self._suspect(watch, symptom, text)
+        for find in _FOLLOWING:
+            if found := find(watch):
+                self._suspect(watch, *found)
 
     def _suspect(self, watch: _Watch, suspicion: Symptom, text: str) -> None:
         """Read the registers of a servo that does not follow, at most once a second."""
@@ -376,8 +373,6 @@ class Diagnosis:
         if watch.now - watch.examined < _AGAIN * 1e9:
             return
         watch.examined = watch.now
-        if suspicion is Symptom.BLOCKED and abs(watch.servo.load) < _DRIVES:
-            suspicion = Symptom.IDLE
         self._bus.requests.start(self._examining(watch, suspicion, text))
 
     def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
@@ -393,12 +388,7 @@ class Diagnosis:
             if not joint.on or joint.busy:
                 return  # it was relaxed meanwhile
             watch.goals.append(joint.goal_ticks[watch.index])  # not every cycle is examined
-            off = f"it stands {abs(joint.goal_position - servo.position):.2f} rad from its goal"
-            stands = suspicion in (Symptom.BLOCKED, Symptom.IDLE)
-            symptom, why = _cause(watch, values, off) or (
-                suspicion,
-                f"{off} and {text}" if stands else text,
-            )
+            symptom, why = _cause(watch, values) or (suspicion, text)
             if symptom is not Symptom.OVERRULED or last:
                 break  # a goal that was written late is not another program's
         if symptom is Symptom.TORQUE_LOST:
@@ -410,9 +400,9 @@ class Diagnosis:
         elif symptom is Symptom.TRIPPED:
             self._bus.clear_watchdog(joint)
 
-    def _find(self, watch: _Watch, symptom: Symptom, find: Callable[[_Watch], str]) -> None:
-        if text := find(watch):
-            self._report(watch, symptom, text)
+    def _find(self, watch: _Watch, find: Callable[[_Watch], Found]) -> None:
+        if found := find(watch):
+            self._report(watch, *found)
 
     def _report(self, watch: _Watch, symptom: Symptom, text: str) -> None:
         watch.seen[symptom] = watch.now
@@ -544,7 +534,7 @@ class Diagnosis:
         )
 
 
-def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom, str] | None:
+def _cause(watch: _Watch, values: Mapping[str, int]) -> Found:
     """Return the symptom and a sentence, if the registers show a cause."""
     servo = watch.servo
     if not values["Torque Enable"]:
@@ -557,11 +547,11 @@ def _cause(watch: _Watch, values: Mapping[str, int], off: str) -> tuple[Symptom,
     limit, most = values.get("Torque Limit", 1), values.get("Max Torque", 1)
     if {"Max Torque", "Torque Limit"} <= values.keys() and limit < 0.3 * most:
         share = limit / servo.model.load_maximum
-        return Symptom.WEAK, f"{off}: its Torque Limit is at {share:.0%} only"
+        return Symptom.WEAK, f"{watch.off}: its Torque Limit is at {share:.0%} only"
     if servo.has_watchdog and values.get("Bus Watchdog", 0) in (-1, 255):
         return Symptom.TRIPPED, (
-            f"{off}: its Bus Watchdog has tripped, because it received nothing for some time, and "
-            "it ignores goals; it is cleared, and the joint holds its present position"
+            f"{watch.off}: its Bus Watchdog has tripped, because it received nothing for some "
+            "time, and it ignores goals; it is cleared, and the joint holds its present position"
         )
     goals = watch.goals
     if goals and not min(goals) - 1 <= values["Goal Position"] <= max(goals) + 1:
