@@ -38,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     "feetech": set(),
     "simulation": set(),
     "configuration": {"dynamixel", "gaze", "parameters", "parameter_files", "simulation"},
-    "calibration": {"gaze", "transforms", "vision"},
+    "calibration": {"gaze", "parameters", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
     | {"calibration", "configuration", "parameters", "signals", "vision"},

@@ -13,8 +13,8 @@ import numpy as np
 from head_tracking.calibration.geometry import PARAMETERS, HeadGeometry
 from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
-from head_tracking.calibration.targets import TARGETS, Observe, observer
-from head_tracking.exceptions import FrameError, UnreachableError
+from head_tracking.calibration.targets import TARGETS, Observe, observer, what_to_show
+from head_tracking.exceptions import FrameError, SupersededError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import JointLimits, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
@@ -94,12 +94,12 @@ def calibrate_camera(
         The calibration; neither files nor the model of the head are changed.
 
     Raises:
-        CalibrationError: no image is received, the target is not visible, or the views contradict
-            each other or the model.
+        CalibrationError: no image is received, the target is not visible, the views contradict
+            each other or the model, or another command turns the head.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is unknown, or the joints are not measured until the end.
-        ValueError: there is no such target, the marker has no size or a wrong family, the model
-            is for other images, or the times of the images are of another clock.
+        ValueError: there is no such target or marker, the marker has no size, the model is for
+            other images, or the times of the images are of another clock.
     """
     observe = observer(target, marker)
     robot = head.frames.model
@@ -118,7 +118,8 @@ def calibrate_camera(
             f"{lens.height}"
         )
     head.hold()
-    gathering = _Gathering(head, geometry, source, lens, observe, TARGETS[target])
+    sought = what_to_show(target, marker)
+    gathering = _Gathering(head, geometry, source, lens, observe, sought, TARGETS[target])
     views = gathering.all_views(report)
     report(f"{len(views)} views; computing")
     size = marker.marker_size if marker and target == "marker" else None
@@ -134,6 +135,7 @@ class _Gathering:
         source: images with their times [s].
         camera: the camera.
         observe: finds the target in an image.
+        sought: what it finds, as text.
         still: maximum motion between two images of a still target [px].
     """
 
@@ -144,10 +146,11 @@ class _Gathering:
         source: Iterator[tuple[float, Pixels]],
         camera: Camera,
         observe: Observe,
+        sought: str,
         still: float,
     ) -> None:
         self._head, self._geometry, self._source, self._camera = head, geometry, source, camera
-        self._observe, self._still = observe, still
+        self._observe, self._sought, self._still = observe, sought, still
         self._positions, self._directions = tuple(head.joints.values()), [0, 0]
 
     def all_views(self, report: Callable[[str], object]) -> list[View]:
@@ -160,9 +163,8 @@ class _Gathering:
         if not views:
             raise CalibrationError(
                 Reason.FEW_VIEWS,
-                "nothing to look at is visible while the head rests: turn the head, and check the "
-                "light; of a marker, check its family and number; of a face, whether the camera is "
-                "upright; do not move the head by hand",
+                f"the camera does not see {self._sought}: turn the head to it, use more light, and "
+                "do not move the head by hand",
             )
         middle = (self._camera.cx, self._camera.cy)
         nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))
@@ -185,6 +187,12 @@ class _Gathering:
                 self._head.look_at(point, self._geometry.base, max_velocity=_SPEED)
             except UnreachableError:
                 return False
+            except SupersededError as error:
+                raise CalibrationError(
+                    Reason.MOVED,
+                    "another command has turned the head: send it none, do not calibrate it twice "
+                    "at once, and calibrate again",
+                ) from error
             except FrameError:
                 if time.monotonic() > end:
                     raise

@@ -75,7 +75,7 @@ class CalibrationError(HeadTrackingError):
     """
 
     def __init__(self, reason: Reason, text: str) -> None:
-        super().__init__(text)
+        super().__init__(f"{reason}: {text}")
         self.reason = reason
 
 

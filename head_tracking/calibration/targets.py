@@ -8,10 +8,16 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from head_tracking.calibration.geometry import Array
+from head_tracking.parameters import ParameterError
 from head_tracking.vision.candidate import Frame, ellipse_mask
 from head_tracking.vision.faces import FaceDetector, FaceParameters
 from head_tracking.vision.images import Pixels
-from head_tracking.vision.markers import DICTIONARIES, MarkerDetector, MarkerParameters
+from head_tracking.vision.markers import (
+    DICTIONARIES,
+    MarkerDetector,
+    MarkerParameters,
+    marker_family,
+)
 from head_tracking.vision.opencv import cv2
 
 TARGETS: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
@@ -40,22 +46,40 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
         marker: family, number and size of the marker.
 
     Raises:
-        ValueError: there is no such target, or the marker has no size or a wrong family.
+        ParameterError: there is no such target or marker, or the marker has no size.
     """
     if target not in TARGETS:
-        raise ValueError(f"the target is {target!r}; allowed are {', '.join(TARGETS)}")
+        raise ParameterError(f"the target is {target!r}; allowed are {', '.join(TARGETS)}")
     if target == "face":
         return _FaceView()
     if target == "room":
         return _Room()
     if marker is None or marker.marker_size <= 0.0:
-        raise ValueError("marker_size is not above 0; set it to the edge of the black square [m]")
+        raise ParameterError(
+            "marker_size is not above 0; set it to the edge of the black square [m]"
+        )
     if marker.dictionary not in DICTIONARIES:
-        raise ValueError(f"dictionary {marker.dictionary!r}: allowed are {', '.join(DICTIONARIES)}")
+        raise ParameterError(
+            f"dictionary {marker.dictionary!r}: allowed are {', '.join(DICTIONARIES)}"
+        )
+    if marker.marker_id >= (count := len(marker_family(marker.dictionary).bytesList)):
+        raise ParameterError(
+            f"marker_id is {marker.marker_id}; {marker.dictionary} has the numbers 0 to {count - 1}"
+        )
     detector = MarkerDetector(marker)
     return lambda frame: {
         int(each.label): np.asarray(each.points, float) for each in detector.detect(frame, [])
     }
+
+
+def what_to_show(target: str, marker: MarkerParameters | None) -> str:
+    """Return what must be visible, for the case that it is not."""
+    if target == "room":
+        return "a part of the room with texture"
+    if target == "face" or marker is None:
+        return "a face, with the camera upright"
+    number = "of any number" if marker.marker_id < 0 else f"with the number {marker.marker_id}"
+    return f"a marker {number} of the family {marker.dictionary}"
 
 
 class _FaceView:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -75,12 +76,11 @@ def _calibrate(options: argparse.Namespace) -> None:
         f"{math.degrees(calibration.error_after):.2f} degrees after (rms)"
     )
     calibration.save(options.output)
+    servos = ["--sim"] if options.sim else ["--port", options.port]
+    words = ["head_tracking", *servos, "--robot", options.robot, "--calibration"]
+    print(f"written: {options.output}\nuse it:  {shlex.join([*words, str(options.output)])}")
     if options.picture:
         _draw(calibration, options.picture, (width, height))
-    print(
-        f"written: {options.output}\n"
-        f"use it:  head_tracking --robot {options.robot} --calibration {options.output}"
-    )
 
 
 def _simulated_images(head: Head, target: str) -> Iterable[tuple[float, Pixels]]:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from head_tracking.vision.markers import marker_family
 from head_tracking.vision.opencv import cv2
 
 Colour: TypeAlias = tuple[int, int, int]
@@ -33,7 +34,7 @@ def marker(dictionary: str, number: int) -> Texture:
         dictionary: OpenCV's name without its prefix, such as ``4X4_50`` or ``APRILTAG_36h11``.
         number: number of the marker.
     """
-    family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    family = marker_family(dictionary)
     modules = family.markerSize + 2
     border = _MARKER // (modules + 2)
     # OpenCV 4.6 (Ubuntu 24.04) calls it drawMarker

@@ -97,9 +97,14 @@ class MarkerDetector(Detector):
         )
 
 
+def marker_family(dictionary: str) -> Any:
+    """Return OpenCV's description of a family: the bits of its markers, and their number."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+
+
 def _detector(dictionary: str) -> Callable[[Pixels], Any]:
     """Return a function that detects the markers of a family in a grey image."""
-    family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    family = marker_family(dictionary)
     older = not hasattr(cv2.aruco, "ArucoDetector")  # before 4.7, as on Ubuntu 24.04
     settings = cv2.aruco.DetectorParameters_create() if older else cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX

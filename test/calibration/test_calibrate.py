@@ -24,7 +24,7 @@ from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
 from head_tracking.configuration.simulated import mounted_servos
-from head_tracking.exceptions import FrameError, UnreachableError
+from head_tracking.exceptions import FrameError, SupersededError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
 from head_tracking.share import robot_file
@@ -226,7 +226,7 @@ def test_a_view_counts_only_while_the_joints_stand(quick, unsolved, monkeypatch)
 
 def gather(head):
     geometry = HeadGeometry(head.model, *head.true, "camera_optical_frame")
-    return gathering._Gathering(head, geometry, iter(()), None, None, 1.0)
+    return gathering._Gathering(head, geometry, iter(()), None, None, "", 1.0)
 
 
 def test_a_turn_is_repeated_while_the_joints_are_not_measured(monkeypatch):
@@ -246,6 +246,9 @@ def test_a_turn_is_repeated_while_the_joints_are_not_measured(monkeypatch):
     errors.append(FrameError("base_link", "the joints are not measured"))
     with pytest.raises(FrameError):
         views._turn(PLACE, 0.0)
+    errors.append(SupersededError(PLACE, None))  # such as a second calibration
+    with pytest.raises(CalibrationError):
+        views._turn(PLACE, math.inf)
 
 
 def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
@@ -295,10 +298,10 @@ def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused():
     images = [(time.time(), np.zeros((240, 320, 3), np.uint8)) for _ in range(100)]
     early = [(stamp - 1e6, picture) for stamp, picture in images]
     other = camera_with_view(640, 480, math.radians(60.0))
-    unknown = MarkerParameters("5", -1, 0.16)
     with Head.simulated() as head:
         for given, marker, model in (
-            (images, unknown, None),
+            (images, MarkerParameters("5", -1, 0.16), None),
+            (images, MarkerParameters("4X4_50", 50, 0.16), None),
             (images, MARKER, other),
             (early, MARKER, None),
         ):
