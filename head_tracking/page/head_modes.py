@@ -247,13 +247,16 @@ class HeadModes:
             return "" if self._wanted == (mode, frame) else "Another mode was chosen meanwhile."
 
         nodes = _NODES[mode]
-        for name in nodes:
-            if not self._exists(name):
-                self._start(name, ended)
+        missing = [name for name in reversed(nodes) if not self._exists(name)]
+        for name in missing:
+            _refuse_if("" if self.can_start(name) else f"{name} is not running: start it first.")
+        self.stop_sending()
+        # a node that is started is enabled: nothing may turn the head before the mode is reached
+        self._disable(n for n in (*SENDERS, *CONTROLLERS) if missing or n not in nodes)
+        for name in missing:
+            self._start(name, ended)
         if mode in _FOLLOWS:
             self._choose_target(mode, ended)
-        self.stop_sending()
-        self._disable(name for name in (*SENDERS, *CONTROLLERS) if name not in nodes)
         for name in nodes:
             _refuse_if(ended())
             self._enable(name, True)
@@ -272,8 +275,6 @@ class HeadModes:
 
     def start(self, name: str) -> None:
         """Start a node of the run, if the run can do that."""
-        if not self._services.offered(f"node_starter/{name}"):
-            raise HeadTrackingError(f"{name} is not running: start it for this mode.")
         self._services.trigger(f"node_starter/{name}")
 
     def _send(self, target: Target, mode: Mode, stops: int) -> None:
