@@ -145,16 +145,6 @@ def test_a_stop_is_not_given_up_when_its_answer_is_late(robot: _Robot, tab: Any)
     wait_for(lambda: robot.stops > before, 50.0)
 
 
-def test_stop_answers_an_open_question_with_no(tab: Any) -> None:
-    tab.evaluate(
-        """() => {
-          headPage.tuning.ask("Can the head move freely?").then((yes) => { window.answer = yes; });
-          headPage.stop();
-        }"""
-    )
-    tab.wait_for_function("window.answer === false")
-
-
 class _Link:
     """A network between a browser and the page. One that is down loses what is sent, silently."""
 
@@ -203,14 +193,26 @@ def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
         tab.locator("#toast").wait_for()
 
 
-_SHOW_ABOUT = """error => headPage.showAbout({
+_SHOW_ABOUT = """(error, can_resume = false) => headPage.showAbout({
   error, word: "holding", text: "", stop: "", mode: "nothing", modes: [], target_text: "",
-  can_resume: false, images: ["/one/image", "/other/image"], frames: [],
+  can_resume, images: ["/one/image", "/other/image"], frames: [],
   servos: [], movable: [], free: true, notices: [], warnings: [], failing: {}, recording: false,
   recorder: "", faults: [{ text: "overload", advice: "", command: "recover" }], can_recover: true,
   health: [{ name: "servo_bus", level: "ok", message: `${error}`, values: { load: `${error}` } }],
   calibration: { runs: false, text: "", rows: [] },
 })"""
+
+
+@pytest.mark.parametrize("stop", ["headPage.stop()", f"({_SHOW_ABOUT})(null, true)"])
+def test_stop_answers_an_open_question_with_no(tab: Any, stop: str) -> None:
+    """STOP of this browser, or of another one."""
+    tab.evaluate(
+        """() => {
+          headPage.tuning.ask("Can the head move freely?").then((yes) => { window.answer = yes; });
+        }"""
+    )
+    tab.evaluate(stop)
+    tab.wait_for_function("window.answer === false")
 
 
 def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, tab: Any) -> None:

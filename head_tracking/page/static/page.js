@@ -238,6 +238,7 @@ class Page {
     }
     this.about = about;
     if (!about.can_resume && !by("resume").hidden) toast(""); // somebody has resumed
+    if (about.can_resume && by("resume").hidden) by("sure").close(); // somebody has pressed STOP
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
     this.attempt({
