@@ -1,28 +1,28 @@
-"""Instructions and registers of the simulated servo, without motion."""
+"""Instructions, registers, modes and errors of the simulated servos of both protocols."""
 
 from __future__ import annotations
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, write
+from simulated_packets import (
+    InstructionPacket,
+    InstructionPacket2,
+    StatusPacket,
+    StatusPacket2,
+    write,
+)
 
-from head_tracking.dynamixel import servo_model
-from head_tracking.dynamixel.protocol import ErrorBits
+from head_tracking.dynamixel import ServoModel, servo_model
+from head_tracking.dynamixel.models import all_models
+from head_tracking.dynamixel.protocol import ErrorBits, StatusCode
 from head_tracking.simulation import SimulatedServo, WriteLog
 
-Packet = InstructionPacket
+Packet, Packet2 = InstructionPacket, InstructionPacket2
 MS = 1_000_000
 SECOND = 1000 * MS
-TABLE = servo_model("AX-12").control_table
 RANGE = StatusPacket(1, ErrorBits.RANGE)
-
-
-def read(servo: SimulatedServo, name: str) -> int:
-    register = TABLE[name]
-    status = servo.execute(Packet.read(servo.id, register.address, register.size), 0)
-    assert status is not None and not status.error
-    return int.from_bytes(status.data, "little")
+XM430 = servo_model("XM430-W350")
 
 
 @pytest.mark.parametrize(("address", "length"), [(49, 2), (50, 1), (0, 51), (255, 1), (0, 0)])
@@ -33,7 +33,7 @@ def test_read_behind_the_table_is_a_range_error(address: int, length: int) -> No
 def test_write_with_one_bad_value_changes_nothing() -> None:
     servo = SimulatedServo(1)
     assert servo.execute(Packet.write(1, 30, b"\xf4\x01\xff\xff"), 0) == RANGE
-    assert (read(servo, "Goal Position"), read(servo, "Moving Speed")) == (512, 0)
+    assert (servo.register("Goal Position"), servo.register("Moving Speed")) == (512, 0)
 
 
 def test_goal_outside_the_angle_limits_is_refused() -> None:
@@ -42,8 +42,8 @@ def test_goal_outside_the_angle_limits_is_refused() -> None:
     write(servo, "CCW Angle Limit", 800)
     for goal in (299, 801):
         assert write(servo, "Goal Position", goal) == ErrorBits.ANGLE_LIMIT
-    assert read(servo, "Goal Position") == 512
-    assert read(servo, "Torque Enable") == 0
+    assert servo.register("Goal Position") == 512
+    assert servo.register("Torque Enable") == 0
     for goal in (300, 800):
         assert write(servo, "Goal Position", goal) == 0
 
@@ -55,7 +55,7 @@ def test_goal_outside_the_angle_limits_is_refused() -> None:
 )
 def test_no_instruction_makes_a_servo_raise(model: str, code: int, parameters: bytes) -> None:
     servo = SimulatedServo(1, model)
-    packet = Packet if servo.model.protocol == 1 else InstructionPacket2
+    packet = Packet if servo.model.protocol == 1 else Packet2
     for servo_id in (1, 254):
         servo.execute(packet(servo_id, code, parameters), 0)
     servo.advance(5_000_000)
@@ -115,3 +115,166 @@ def test_mx_goal_acceleration_ramps_the_speed() -> None:
     servo.execute(Packet.write(1, 30, bytes.fromhex("A0 0F 00 02")), 0)
     servo.advance(500 * MS)
     assert servo.drive.speed == pytest.approx(0.75, rel=0.15)
+
+
+# Protocol 2.0
+
+
+def servo(model=XM430, **options) -> SimulatedServo:
+    made = SimulatedServo(1, model, **options)
+    made.advance(0)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("packet", "code"),
+    [
+        (Packet2.write(1, 132, b"\0\0\0\0"), StatusCode.ACCESS),
+        (Packet2.write(1, 3000, b"\0"), StatusCode.ACCESS),
+        (Packet2.write(1, 116, b"\0\0"), StatusCode.DATA_LENGTH),
+        (Packet2(1, 0x33), StatusCode.INSTRUCTION),
+        (Packet2(1, 5), StatusCode.INSTRUCTION),
+        (Packet2.read(1, 5000, 1), StatusCode.ACCESS),
+        (Packet2.write(1, 65, b"\2"), StatusCode.DATA_RANGE),  # LED
+        (Packet2.write(1, 116, bytes((0, 16, 0, 0))), StatusCode.DATA_LIMIT),  # Goal Position
+        (Packet2.write(1, 104, bytes((201, 0, 0, 0))), StatusCode.DATA_LIMIT),  # Goal Velocity
+        (Packet2.write(1, 9, b"\0"), StatusCode.ACCESS),  # EEPROM with torque on
+    ],
+)
+def test_error_codes_of_refused_packets(packet: InstructionPacket2, code: StatusCode) -> None:
+    s = servo()
+    s.set_register("Torque Enable", 1)
+    before = s.register("Return Delay Time")
+    assert s.execute(packet, 0) == StatusPacket2(1, code)
+    assert s.register("Return Delay Time") == before
+
+
+@pytest.mark.parametrize(
+    ("firmware", "data", "last"), [(None, 208, 20), (52, 208, 20), (53, 224, 28)]
+)
+def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
+    firmware, data, last
+) -> None:
+    s = servo(servo_model("XL330-M288"), firmware=firmware)
+    status = s.execute(Packet2.read(1, 168 + 2 * (last - 1), 2), 0)  # it stands for its own data
+    assert status is not None and status.data == bytes((data + last - 1, 0))
+    assert s.execute(Packet2.write(1, data + last - 1, b"\1"), 0) == StatusPacket2(1)
+    assert s.execute(Packet2.read(1, data + last, 1), 0) == StatusPacket2(1, StatusCode.ACCESS)
+    reported = s.execute(Packet2.ping(1), 0)
+    assert reported is not None and reported.data[2] == (firmware or 50)
+
+
+# Bus watchdog
+
+
+def test_bus_watchdog_trips_in_time_without_calls_of_advance() -> None:
+    """In simulated time the next packet is the first thing that happens."""
+    s, watched = servo(), servo()
+    for one in (s, watched):
+        write(one, "Torque Enable", 1)
+        write(one, "Profile Velocity", 50)
+        write(one, "Goal Position", 3500)
+        write(one, "Bus Watchdog", 5)
+    for now in range(0, 3 * SECOND, 10 * MS):
+        watched.advance(now)
+    assert write(s, "Goal Position", 100, 3 * SECOND) == StatusCode.DATA_RANGE
+    assert s.register("Bus Watchdog") == 255
+    assert s.true_ticks == pytest.approx(watched.true_ticks, abs=2)
+
+
+# Operating modes
+
+
+@pytest.mark.parametrize("setting", [("Operating Mode", 1), ("Drive Mode", 4)])
+def test_the_motor_does_not_drive_in_a_mode_that_is_not_simulated(setting) -> None:
+    s = servo()
+    for name, value in (setting, ("Torque Enable", 1), ("Goal Position", 3000)):
+        assert write(s, name, value) == 0
+    s.advance(SECOND)
+    assert s.true_ticks == 2048
+
+
+def test_extended_position_mode_counts_turns() -> None:
+    s = servo()
+    write(s, "Operating Mode", 4)
+    write(s, "Torque Enable", 1)
+    assert write(s, "Goal Position", -6000) == 0
+    s.advance(10 * SECOND)
+    assert s.register("Present Position") == pytest.approx(-6000, abs=6)
+
+
+def test_enabling_torque_resets_the_turns() -> None:
+    s = servo()
+    s.lead(6000, 2.0, 2.0)
+    s.advance(4 * SECOND)
+    assert s.register("Present Position") == pytest.approx(6000, abs=20)
+    write(s, "Torque Enable", 1, 4 * SECOND)
+    assert s.register("Present Position") == pytest.approx(6000 - 4096, abs=20)
+
+
+def test_enabling_torque_starts_a_motion_to_the_former_goal() -> None:
+    """X servos do; a driver must set the goal to where the servo stands before."""
+    s = servo()
+    write(s, "Goal Position", 3000)
+    s.advance(SECOND)
+    assert s.true_ticks == 2048
+    write(s, "Torque Enable", 1, SECOND)
+    s.advance(3 * SECOND)
+    assert s.true_ticks == pytest.approx(3000, abs=5)
+
+
+def test_reverse_mode_mirrors_position_and_velocity() -> None:
+    s = servo(position=1000)
+    write(s, "Drive Mode", 1)
+    assert s.register("Present Position") == 4096 - 1000
+    write(s, "Torque Enable", 1)
+    write(s, "Goal Position", 4000)
+    s.advance(300 * MS)
+    assert s.register("Present Velocity") > 0
+    assert s.drive.speed < 0
+    s.advance(3 * SECOND)
+    assert s.register("Present Position") == pytest.approx(4000, abs=5)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "velocity", "goal", "top", "rise"),
+    [
+        (16, 100, 3500, 100, 400),  # a trapezoid: 64 v / a
+        (10, 200, 2148, None, None),  # a short distance: a triangle
+    ],
+)
+def test_profiles(acceleration, velocity, goal, top, rise) -> None:
+    s = servo()
+    for name, value in (
+        ("Torque Enable", 1),
+        ("Profile Acceleration", acceleration),
+        ("Profile Velocity", velocity),
+        ("Goal Position", goal),
+    ):
+        write(s, name, value)
+    speeds = []
+    for now in range(0, 5 * SECOND, MS):
+        s.advance(now)
+        speeds.append(s.register("Velocity Trajectory"))
+    assert s.register("Present Position") == pytest.approx(goal, abs=5)
+    assert speeds[-1] == s.register("Moving") == 0
+    if top is None:
+        assert 10 < max(speeds) < 100
+    else:
+        assert max(speeds) == pytest.approx(top, rel=0.02)
+        assert speeds.index(max(speeds)) == pytest.approx(rise, abs=12)
+
+
+@pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
+def test_a_goal_speed_is_kept(model: ServoModel) -> None:
+    servo = SimulatedServo(1, model)
+    servo.advance(0)
+    speed = round(0.3 * model.no_load_speed / model.speed_unit)
+    goal = model.center + round(model.ticks * 0.4)
+    write(servo, "Torque Enable", 1)
+    data = model.encode_goal(goal, speed)
+    kind = Packet if model.protocol == 1 else Packet2
+    servo.execute(kind.write(1, model.goal.address, data), 0)
+    way = model.ticks * 0.4 * model.radians_per_tick
+    servo.advance(round(0.5 * way / (speed * model.speed_unit) * 1e9))
+    assert servo.drive.speed == pytest.approx(speed * model.speed_unit, rel=0.06)
