@@ -291,7 +291,7 @@ class OtherTopics:
         now, nodes, known = time.monotonic(), set(self._graph.nodes), self._diagnostics
         for status in message.status:
             full_name, colon, part = status.name[:_MOST_TEXT].partition(":")
-            node = full_name.rpartition("/")[2]
+            node = full_name.rpartition("/")[2] or "unnamed"
             name = node + colon + part
             is_allowed = node in known or node in nodes or len(known) < _MOST_STRANGERS
             if not is_allowed or not self._graph.is_own(full_name):

@@ -203,9 +203,10 @@ _SHOW_ABOUT = """(error, can_resume = false) => headPage.showAbout({
 })"""
 
 
-@pytest.mark.parametrize("stop", ["headPage.stop()", f"({_SHOW_ABOUT})(null, true)"])
+@pytest.mark.parametrize(
+    "stop", ["headPage.stop()", f"({_SHOW_ABOUT})(null, true)"], ids=["here", "elsewhere"]
+)
 def test_stop_answers_an_open_question_with_no(tab: Any, stop: str) -> None:
-    """STOP of this browser, or of another one."""
     tab.evaluate(
         """() => {
           headPage.tuning.ask("Can the head move freely?").then((yes) => { window.answer = yes; });

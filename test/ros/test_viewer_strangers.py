@@ -88,9 +88,8 @@ def test_no_message_ends_the_page(threads, viewer, stranger):
         viewer.robot.notices()
         viewer.robot.status(viewer.robot.observe())
     assert threads.failure is None
-    assert diagnosed(
-        stranger.create_publisher(DiagnosticArray, "/diagnostics", 10), viewer.robot, 1
-    )
+    publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    assert diagnosed(publisher, viewer.robot, 1, "").name == "unnamed"
     assert told(viewer)
     assert viewer.robot.stop_everything().wait(PATIENCE).done
     assert "stop" in bus.calls
@@ -112,6 +111,25 @@ def test_pictures_that_cannot_be_shown_are_named(viewer, stranger):
             return "/good/image" in pictures and "/good" not in failing.get("picture", "/good")
 
         wait_for(shown)
+
+
+def test_the_default_picture_stays_when_another_camera_starts(viewer, stranger):
+    image = Image(encoding="mono8", width=2, height=2, step=2, data=[0] * 4)
+
+    def default(*names: str) -> Any:
+        publishers = [stranger.create_publisher(Image, f"/{name}/image", 1) for name in names]
+
+        def shown() -> Any:
+            for publisher in publishers:
+                publisher.publish(image)
+            viewer.robot.observe()
+            live = viewer.page._live
+            return len(viewer.robot.topics.images()) == len(names) and live.latest_picture()
+
+        return wait_for(shown).topic
+
+    assert default("camera") == "/camera/image"
+    assert default("camera", "another") == "/camera/image"
 
 
 def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer, stranger):
