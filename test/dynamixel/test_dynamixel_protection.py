@@ -183,17 +183,26 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     assert rig.pan_torque is Torque.OFF_STOPPED
 
 
-@pytest.mark.parametrize("missing", [False, True])
-def test_joint_whose_servo_cannot_be_used_when_it_is_started_is_looked_for(
-    rig: FakeRig, missing: bool
+@pytest.mark.parametrize("wrong", ["silent", "in wheel mode", "keeps its torque"])
+def test_a_joint_whose_servo_cannot_be_used_is_not_called_started_and_looked_for(
+    rig: FakeRig, wrong: str
 ) -> None:
     run(rig.bus.stopping(["head_pan_joint"]))
-    rig.pan.answers = not missing
-    rig.pan["CCW Angle Limit"] = 0  # wheel mode
-    with pytest.raises(ServoError):
-        run(rig.bus.starting(["head_pan_joint"]), rig.bench.pass_time)
-    assert "head_pan_joint" not in rig.step(5).states
+    rig.pan.answers = wrong != "silent"
+    if wrong == "in wheel mode":
+        rig.pan["CCW Angle Limit"] = 0
+    elif wrong == "keeps its torque":
+        rig.pan["Torque Enable"] = 1
+        rig.pan.ignored.add(TORQUE)
+    starting = [submit(rig.bus, rig.bus.starting(["head_pan_joint"])) for _ in range(2)]
+    for _ in range(1000):  # between any two steps
+        rig.bus.cycle.fill(rig.bench.now() + 1_000_000_000)
+        rig.bench.pass_time(0.002)
+        rig.reading = rig.bus.step()
+    assert all(isinstance(each.exception(0.0), ServoError) for each in starting)
+    assert "head_pan_joint" not in rig.reading.states
     rig.pan.answers = True
+    rig.pan.ignored.clear()
     rig.pan["CCW Angle Limit"] = 1023
     assert "head_pan_joint" in rig.step(5).states
 

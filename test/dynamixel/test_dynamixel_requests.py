@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 from random import Random
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeRig, submit
-from simulated_device import Bench
+from simulated_device import Bench, Rig
 from waiting import join
 
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     DynamixelError,
     EepromSettings,
@@ -253,3 +256,112 @@ def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end(rig: F
     submit(rig.bus, steps())
     assert rig.bus.close() == ()
     assert rig.torque == [0, 0]
+
+
+# What an answer says is so when it comes; a request that fails changes nothing
+
+
+@pytest.fixture
+def holding() -> Rig:
+    """Return a joint with torque on."""
+    rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.1))
+    rig.go(0.3)
+    return rig
+
+
+def test_torque_is_called_on_when_it_is_on_though_the_bus_has_not_switched_it_off(
+    holding: Rig,
+) -> None:
+    holding.servos[0].set_register("Torque Enable", 0)  # by another program
+    on = submit(holding.bus, holding.bus.switching_torque(None, True))
+    while not on.done():
+        holding.step()
+    assert on.exception() is None
+    assert holding.torque == [1]
+
+
+def test_a_joint_that_is_relaxed_while_its_torque_is_checked_stays_relaxed(holding: Rig) -> None:
+    for steps in range(16):
+        run(holding.bus.switching_torque(None, True), holding.bench.pass_time)
+        holding.servos[0].set_register("Torque Enable", 0)
+        submit(holding.bus, holding.bus.switching_torque(None, True))
+        for _ in range(steps):
+            holding.bus.cycle.fill(holding.bench.now() + 1_000_000_000)
+        submit(holding.bus, holding.bus.switching_torque(None, False))
+        holding.step(20)
+        assert (holding.torque, holding.bus.joint("j1").torque) == ([0], Torque.OFF_ON_REQUEST), (
+            steps
+        )
+
+
+def test_a_joint_accepts_a_command_as_soon_as_its_torque_is_on(holding: Rig) -> None:
+    """Its servo has just returned."""
+    holding.servos[0].power_off()
+    holding.step(20)
+    holding.servos[0].power_on()
+    for number in range(500):
+        holding.bench.pass_time(0.001)
+        on = submit(holding.bus, holding.bus.switching_torque(None, True))
+        while not on.done() and holding.bus.cycle.fill(holding.bench.now() + 1_000_000_000):
+            pass
+        if on.done() and on.exception() is None:
+            break
+        if number % 20 == 0:
+            holding.bus.step()
+    holding.bus.command({"j1": Goal(0.1)})
+    holding.step(60)
+    assert holding.reading.states["j1"].position == pytest.approx(0.1, abs=0.02)
+
+
+# A request that fails
+
+
+def stopped(holding: Rig) -> None:
+    on = submit(holding.bus, holding.bus.switching_torque(None, True))
+    holding.bus.cycle.fill(holding.bench.now() + 1_000_000_000)
+    holding.bus.relax_at_once(1.0)
+    assert isinstance(on.exception(0.0), StoppedError)
+
+
+def cancelled(holding: Rig) -> None:
+    assert submit(holding.bus, holding.bus.switching_torque(None, True)).cancel()
+
+
+def silent(holding: Rig) -> None:
+    holding.servos[0].power_off()
+    holding.step(20)
+    on = submit(holding.bus, holding.bus.switching_torque(None, True))
+    holding.step(20)
+    assert isinstance(on.exception(0.0), TorqueError)
+    holding.servos[0].power_on()
+
+
+@pytest.mark.parametrize("fails", [stopped, cancelled, silent])
+def test_a_joint_that_was_relaxed_on_request_stays_so_if_its_torque_does_not_come_on(
+    holding: Rig, fails: Callable[[Rig], None]
+) -> None:
+    run(holding.bus.switching_torque(None, False))
+    fails(holding)
+    holding.step(20)
+    assert holding.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
+    run(holding.bus.switching_torque(None, True))
+    assert holding.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.02)
+
+
+def test_resume_does_not_hold_a_joint_that_is_relaxed_at_the_same_time() -> None:
+    """The bus executes both requests in one cycle."""
+    bench, loop = Bench([SimulatedServo(1)]), ControlLoop(None)
+    bus = bench.servo_bus([PAN], loop.owners.epoch)
+    backend = DynamixelBackend([bus], loop, 50.0)
+    backend.connect()
+    run(bus.switching_torque(None, True))
+    loop.attach(backend)
+    assert not any(loop.stop().values())
+    backend.switch_torque(None, False)
+    backend.resume()
+    for _ in range(20):
+        bus.requests.begin_next()
+        bench.pass_time(0.02)
+        bus.step()
+    assert bench.torque == [0]
+    assert bus.joint(PAN.joint_name).torque is Torque.OFF_ON_REQUEST

@@ -186,28 +186,6 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
     assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
 
 
-def test_torque_that_is_coming_on_when_somebody_relaxes_stays_off() -> None:
-    for steps in range(0, 12, 2):
-        rig = Rig(SimulatedServo(1), SimulatedServo(2))
-        rig.step(3)
-        submit(rig.bus, rig.bus.switching_torque(None, True))
-        rig.step(steps)
-        submit(rig.bus, rig.bus.switching_torque(["j1"], False))
-        rig.step(30)
-        assert rig.torque[0] == 0, steps
-        assert rig.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
-
-
-def test_a_request_that_was_cancelled_is_not_carried_out() -> None:
-    rig = Rig(SimulatedServo(1), SimulatedServo(2))
-    rig.step(3)
-    future = submit(rig.bus, rig.bus.switching_torque(None, True))
-    assert future.cancel()
-    rig.step(30)
-    assert rig.torque == [0, 0]
-    assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
-
-
 @pytest.mark.parametrize("cycles", [1, 4, 7])
 def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles: int) -> None:
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
