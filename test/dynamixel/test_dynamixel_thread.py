@@ -1,24 +1,36 @@
-"""The thread that owns the bus."""
+"""The thread that owns a bus, and several buses as one backend of a loop."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from dynamixel_fakes import PAN, TILT, fake_bench
 from simulated_device import Bench
-from waiting import PATIENCE, wait_for
+from waiting import PATIENCE, join, wait_for
 
+from head_tracking.control import ControlLoop
+from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
+    BusEvent,
     BusReading,
     BusStoppedError,
     BusThread,
+    ConfigurationError,
+    EventKind,
     Goal,
+    GoalError,
+    JointConfiguration,
     PortLostError,
     ServoBus,
+    Torque,
 )
+from head_tracking.dynamixel.exceptions import ServoNotFoundError
+from head_tracking.dynamixel.servo import run
 
 
 def made(bench: Bench, *callbacks: Callable[[Any], object], rate: float = 100.0) -> BusThread:
@@ -132,3 +144,187 @@ def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
     thread.stop()
     assert bench.torque == [0, 0]
     assert not bench.port.is_open
+
+
+# Several buses as one backend of a loop
+
+
+def make(*joints: JointConfiguration, **options: Any) -> tuple[DynamixelBackend, list[Bench]]:
+    """Return a backend with a bus for each joint, connected, and their benches."""
+    benches = [fake_bench(joint.id) for joint in joints]
+    loop = ControlLoop(None)
+    buses = [
+        ServoBus(bench.port, [joint], epoch=loop.owners.epoch)
+        for bench, joint in zip(benches, joints, strict=True)
+    ]
+    backend = DynamixelBackend(buses, loop, 50.0, **options)
+    backend.connect()
+    return backend, benches
+
+
+def hold(backend: DynamixelBackend) -> None:
+    for thread in backend.threads:
+        run(thread.bus.switching_torque(None, True))
+
+
+def write(backend: DynamixelBackend, **goals: float) -> None:
+    backend.write("somebody", {name: Goal(goal) for name, goal in goals.items()}, 0)
+
+
+def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
+    reported: list[str] = []
+    buses, benches = make(PAN, TILT, report=lambda subject, _: reported.append(subject))
+    write(buses, head_pan_joint=0.1, elbow=0.1)
+    buses.threads[0].bus.step()
+    assert benches[0].bus[1].register("Torque Enable") == 0
+    write(buses, head_pan_joint=0.1, head_tilt_joint=math.nan)
+    for _ in range(10):
+        buses.threads[0].bus.step()
+    assert benches[0].bus[1].register("Goal Position") == PAN.ticks(0.1)
+    assert reported == ["somebody", "somebody"]
+    buses.close()
+
+
+def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
+    buses, benches = make(PAN, TILT)
+    buses.start()
+    for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
+        future.result(PATIENCE)
+    assert all(buses.joint(each.joint_name).torque is Torque.ON for each in (PAN, TILT))
+    (future,) = buses.call(["head_tilt_joint"], lambda bus, joints: joints)
+    assert future.result(PATIENCE) == ("head_tilt_joint",)
+    with pytest.raises(GoalError):
+        buses.call(["elbow"], lambda bus, joints: joints)
+    assert buses.close() == []
+    assert [bench.port.is_open for bench in benches] == [False, False]
+
+
+def test_same_joint_or_controller_on_two_buses_is_refused() -> None:
+    other = replace(TILT, joint_name="head_pan_joint")
+    same = replace(TILT, controller=PAN.controller)
+    for joint in (other, same):
+        loop = ControlLoop(None)
+        buses = [
+            ServoBus(fake_bench().port, [each], epoch=loop.owners.epoch) for each in (PAN, joint)
+        ]
+        with pytest.raises(ConfigurationError, match="same name"):
+            DynamixelBackend(buses, loop, 50.0)
+
+
+def test_a_bus_that_a_stop_of_the_loop_would_not_overtake_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="epoch"):
+        DynamixelBackend([ServoBus(fake_bench().port, [PAN])], ControlLoop(None), 50.0)
+
+
+def test_of_several_buses_all_are_connected_or_none() -> None:
+    backend, benches = make(PAN, TILT)
+    backend.close()
+    benches[1].bus[2].set_register("ID", 9)
+    with pytest.raises(ServoNotFoundError):
+        backend.connect()
+    assert [bench.port.is_open for bench in benches] == [False, False]
+
+
+def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reported() -> None:
+    reported: list[str] = []
+    bench, loop = fake_bench(), ControlLoop(None)
+    bus = ServoBus(bench.port, [PAN, TILT], epoch=loop.owners.epoch)
+    backend = DynamixelBackend([bus], loop, 50.0, lambda subject, text: reported.append(subject))
+    backend.connect()
+    run(bus.switching_torque(["head_tilt_joint"], False))
+    goals = {"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)}
+    backend.write("somebody", goals, loop.owners.epoch.value)
+    for _ in range(10):
+        bus.step()
+    assert bench.torque == [1, 0]
+    assert bench.bus[1].register("Goal Position") == PAN.ticks(0.1)
+    assert reported == ["head_tilt_joint"]
+    backend.write("somebody", {"head_tilt_joint": Goal(0.1)}, loop.owners.epoch.value)
+    backend.write("somebody", {"elbow": Goal(0.1)}, loop.owners.epoch.value)
+    assert reported[1:] == ["somebody", "somebody"]
+    backend.close()
+
+
+def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_finds_out() -> None:
+    bench, loop = fake_bench(1), ControlLoop(None)
+    bus = ServoBus(bench.port, [PAN], epoch=loop.owners.epoch)
+    backend = DynamixelBackend([bus], loop, 50.0)
+    backend.connect()
+    refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
+    bus.cycle.write = lambda reading: reading._replace(  # type: ignore[method-assign]
+        events=(refused,)
+    )
+    backend.start()
+    try:
+        wait_for(lambda: loop.stuck)
+        assert loop.stuck == {"head_pan_joint": "it cannot hold"}
+    finally:
+        backend.close()
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
+    failing: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    buses, benches = make(PAN, TILT)
+    hold(buses)
+
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(benches[failing].port, "sync_write", fail)
+        problems = buses.relax_now()
+    names = (PAN.joint_name, TILT.joint_name)
+    assert problems[names[failing]]
+    assert not problems[names[1 - failing]]
+    assert benches[1 - failing].torque == [0]
+    buses.close()
+
+
+@pytest.mark.parametrize("other_stop", [False, True])
+def test_a_stop_is_carried_out_where_the_port_is_not_free(other_stop: bool) -> None:
+    buses, benches = make(PAN, TILT)
+    hold(buses)
+    begun, end = threading.Event(), threading.Event()
+
+    def occupy(_: ServoBus) -> None:
+        begun.set()
+        end.wait(0.1 if other_stop else PATIENCE)  # a while; too long
+
+    other = threading.Thread(target=buses.threads[1].at_once, args=(occupy, PATIENCE))
+    other.start()
+    assert begun.wait(PATIENCE)
+    problems = buses.relax_now(PATIENCE if other_stop else 1.0)
+    assert not problems[PAN.joint_name] and bool(problems[TILT.joint_name]) is not other_stop
+    end.set()
+    join(other)
+    for thread in buses.threads:
+        thread.bus.step()
+    assert [bench.torque for bench in benches] == [[0], [0]]
+    assert buses.joint(PAN.joint_name).torque is Torque.OFF_UNTIL_COMMANDED
+
+
+def test_all_buses_are_stopped_and_relaxed_though_one_hangs() -> None:
+    hanging, release = threading.Event(), threading.Event()
+
+    def on_reading(bus: ServoBus, reading: BusReading) -> None:
+        pan = reading.states.get("head_pan_joint")
+        if pan is not None and pan.goal is not None:
+            hanging.set()
+            release.wait(PATIENCE)
+
+    buses, benches = make(PAN, TILT, on_reading=on_reading)
+    try:
+        buses.start()
+
+        def hangs() -> bool:
+            write(buses, head_pan_joint=0.2, head_tilt_joint=0.2)
+            return hanging.is_set() and bool(benches[1].bus[2].register("Torque Enable"))
+
+        wait_for(hangs)
+        assert len(buses.close()) == 1
+        assert [bench.torque for bench in benches] == [[0], [0]]
+        assert not any(bench.port.is_open for bench in benches)
+    finally:
+        release.set()
