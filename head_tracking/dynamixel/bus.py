@@ -307,19 +307,14 @@ class ServoBus:
                     with suppress(DynamixelError):
                         run(self._procedures.braking(), self._pause)
                 finally:  # also after an interrupt
-                    problems = self._relax_all()
+                    problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
+                    if any(problems.values()):
+                        self._pause(_PATIENCE)
+                        problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
         finally:
             self._connected = False
             self.port.close()
         return tuple(name for name, problem in problems.items() if problem)
-
-    def _relax_all(self) -> Mapping[str, str]:
-        """Relax all joints; where that fails, try once more after a while."""
-        problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
-        if any(problems.values()):
-            self._pause(_PATIENCE)
-            problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
-        return problems
 
     def step(self) -> BusReading:
         """Run one cycle; see `Cycle.read` and `Cycle.write`.

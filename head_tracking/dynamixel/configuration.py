@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import IntFlag
@@ -127,12 +126,8 @@ class ServoCalibration:
         Raises:
             ConfigurationError: There is none.
         """
-        (low, high), (lower, upper), (first, last) = (
-            self.tick_range,
-            own_range,
-            self.model.goal_range,
-        )
-        lowest, highest = max(low, lower, first), min(high, upper, last)
+        (low, high), (lower, upper), margin = self.tick_range, own_range, self.model.goal_margin
+        lowest, highest = max(low, lower, margin), min(high, upper, self.model.ticks - 1 - margin)
         if lowest >= highest:
             raise ConfigurationError(
                 f"{self.joint_name}: the configuration allows ticks {low} to {high}, servo "
@@ -181,7 +176,8 @@ class JointConfiguration(ServoCalibration):
             speed = getattr(self, name)
             if speed is None and name == "max_speed":
                 continue
-            if not _is_number(speed) or not 0.0 < speed <= fastest:
+            is_number = isinstance(speed, (int, float)) and not isinstance(speed, bool)
+            if not (is_number and 0.0 < speed <= fastest):
                 raise ConfigurationError(
                     f"{self.joint_name}: {name}: {speed!r} is not possible; allowed are speeds "
                     f"above 0 and up to {fastest:.2f} rad/s"
@@ -330,7 +326,3 @@ def _check_name(name: str, text: object) -> None:
 
 def _is_integer(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

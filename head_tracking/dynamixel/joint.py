@@ -203,14 +203,9 @@ class BusJoint:
         positions = [s.calibration.position(each) for s, each in zip(servos, ticks, strict=True)]
         self.aim(sum(positions) / len(positions), speed, None)
 
-    def lose(self) -> None:
-        """Drop the goal, because no servo answers."""
-        self.resumes = self.resumes or self.on
-        self.goal_ticks = ()
-
-    def relax(self) -> None:
-        """Drop the goal; sends nothing."""
-        self.resumes = False
+    def drop_goal(self, resumes: bool = False) -> None:
+        """Drop the goal; it `resumes` if it was on when its servos were lost."""
+        self.resumes = resumes and (self.resumes or self.on)
         self.goal_ticks = ()
 
     def reconfigure(

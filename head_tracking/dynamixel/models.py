@@ -76,7 +76,9 @@ class ServoModel:
     position_limits: tuple[str, str]  # registers of the lowest and highest goal position
     ticks: int  # number of positions
     endless: bool  # whether the ticks go round a whole turn
-    goal_margin: int = 0  # ticks between an end of the scale and the goals next to it
+    # Ticks between an end of the scale and the goals next to it: a servo that overshoots the end
+    # reads the other end, and turns all round.
+    goal_margin: int = 0
     center: int  # tick in the middle of the range
     radians_per_tick: float
     speed_unit: float  # one count, rad/s
@@ -100,15 +102,6 @@ class ServoModel:
     def restarts(self) -> bool:
         """Whether a restart clears its errors; otherwise writing its Torque Limit does."""
         return "Hardware Error Status" in self.control_table
-
-    @property
-    def goal_range(self) -> tuple[int, int]:
-        """Lowest and highest goal, ticks.
-
-        A servo with a `goal_margin` that overshoots an end of its scale reads the other end, and
-        turns all round.
-        """
-        return self.goal_margin, self.ticks - 1 - self.goal_margin
 
     def acknowledges_writes(self, level: int) -> bool:
         """Return whether it replies to writes with this Status Return Level."""
@@ -201,7 +194,8 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
     written = table.block(*sorted(goal.values(), key=lambda name: table[name].address))
     places = {goal["position"]: 0, goal["speed"]: 1}
     lowest, highest = facts.pop("position_limits")
-    position_sign, speed_sign, load_sign = (_sign_value(table[name]) for name in wanted[:3])
+    bits = [table[name].sign_bit for name in wanted[:3]]
+    position_sign, speed_sign, load_sign = (1 << bit if bit else 0 for bit in bits)
     modes = {n: RequiredMode(**row) for n, row in facts.pop("modes", {}).items() if n in table}
     offset = facts.pop("offset", None)
     return ServoModel(
@@ -226,10 +220,6 @@ def _model(document: Mapping[str, Any]) -> ServoModel:
         aliases=tuple(facts.pop("aliases", ())),
         **facts,
     )
-
-
-def _sign_value(register: Register) -> int:
-    return 1 << register.sign_bit if register.sign_bit else 0
 
 
 def _unit(symbol: str, zero: float = 0.0, **count: float) -> Unit:

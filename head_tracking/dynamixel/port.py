@@ -134,15 +134,6 @@ class DynamixelPort:
         """Whether the device is open."""
         return self._line is not None
 
-    @property
-    def may_return(self) -> bool:
-        """Whether the device, once unplugged, may return under its name.
-
-        A pseudo-terminal does not: the kernel gives its number to the next program. A link to one
-        may.
-        """
-        return not self.name.startswith("/dev/pts/")
-
     def open(self) -> None:
         """Open and lock the device.
 

@@ -164,7 +164,7 @@ class Procedures:
         sure = [s for each in joints if each.stopped and each.confirmed for s in each.servos]
         for joint in joints:
             self.requests.drop_goals(joint.name)
-            joint.relax()
+            joint.drop_goal()
             if stop:
                 joint.set_stopped(True)
         servos = [servo for joint in joints for servo in joint.servos]

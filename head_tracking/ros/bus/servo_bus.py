@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import wait
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -232,10 +233,9 @@ class ServoBusNode(ClosingNode):
         self.create_subscription(JointState, "joint_claims", self._on_joint_claims, 10)
         for joint in self.backend.joints:
             name, controller = joint.joint_name, joint.controller
-            self.create_subscription(
-                Float64, f"{controller}/command", self._command_callback(name), 1
-            )
-            self.create_subscription(Float64, f"{controller}/speed", self._speed_callback(name), 1)
+            for topic, callback in (("command", self._on_command), ("speed", self._on_speed)):
+                subject = f"{controller}/{topic}"
+                self.create_subscription(Float64, subject, partial(callback, name), 1)
 
     def _on_reading(self, bus: ServoBus, reading: BusReading) -> None:
         """Log events and publish states, after the write, in the thread of the bus."""
@@ -308,24 +308,18 @@ class ServoBusNode(ClosingNode):
         if self._throttle.is_due(subject):
             self.get_logger().warning(f"{subject}: {text}")
 
-    def _command_callback(self, joint: str) -> Callable[[Float64], None]:
-        def callback(message: Float64) -> None:
-            try:
-                epoch = self._loop.owners.check(_SOMEBODY, [joint])
-                self.backend.command(joint, Goal(message.data), epoch, self._claim(_SOMEBODY))
-            except (DynamixelError, OwnershipError) as error:
-                self.get_logger().error(f"command refused: {error}")
+    def _on_command(self, joint: str, message: Float64) -> None:
+        try:
+            epoch = self._loop.owners.check(_SOMEBODY, [joint])
+            self.backend.command(joint, Goal(message.data), epoch, self._claim(_SOMEBODY))
+        except (DynamixelError, OwnershipError) as error:
+            self.get_logger().error(f"command refused: {error}")
 
-        return callback
-
-    def _speed_callback(self, joint: str) -> Callable[[Float64], None]:
-        def callback(message: Float64) -> None:
-            try:
-                self.backend.joint(joint).set_default_speed(message.data)
-            except DynamixelError as error:
-                self.get_logger().error(f"speed refused: {error}")
-
-        return callback
+    def _on_speed(self, joint: str, message: Float64) -> None:
+        try:
+            self.backend.joint(joint).set_default_speed(message.data)
+        except DynamixelError as error:
+            self.get_logger().error(f"speed refused: {error}")
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         """Set limits, and wait until the bus applies them."""
