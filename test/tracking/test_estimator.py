@@ -9,8 +9,8 @@ from head_tracking.tracking import EstimatorParameters, TargetEstimator, Verdict
 RATE = 30
 
 
-def circle(t):
-    return 2.0 * math.cos(0.6 * t), 2.0 * math.sin(0.6 * t), 0.3
+def at(pan, tilt=0.0):
+    return Ray(pan, tilt, 2.0)
 
 
 def seen(point):
@@ -20,29 +20,41 @@ def seen(point):
     return Ray(math.atan2(y, x), -math.asin(z / distance), distance)
 
 
-def fed(path, seconds=3.0):
-    estimator = TargetEstimator(EstimatorParameters())
-    estimator.lead_time = 0.1
-    for k in range(int(seconds * RATE)):
-        estimator.add(k / RATE, seen(path(k / RATE)), k / RATE)
+def circle(t):
+    return seen((2.0 * math.cos(0.6 * t), 2.0 * math.sin(0.6 * t), 0.3))
+
+
+def swing(t, frequency=0.5):
+    bearing = 0.5 * math.sin(math.tau * frequency * t)
+    return seen((2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1))
+
+
+def steps(path, seconds, rate=RATE, late=0.0, lead=None, **parameters):
+    """Feed the rays of a path; yield time, verdict and estimator after each."""
+    estimator = TargetEstimator(EstimatorParameters(**parameters))
+    if lead is not None:
+        estimator.lead_time = lead
+    for k in range(round(seconds * rate)):
+        t = k / rate
+        yield t, estimator.add(t, path(t), t + late), estimator
+
+
+def fed(path, seconds=3.0, rate=RATE, late=0.0, lead=0.1):
+    *_, (_, _, estimator) = steps(path, seconds, rate, late, lead)
     return estimator
 
 
 def miss(estimator, path, ahead):
     """The angle by which the target is expected beside where it is."""
-    estimate = estimator.estimate
-    time = estimate.stamp + ahead
-    pan, tilt, _ = estimate.ray_at(time)
-    there = seen(path(time))
+    time = estimator.estimate.stamp + ahead
+    pan, tilt, _ = estimator.estimate.ray_at(time)
+    there = path(time)
     return math.hypot((pan - there.pan) * math.cos(tilt), tilt - there.tilt)
 
 
 @pytest.mark.parametrize("rate", [5, 30, 200])
 def test_a_jump_is_believed_at_every_rate(rate):
-    estimator = TargetEstimator(EstimatorParameters())
-    for k in range(2 * rate):
-        t = k / rate
-        estimator.add(t, Ray(0.0 if t < 1.0 else 0.5, 0.0, 2.0), t)
+    for t, _, estimator in steps(lambda t: at(0.0 if t < 1.0 else 0.5), 2.0, rate):
         if t > 1.035 + 1 / rate:
             assert estimator.estimate.ray_at(t).pan == pytest.approx(0.5, abs=0.02)
 
@@ -53,22 +65,33 @@ def test_the_order_in_which_points_come_makes_no_difference():
     for k in range(0, RATE - 3, 3):
         order[k + 1], order[k + 2] = order[k + 2], order[k + 1]
     for k in order:
-        late.add(k / RATE, seen(circle(k / RATE)), k / RATE + 0.1)
+        late.add(k / RATE, circle(k / RATE), k / RATE + 0.1)
     ahead = (RATE - 1) / RATE + 0.1
     assert late.estimate.ray_at(ahead) == pytest.approx(in_order.estimate.ray_at(ahead))
 
 
-def test_points_too_old_from_the_future_or_doubled_are_left_out():
+@pytest.mark.parametrize(
+    ("later", "late", "ray", "verdict"),
+    [
+        (-1.1, 1.1, circle(0.0), Verdict.TOO_OLD),
+        (5.0, -5.0, circle(0.0), Verdict.FUTURE),
+        (0.0, 0.0, circle(0.0), Verdict.DOUBLED),
+        *(
+            (1 / RATE, 0.0, ray, Verdict.NOT_FINITE)
+            for bad in (math.nan, math.inf)
+            for ray in (Ray(bad, 0.0, 2.0), Ray(0.0, bad, 2.0), Ray(0.0, 0.0, bad))
+        ),
+    ],
+)
+def test_points_that_cannot_be_used_are_left_out(later, late, ray, verdict):
     estimator = fed(circle)
-    before, now = estimator.estimate, estimator.estimate.stamp
-    assert estimator.add(now - 1.1, seen(circle(0.0)), now) is Verdict.TOO_OLD
-    assert estimator.add(now + 5.0, seen(circle(0.0)), now) is Verdict.FUTURE
-    assert estimator.add(now, seen(circle(0.0)), now) is Verdict.DOUBLED
+    before, stamp = estimator.estimate, estimator.estimate.stamp + later
+    assert estimator.add(stamp, ray, stamp + late) is verdict
     assert estimator.estimate is before
 
 
 def test_a_target_that_is_not_seen_any_more_comes_to_a_stop():
-    estimator = fed(lambda t: (2.0, t, 0.0))
+    estimator = fed(lambda t: seen((2.0, t, 0.0)))
     estimate = estimator.estimate
     stopped = estimate.stamp + estimator.lead_time + estimator.parameters.target_timeout
     end = estimate.ray_at(stopped)
@@ -76,56 +99,42 @@ def test_a_target_that_is_not_seen_any_more_comes_to_a_stop():
 
 
 def test_the_distance_of_who_walks_up_to_the_camera_and_stops_stays_right():
-    rnd, estimator = random.Random(1), TargetEstimator(EstimatorParameters())
-    for k in range(50 * RATE):
-        t = k / RATE
+    rnd = random.Random(1)
+
+    def place(t):
         x = max(4.0 - 1.2 * t, 0.4) if t < 40.0 else 0.4 + 0.8 * (t - 40.0)
-        ray = seen((x, 0.02 + rnd.gauss(0.0, 0.001), 0.1))
-        distance = ray.distance * math.exp(rnd.gauss(0.0, 0.05))
-        estimator.add(t, ray._replace(distance=distance), t)
-        if t % 4.0 < 1.0 or t < 6.0:  # (while a walk begins or ends the distance may lag)
-            continue
-        assert estimator.estimate.ray_at(t).distance == pytest.approx(ray.distance, rel=0.25)
+        return seen((x, 0.02 + rnd.gauss(0.0, 0.001), 0.1))
+
+    def measured(t):
+        ray = place(t)
+        return ray._replace(distance=ray.distance * math.exp(rnd.gauss(0.0, 0.05)))
+
+    for t, _, estimator in steps(measured, 50.0):
+        if t % 4.0 >= 1.0 and t >= 6.0:  # (while a walk begins or ends the distance may lag)
+            found = estimator.estimate.ray_at(t).distance
+            assert found == pytest.approx(place(t).distance, rel=0.25)
 
 
 @pytest.mark.parametrize("distance", [1e-300, 1e12])
 def test_no_distance_makes_the_estimate_infinite(distance):
-    estimator = fed(circle)
-    for k in range(1, 60):
-        t = estimator.estimate.stamp + 1 / RATE
-        ray = seen(circle(t))
-        estimator.add(t, ray._replace(distance=distance if k % 7 else ray.distance), t)
+    def spoilt(t):
+        ray = circle(t)
+        return ray._replace(distance=distance) if t > 3.0 and round(t * RATE) % 7 else ray
+
+    for t, _, estimator in steps(spoilt, 5.0):
         assert all(map(math.isfinite, estimator.estimate.ray_at(t + 0.3)))
 
 
-def swing(t, frequency=0.5):
-    bearing = 0.5 * math.sin(math.tau * frequency * t)
-    return 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
-
-
 def test_a_slow_detector_with_an_outlier_crashes_nothing():
-    estimator = TargetEstimator(EstimatorParameters(target_timeout=3.0))
-    for k in range(40):
-        t = 1.2 * k
-        off = 0.05 if k % 10 == 9 else 0.0
-        assert estimator.add(t, Ray(0.3 + off, 0.0, 2.0), t).used
+    path = lambda t: at(0.35 if round(t / 1.2) % 10 == 9 else 0.3)  # noqa: E731
+    for t, verdict, estimator in steps(path, 48.0, 1 / 1.2, target_timeout=3.0):
+        assert verdict.used
         assert estimator.estimate.ray_at(t).pan == pytest.approx(0.3, abs=0.06)
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_what_is_not_finite_is_not_used(value):
-    estimator = fed(circle)
-    before, now = estimator.estimate, estimator.estimate.stamp + 1 / RATE
-    for ray in (Ray(value, 0.0, 2.0), Ray(0.0, value, 2.0), Ray(0.0, 0.0, value)):
-        assert estimator.add(now, ray, now) is Verdict.NOT_FINITE
-    assert estimator.estimate is before
 
 
 @pytest.mark.parametrize("apart", [0.03, 0.09])
 def test_two_points_are_trusted_no_longer_than_they_are_apart(apart):
-    estimator = TargetEstimator(EstimatorParameters())
-    estimator.add(0.0, Ray(0.0, 0.0, 2.0), 0.0)
-    estimator.add(1 / RATE, Ray(apart, 0.0, 2.0), 1 / RATE)
+    estimator = fed(lambda t: at(apart if t else 0.0), 2 / RATE)
     for ahead in (0.1, 0.3, 0.5, 5.0):
         pan = estimator.estimate.ray_at(1 / RATE + ahead).pan
         assert -0.01 < pan < 2.5 * apart
@@ -133,19 +142,19 @@ def test_two_points_are_trusted_no_longer_than_they_are_apart(apart):
 
 @pytest.mark.parametrize(("late", "allowed"), [(0.12, 0.05), (0.4, 0.12)])
 def test_five_points_a_second_of_a_swing_are_enough(late, allowed):
-    rnd, estimator, worst = random.Random(1), TargetEstimator(EstimatorParameters()), 0.0
-    lead = late + 0.16
-    estimator.lead_time = lead
-    for k in range(150):
-        t = k / 5
-        off = 0.4 if k % 23 == 22 else 0.0
-        ray = seen(swing(t))
-        noisy = Ray(ray.pan + rnd.gauss(0.0, 0.002) + off, ray.tilt, 2.0)
-        verdict = estimator.add(t, noisy, t + late)
+    rnd = random.Random(1)
+
+    def is_off(t):
+        return round(5 * t) % 23 == 22
+
+    def measured(t):
+        ray = swing(t)
+        return at(ray.pan + rnd.gauss(0.0, 0.002) + 0.4 * is_off(t), ray.tilt)
+
+    for t, verdict, estimator in steps(measured, 30.0, 5, late, late + 0.16):
         if t > 6.0:
-            assert verdict is (Verdict.JUMP if off else Verdict.TAKEN)
-            worst = max(worst, 0.0 if off else miss(estimator, swing, lead))
-    assert worst < allowed
+            assert verdict is (Verdict.JUMP if is_off(t) else Verdict.TAKEN)
+            assert is_off(t) or miss(estimator, swing, late + 0.16) < allowed
 
 
 def test_points_of_a_second_slower_camera_are_used_on_a_fast_swing():
@@ -153,36 +162,32 @@ def test_points_of_a_second_slower_camera_are_used_on_a_fast_swing():
     points = [(k / 15 + 0.05, k / 15) for k in range(150)]
     points += [(k / 5 + 0.35, k / 5 + 0.01) for k in range(50)]
     for now, stamp in sorted(points):
-        verdict = estimator.add(stamp, seen(swing(stamp, 1.0)), now)
+        verdict = estimator.add(stamp, swing(stamp, 1.0), now)
         if now - stamp > 0.2 and now > 3.0:
             seldom.append(verdict)
     assert seldom.count(Verdict.TAKEN) == len(seldom)
 
 
 def test_late_points_that_agree_can_confirm_a_jump():
-    estimator = fed(lambda t: (2.0, 0.0, 0.0))
+    estimator = fed(lambda t: at(0.0))
     start = estimator.estimate.stamp
-    estimator.add(start + 0.2, Ray(0.0, 0.0, 2.0), start + 0.2)
-    verdicts = [
-        estimator.add(start + ago, Ray(0.5, 0.0, 2.0), start + 0.21) for ago in (0.18, 0.1, 0.02)
-    ]
+    estimator.add(start + 0.2, at(0.0), start + 0.2)
+    verdicts = [estimator.add(start + ago, at(0.5), start + 0.21) for ago in (0.18, 0.1, 0.02)]
     assert verdicts[0] is Verdict.JUMP
     assert Verdict.NEW_TARGET in verdicts
 
 
 @pytest.mark.parametrize("frequency", [0.0, 0.2, 1.0])
 def test_stated_deviations_are_those_of_the_predictions(frequency):
-    rnd, estimator = random.Random(7), TargetEstimator(EstimatorParameters())
-    estimator.lead_time = ahead = 0.17
-    path = lambda t: swing(t, frequency)  # noqa: E731
-    squares = []
-    for k in range(20 * RATE):
-        t = k / RATE
-        ray = seen(path(t))
-        pan, tilt = ray.pan + rnd.gauss(0.0, 0.002), ray.tilt + rnd.gauss(0.0, 0.002)
-        estimator.add(t, Ray(pan, tilt, 2.0), t)
+    rnd, ahead, squares = random.Random(7), 0.17, []
+
+    def noisy(t):
+        ray = swing(t, frequency)
+        return at(ray.pan + rnd.gauss(0.0, 0.002), ray.tilt + rnd.gauss(0.0, 0.002))
+
+    for t, _, estimator in steps(noisy, 20.0, lead=ahead):
         if t > 2.0:
-            there, estimate = seen(path(t + ahead)), estimator.estimate
+            there, estimate = swing(t + ahead, frequency), estimator.estimate
             expected = estimate.ray_at(t + ahead)
             for joint in (0, 1):
                 off = expected[joint] - there[joint]
@@ -196,16 +201,13 @@ def test_stated_deviations_are_those_of_the_predictions(frequency):
 def test_how_far_a_point_is_away_depends_on_the_elevation_of_the_rays(level, verdict):
     estimator = TargetEstimator(EstimatorParameters(), level)
     for k in range(60):
-        estimator.add(k / RATE, Ray(0.0, 1.3, 2.0), k / RATE)
-    assert estimator.add(2.0, Ray(0.12, 1.3, 2.0), 2.0) is verdict
+        estimator.add(k / RATE, at(0.0, 1.3), k / RATE)
+    assert estimator.add(2.0, at(0.12, 1.3), 2.0) is verdict
 
 
 def test_of_two_persons_who_take_turns_the_known_one_is_believed_at_once():
-    estimator, verdicts = TargetEstimator(EstimatorParameters()), []
-    for k in range(6 * RATE):
-        t = k / RATE
-        verdict = estimator.add(t, Ray(0.5 if k // RATE % 2 else -0.5, 0.0, 2.0), t)
-        verdicts.append(verdict)
+    path = lambda t: at(0.5 if round(t * RATE) // RATE % 2 else -0.5)  # noqa: E731
+    verdicts = [verdict for _, verdict, _ in steps(path, 6.0)]
     assert verdicts[RATE] is Verdict.JUMP  # (nobody was there before)
     assert all(verdicts[k * RATE] is Verdict.NEW_TARGET for k in range(2, 6))
 
@@ -220,23 +222,21 @@ def test_a_suspect_that_comes_twice_confirms_nothing():
 
 
 def test_a_false_detection_that_recurs_throws_the_head_once():
-    estimator, thrown = TargetEstimator(EstimatorParameters()), 0
-    for k in range(20 * RATE):
-        t = k / RATE
-        poster = t < 1.0 or (t > 3.0 and k % 20 == 0)
-        estimator.add(t, Ray(0.5 if poster else -0.5, 0.0, 2.0), t)
-        pan = estimator.estimate.ray_at(t).pan
-        thrown += t > 3.0 and pan > -0.4
+    def poster(t):
+        return at(0.5 if t < 1.0 or (t > 3.0 and round(t * RATE) % 20 == 0) else -0.5)
+
+    thrown = sum(
+        t > 3.0 and estimator.estimate.ray_at(t).pan > -0.4
+        for t, _, estimator in steps(poster, 20.0)
+    )
     assert thrown <= 1
 
 
 def after_a_gap(*pans, gap=1.0):
     """A target at pan 0, a gap, and points at these pans; verdicts, estimator and time."""
-    estimator = TargetEstimator(EstimatorParameters())
-    for k in range(RATE):
-        estimator.add(k / RATE, Ray(0.0, 0.0, 2.0), k / RATE)
+    estimator = fed(lambda t: at(0.0), 1.0)
     times = [1.0 + gap + k / RATE for k in range(len(pans))]
-    verdicts = [estimator.add(t, Ray(pan, 0.0, 2.0), t) for t, pan in zip(times, pans, strict=True)]
+    verdicts = [estimator.add(t, at(pan), t) for t, pan in zip(times, pans, strict=True)]
     return verdicts, estimator, times[-1]
 
 
@@ -261,24 +261,21 @@ def test_a_lone_point_after_a_gap_is_believed_if_nothing_contradicts_it():
 
 @pytest.mark.parametrize("rate", [15, 30])
 def test_a_fast_start_is_followed_without_a_stop(rate):
-    rnd, estimator = random.Random(1), TargetEstimator(EstimatorParameters())
+    rnd = random.Random(1)
     path = lambda t: -1.0 + (1.0 - math.cos(3.5 * min(max(t - 2.0, 0.0), 0.9)))  # noqa: E731
-    for k in range(4 * rate):
-        t = k / rate
-        estimator.add(t, Ray(path(t) + rnd.gauss(0.0, 0.005), 0.0, 2.0), t)
+    for t, _, estimator in steps(lambda t: at(path(t) + rnd.gauss(0.0, 0.005)), 4.0, rate):
         assert abs(estimator.estimate.ray_at(t).pan - path(t)) < 0.45
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_target_that_stops_is_not_predicted_on(seed):
     """The mean error 0.1 s ahead, in the 0.6 s after a stop from 1 rad/s."""
-    rnd, estimator = random.Random(seed), TargetEstimator(EstimatorParameters())
-    missed = []
-    for k in range(156):
-        t = k / 60.0
-        estimator.add(t, Ray(min(t, 2.0) + rnd.gauss(0.0, 0.003), 0.0, 2.0), t)
-        if t >= 2.0:
-            missed.append(abs(estimator.estimate.ray_at(t + 0.1).pan - 2.0))
+    rnd = random.Random(seed)
+    missed = [
+        abs(estimator.estimate.ray_at(t + 0.1).pan - 2.0)
+        for t, _, estimator in steps(lambda t: at(min(t, 2.0) + rnd.gauss(0.0, 0.003)), 2.6, 60)
+        if t >= 2.0
+    ]
     assert sum(missed) / len(missed) < 0.0163
 
 
@@ -293,12 +290,9 @@ def test_a_target_that_stops_is_not_predicted_on(seed):
 )
 def test_false_detections_beside_a_target_at_rest_are_no_motion(false):
     """Each at a time [s] since the first; pan and tilt from the target [rad]."""
-    estimator = TargetEstimator(EstimatorParameters())
-    for k in range(30):
-        estimator.add(k / 15.0, Ray(0.7, -0.06, 2.0), k / 15.0 + 0.1)
+    estimator = fed(lambda t: at(0.7, -0.06), 2.0, 15, 0.1)
     for t, pan, tilt in false:
-        verdict = estimator.add(2.0 + t, Ray(0.7 + pan, tilt - 0.06, 2.0), t + 2.1)
-        assert verdict is Verdict.JUMP
+        assert estimator.add(2.0 + t, at(0.7 + pan, tilt - 0.06), t + 2.1) is Verdict.JUMP
     pan, tilt, _ = estimator.estimate.ray_at(2.5 + false[-1][0])
     assert abs(pan - 0.7) < 0.02
     assert abs(tilt + 0.06) < 0.02
@@ -306,12 +300,10 @@ def test_false_detections_beside_a_target_at_rest_are_no_motion(false):
 
 def test_a_false_detection_after_the_first_point_behind_a_gap_is_no_motion():
     """That point was far from the prediction, and is used: there was time for the way."""
-    estimator = TargetEstimator(EstimatorParameters())
-    for k in range(30):
-        estimator.add(k / 15.0, Ray(0.7, 0.0, 2.0), k / 15.0 + 0.1)
-    assert estimator.add(35 / 15.0, Ray(0.84, 0.0, 2.0), 2.43) is Verdict.TAKEN
+    estimator = fed(lambda t: at(0.7), 2.0, 15, 0.1)
+    assert estimator.add(35 / 15.0, at(0.84), 2.43) is Verdict.TAKEN
     pan = estimator.estimate.ray_at(2.4).pan
-    assert estimator.add(2.4, Ray(pan, 0.17, 2.0), 2.5) is Verdict.JUMP
+    assert estimator.add(2.4, at(pan, 0.17), 2.5) is Verdict.JUMP
     assert abs(estimator.estimate.ray_at(2.8).tilt) < 0.02
 
 
@@ -319,17 +311,19 @@ def test_a_slow_detector_sees_few_outliers_in_a_person_who_starts_and_stops():
     """Five points a second, 400 ms late; moves of minimum jerk between random places."""
     used = []
     for seed in range(4):
-        rnd, estimator = random.Random(seed), TargetEstimator(EstimatorParameters())
-        estimator.lead_time = 0.5
-        start, goal, began, took = 0.0, 0.0, 0.0, 1.0
-        for k in range(300):
-            t = k / 5
+        rnd = random.Random(seed)
+        move = [0.0, 0.0, 0.0, 1.0]  # from and to [rad], since [s], for [s]
+
+        def person(t, rnd=rnd, move=move):
+            start, goal, began, took = move
             if t > began + took + 1.0:
-                start, goal, began, took = goal, rnd.uniform(-0.6, 0.6), t, rnd.uniform(0.8, 1.6)
+                move[:] = goal, rnd.uniform(-0.6, 0.6), t, rnd.uniform(0.8, 1.6)
+                start, goal, began, took = move
             s = min((t - began) / took, 1.0)
             pan = start + (goal - start) * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-            ray = Ray(pan + rnd.gauss(0.0, 0.005), rnd.gauss(0.0, 0.005), 2.0)
-            used.append(estimator.add(t, ray, t + 0.4).used)
+            return at(pan + rnd.gauss(0.0, 0.005), rnd.gauss(0.0, 0.005))
+
+        used += [verdict.used for _, verdict, _ in steps(person, 60.0, 5, 0.4, 0.5)]
     assert sum(used) > 0.955 * len(used)
 
 
@@ -343,9 +337,8 @@ def test_a_slow_detector_sees_few_outliers_in_a_person_who_starts_and_stops():
     ],
 )
 def test_who_walks_on_after_a_rest_is_believed_at_the_second_point(rate, late, motion, verdicts):
-    estimator, rnd = TargetEstimator(EstimatorParameters()), random.Random(3)
-    for k in range(4 * rate):
-        estimator.add(k / rate, Ray(rnd.gauss(0.0, 0.003), 0.0, 2.0), k / rate + late)
+    rnd = random.Random(3)
+    estimator = fed(lambda t: at(rnd.gauss(0.0, 0.003)), 4.0, rate, late)
     rest = (4 * rate - 1) / rate
-    found = [estimator.add(rest + t, Ray(pan, 0.0, 2.0), rest + t + late) for t, pan in motion]
+    found = [estimator.add(rest + t, at(pan), rest + t + late) for t, pan in motion]
     assert found == verdicts
