@@ -53,10 +53,10 @@ class Tracked:
         world.every(round(STEP * SECOND), self._see)
         world.run(0.5)
 
-    def target(self, bearing: float, later: int = 0) -> Target:
-        """Return the target at a bearing, stamped `later` [ns] than now."""
+    def target(self, bearing: float) -> Target:
+        """Return the target at a bearing, stamped now."""
         point = 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
-        return Target(self.world.stamp + later, "torso_link", point)
+        return Target(self.world.stamp, "torso_link", point)
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         self.fields = {each.key: each.value for each in message.values}
@@ -306,15 +306,6 @@ def test_the_status_has_whether_there_is_a_target(track, kind):
             tracked.world.run(0.5)
         found.append(tracked.fields["target"])
     assert found == ["false", "true", "false"]
-
-
-def test_targets_with_stamps_in_the_future_are_refused(track):
-    tracked = track()
-    for k in range(100):  # nobody knows the joints of that time
-        tracked.node.control.accept(tracked.target(AWAY, 30 * SECOND + k))
-        tracked.world.run(STEP)
-    assert "future" in tracked.fields["refusal"]
-    assert tracked.world.writes == 0
 
 
 def test_a_turning_base_is_compensated_in_the_fixed_frame(track):

@@ -34,6 +34,7 @@ frames = st.sampled_from(
 ages = st.one_of(
     st.floats(-0.05, 0.3), st.sampled_from([0.0, 60.0, -0.2, -30.0, 0.9]), st.just(None)
 )
+readings = st.sampled_from([None, None, NAN, math.inf, -math.inf, 1e300])
 gaps = st.one_of(st.just(0.03), st.floats(0.0, 0.3), st.sampled_from([0.0, 0.7, 1.5]))
 
 
@@ -67,7 +68,7 @@ class Rig:
         self.placer = TargetPlacer(self.buffer, self.head.base_frame, 1.0)
         self.now = START
         self.ideal = IdealHead(self.tracker, START / SECOND, late=2, tick=TICK)
-        self.commands = []
+        self.commands, self.misread = [], None
 
     def offer(self, frame, age, point):
         stamp = 0 if age is None else max(1, self.now - round(age * SECOND))
@@ -78,6 +79,9 @@ class Rig:
         now = self.ideal.now = self.now * 1e-9
         pan, tilt = self.ideal.measure()
         joints = {"head_pan_joint": pan, "head_tilt_joint": tilt}
+        if self.misread is not None:  # as nothing that checks would pass it on
+            self.tracker.joints_read(now + 1e-3, (pan, self.misread))
+            self.tracker.target_seen(self.misread, (2.0, 0.5, 0.1), now, moving=True)
         self.buffer.set_joint_positions(self.now, joints)
         for target, point in self.placer.place(now, joints):
             self.tracker.target_seen(target.stamp * 1e-9 if target.stamp else now, point, now)
@@ -99,8 +103,10 @@ def inside(head, command, fastest):
 
 @pytest.mark.parametrize("law", sorted(LAWS))
 @settings(max_examples=15)
-@given(stream=streams(), fastest=st.floats(0.8, 5.0), recenter=st.booleans())
-def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, fastest, recenter):
+@given(stream=streams(), fastest=st.floats(0.8, 5.0), recenter=st.booleans(), misread=readings)
+def test_commands_stay_inside_and_the_head_ends_at_rest(
+    kinectbot, law, stream, fastest, recenter, misread
+):
     rig = Rig(
         kinectbot,
         law,
@@ -110,7 +116,9 @@ def test_commands_stay_inside_and_the_head_ends_at_rest(kinectbot, law, stream, 
     for gap, frame, age, point in stream:
         rig.offer(frame, age, point)
         for _ in range(round(gap * 50)):
+            rig.misread = misread if rig.now // PERIOD % 5 == 0 else None
             rig.step()
+    rig.misread = None
     for _ in range(50 * MOST_SETTLING):
         rig.step()
     for command in rig.commands:

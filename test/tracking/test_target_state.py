@@ -1,18 +1,9 @@
 import pytest
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from head_tracking.gaze import Gaze, GazeStatus, PanTiltHead
-from head_tracking.share import robot_file
+from head_tracking.gaze import Gaze, GazeStatus
 from head_tracking.tracking import TargetState, TargetStateMachine, TargetStateParameters
-from head_tracking.transforms import load_robot_model
 
-HEAD = PanTiltHead(
-    load_robot_model(robot_file("kinectbot")), "head_pan_joint", "head_tilt_joint", "camera_link"
-)
 REACHED = Gaze(0.0, 0.0, GazeStatus.REACHED, 0.0)
-BEYOND = Gaze(0.0, 0.0, GazeStatus.OUT_OF_REACH, 0.3, "the target is out of reach")
 HERE, THERE = (0.5, 0.2), (0.3, 0.1)
 
 
@@ -51,13 +42,13 @@ def test_a_slow_stream_of_points_is_no_loss(make):
     assert life.state is TargetState.TRACKING
 
 
-def test_where_a_lost_target_should_be_the_head_waits_for_it(make):
+def test_where_a_lost_target_should_be_the_head_waits_for_it(make, head):
     life = make()
     last = seen(life)
     assert not life.follows(last + 0.5, 0.5)
     assert life.goal(HERE, there, last + 0.6) == THERE
     assert life.goal((0.51, 0.2), there, last + 0.7) == THERE
-    assert life.goal(HERE, lambda: (9.0, 0.2), last + 0.8) == (HEAD.pan_limits.upper, 0.2)
+    assert life.goal(HERE, lambda: (9.0, 0.2), last + 0.8) == (head.pan_limits.upper, 0.2)
     assert life.state is TargetState.HOLDING
 
 
@@ -101,52 +92,3 @@ def test_why_targets_are_refused_stands_behind_the_reason_until_one_is_taken(mak
     assert "something else" in life.reason
     life.seen(4.1, new=False)
     assert life.reason == "a new target has come"
-
-
-class Facts(RuleBasedStateMachine):
-    """Whoever sets one fact does not erase another."""
-
-    @initialize()
-    def begin(self):
-        self.machine = TargetStateMachine(HEAD, TargetStateParameters(enable_target_search=True))
-        self.now, self.stalled, self.seen = 100.0, "", False
-
-    @rule(new=st.booleans())
-    def see(self, new):
-        self.machine.seen(self.now, new=new)
-        self.seen = True
-
-    @rule(error=st.floats(0.0, 3.0), gaze=st.sampled_from([REACHED, BEYOND]))
-    def follow(self, error, gaze):
-        if self.machine.follows(self.now, 0.5):
-            self.machine.followed(gaze, error, self.now)
-
-    @rule(pan=st.floats(-2.0, 2.0))
-    def wait(self, pan):
-        self.now += 3.0
-        goal = self.machine.goal((pan, 0.0), there, self.now)
-        assert self.seen or goal is None or self.machine.state is not TargetState.IDLE
-
-    @rule(joint=st.sampled_from(["", "pan does not move"]))
-    def stall(self, joint):
-        self.machine.stalled = self.stalled = joint
-
-    @rule()
-    def refuse(self):
-        self.machine.refused("the frame does not exist", self.now)
-
-    @rule()
-    def start_anew(self):
-        self.machine.forget("the clock jumped")
-        self.stalled, self.seen = "", False
-
-    @invariant()
-    def facts_are_independent(self):
-        machine = self.machine
-        assert (machine.state is TargetState.STALLED) == bool(self.stalled)
-        assert machine.reason
-        assert self.seen or not machine.follows(self.now, 0.5)
-
-
-TestFacts = Facts.TestCase
-TestFacts.settings = settings(max_examples=40, stateful_step_count=30)

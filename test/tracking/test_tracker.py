@@ -1,7 +1,6 @@
 """The tracker with an ideal servo; the real ones are in test/closed_loop."""
 
 import math
-import random
 
 import pytest
 from ideal_head import DT, IdealHead
@@ -98,40 +97,6 @@ def test_delays_are_measured(make):
     assert tracker.reading_age == pytest.approx(0.005, abs=1e-3)
     assert tracker.interval == pytest.approx(0.04, rel=0.1)
     assert all(0.0 < delay < 0.15 for delay in tracker.law.delays)
-
-
-BAD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e12, 1e-300, 0.0)
-
-
-def test_no_message_makes_a_command_that_is_no_number(head, law):
-    rnd, tracker, now, joints = (
-        random.Random(0),
-        Tracker(head, LAWS[law](head, 0.02)),
-        1e3,
-        [0.0, 0.0],
-    )
-    for k in range(400):
-        is_wild = k < 250
-        now += rnd.choice((0.02, 0.02, 0.02, 0.3, 0.0)) if is_wild else 0.02
-        point, read, stamp = [2.0, 0.5 * math.sin(now), 0.1], [*joints], now - 0.1
-        if is_wild and rnd.random() < 0.3:
-            point[rnd.randrange(3)] = rnd.choice(BAD)
-        if is_wild and rnd.random() < 0.1:
-            stamp = rnd.choice((*BAD, now + 100.0, now - 100.0))
-        if is_wild and rnd.random() < 0.1:
-            read[rnd.randrange(2)] = rnd.choice(BAD[:5])
-        tracker.joints_read(math.nan if k == 100 else now - 0.001, (read[0], read[1]))
-        tracker.target_seen(stamp, (point[0], point[1], point[2]), now, moving=rnd.random() < 0.7)
-        command = tracker.step(now).command
-        if command is not None:
-            goals = command.pan, command.tilt
-            assert all(map(math.isfinite, (*goals, command.pan_speed, command.tilt_speed)))
-            assert head.pan_limits.contains(goals[0], 1e-6)
-            assert head.tilt_limits.contains(goals[1], 1e-6)
-            for index, speed in enumerate((command.pan_speed, command.tilt_speed)):
-                way = goals[index] - joints[index]
-                joints[index] += min(max(way, -0.02 * speed), 0.02 * speed)
-    assert tracker.state in (TargetState.TRACKING, TargetState.ACQUIRING)
 
 
 def test_joints_that_are_not_measured_are_not_taken_for_stalled(make, law):
