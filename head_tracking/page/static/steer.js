@@ -15,7 +15,6 @@ const CARDS = {
 };
 const USUAL = ["face", "ball", "marker", "point", "path", "nothing"]; // the other cards are there where they are possible
 export const titleOf = (mode) => CARDS[mode]?.[0] ?? mode;
-const SHAPES = [["circle", "Circle"], ["square", "Square"], ["figure of eight", "Figure of eight"]];
 const reach = ([low, high]) => Math.max(-low, high, 0.01);
 const within = (value, [low, high]) => Math.min(Math.max(value, low), high);
 
@@ -26,9 +25,11 @@ export class Steering {
       this.joints = {};
       return command(name, body);
     });
-    this.makeOptions();
-    this.makePad();
+    this.listenToPad();
     by("centre").onclick = () => command("centre");
+    by("options").onsubmit = (event) => { event.preventDefault(); this.go(); };
+    by("shape").onchange = () => by("shape").blur();
+    by("frame").onchange = () => { by("frame").blur(); if (this.mode === "follow a frame") this.go(); };
   }
 
   /** The edge of the pad is the joint limit that is farthest from 0. A positive pan looks left, a positive tilt down, unless its axis is reversed. */
@@ -41,37 +42,22 @@ export class Steering {
     this.tilt = joint(robot.tilt, 1, 1);
   }
 
-  makeOptions() {
-    const form = by("options");
-    form.onsubmit = (event) => { event.preventDefault(); this.go(); };
-    const field = (name, text, make) => { const label = element(form, "label", { "data-for": name }); element(label, "span", {}, text); return make(label); };
-    this.frame = field("frame", "Frame", (label) => element(label, "select", { id: "frame" }));
-    this.shape = field("path", "Shape", (label) => element(label, "select", { id: "shape" }));
-    this.xyz = ["x", "y", "z"].map((name, number) => field("point", `${name} (m)`, (label) => element(label, "input", { id: name, type: "number", step: 0.05, value: [1, 0, 0.5][number], required: "" })));
-    offer(this.shape, SHAPES, "circle");
-    this.size = field("path", "Half width (m)", (label) => element(label, "input", { id: "size", type: "number", min: 0.05, max: 2, step: 0.05, value: 0.3 }));
-    this.speed = field("path", "Speed (m/s)", (label) => element(label, "input", { id: "speed-of-path", type: "number", min: 0.01, max: 3, step: 0.01, value: 0.2 }));
-    this.submit = element(form, "button", { type: "submit", id: "go" }, "Point head");
-    this.shape.onchange = () => this.shape.blur();
-    this.frame.onchange = () => { this.frame.blur(); if (this.mode === "follow a frame") this.go(); };
-  }
-
   /** Send the options of the mode. */
-  async go() {
-    const speed = Number(this.speed.value);
-    if (this.mode === "follow a frame") await command("mode", { mode: this.mode, frame: this.frame.value });
-    else if (this.mode !== "path") await command("look", { point: this.xyz.map((input) => Number(input.value)), frame: this.frame.value });
-    else await command("path", { shape: this.shape.value, size: Number(this.size.value), speed });
+  go() {
+    const frame = by("frame").value, number = (id) => Number(by(id).value);
+    if (this.mode === "follow a frame") return command("mode", { mode: this.mode, frame });
+    if (this.mode !== "path") return command("look", { point: ["x", "y", "z"].map(number), frame });
+    return command("path", { shape: by("shape").value, size: number("size"), speed: number("speed-of-path") });
   }
 
   choose(mode) {
     if (mode === "path") { this.mode = mode; return this.go(); }
-    return command("mode", { mode, frame: this.frame.value });
+    return command("mode", { mode, frame: by("frame").value });
   }
 
   show(state) {
     this.mode = state.mode;
-    offer(this.frame, state.frames.map((name) => [name, name]), this.frame.value || (state.frames.includes("base_link") ? "base_link" : state.frames[0]));
+    offer(by("frame"), state.frames.map((name) => [name, name]), by("frame").value || (state.frames.includes("base_link") ? "base_link" : state.frames[0]));
     write(by("target"), ["point", "track"].includes(state.mode) ? state.target_text : "");
     const cards = Object.keys(CARDS).filter((mode) => USUAL.includes(mode) || state.modes.includes(mode) || mode === state.mode);
     rows(by("cards"), "button", cards, (card, mode) => {
@@ -96,18 +82,16 @@ export class Steering {
   showOptions() {
     const { mode } = this;
     const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode), path: mode === "path" };
-    for (const node of by("options").querySelectorAll("[data-for]")) node.hidden = !wanted[node.dataset.for];
+    for (const label of by("options").querySelectorAll("label")) label.hidden = !wanted[label.dataset.for];
     by("options").hidden = !Object.values(wanted).some(Boolean);
     for (const id of ["live", "cards"]) by(id).classList.toggle("options", !by("options").hidden);
-    write(this.submit, mode === "path" ? "Look along it" : mode === "follow a frame" ? "Follow" : "Point head");
+    write(by("go"), mode === "path" ? "Look along it" : mode === "follow a frame" ? "Follow" : "Point head");
   }
 
-  makePad() {
+  listenToPad() {
     const pad = by("pad");
-    for (const r of [0.34, 0.67, 1]) element(pad, "circle", { r });
-    for (const angle of [0, 90, 180, 270]) element(pad, "path", { d: "M-.06 -1.04 0 -1.1 .06 -1.04", transform: `rotate(${angle})` });
-    this.padTarget = element(pad, "circle", { r: 0.16, class: "target" });
-    this.padHead = element(pad, "circle", { r: 0.1, class: "head" });
+    this.padTarget = pad.querySelector(".target");
+    this.padHead = pad.querySelector(".head");
     const steer = (event) => {
       if (!(event.buttons & 1)) return;
       const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(pad.getScreenCTM().inverse());
