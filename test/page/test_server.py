@@ -193,8 +193,8 @@ def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
         tab.locator("#toast").wait_for()
 
 
-_SHOW_ABOUT = """(error, can_resume = false) => headPage.showAbout({
-  error, word: "holding", text: "", stop: "", mode: "nothing", modes: [], target_text: "",
+_SHOW_ABOUT = """(error, can_resume = false, mode = "nothing") => headPage.showAbout({
+  error, word: "holding", text: "", stop: "", mode, modes: [], target_text: "",
   can_resume, images: ["/one/image", "/other/image"], frames: [],
   servos: [], movable: [], free: true, notices: [], warnings: [], failing: {}, recording: false,
   recorder: "", faults: [{ text: "overload", advice: "", command: "recover" }], can_recover: true,
@@ -204,7 +204,7 @@ _SHOW_ABOUT = """(error, can_resume = false) => headPage.showAbout({
 
 
 @pytest.mark.parametrize(
-    "stop", ["headPage.stop()", f"({_SHOW_ABOUT})(null, true)"], ids=["here", "elsewhere"]
+    "stop", ["headPage.stop()", f"({_SHOW_ABOUT})(0, true)"], ids=["here", "elsewhere"]
 )
 def test_stop_answers_an_open_question_with_no(tab: Any, stop: str) -> None:
     tab.evaluate(
@@ -242,6 +242,14 @@ def test_what_changes_meanwhile_takes_no_click_and_no_focus(tab: Any) -> None:
         tab.evaluate(_SHOW_ABOUT, 3)
         tab.mouse.up()
     assert tab.locator("#statuses dd").text_content() == "3"
+
+
+def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(tab: Any) -> None:
+    tab.locator("#x").evaluate("input => { input.value = ''; }")
+    tab.evaluate(f"({_SHOW_ABOUT})(0, false, 'path')")
+    with tab.expect_request("**/head/do/path") as asked:
+        tab.locator("#go").click()
+    assert asked.value.post_data_json == {"shape": "circle", "size": 0.3, "speed": 0.2}
 
 
 _OLDER = """

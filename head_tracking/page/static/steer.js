@@ -82,7 +82,7 @@ export class Steering {
   showOptions() {
     const { mode } = this;
     const wanted = { frame: ["point", "track", "follow a frame"].includes(mode), point: ["point", "track"].includes(mode), path: mode === "path" };
-    for (const label of by("options").querySelectorAll("label")) label.hidden = !wanted[label.dataset.for];
+    for (const label of by("options").querySelectorAll("label")) label.hidden = label.control.disabled = !wanted[label.dataset.for]; // hidden ones are not validated
     by("options").hidden = !Object.values(wanted).some(Boolean);
     for (const id of ["live", "cards"]) by(id).classList.toggle("options", !by("options").hidden);
     write(by("go"), mode === "path" ? "Look along it" : mode === "follow a frame" ? "Follow" : "Point head");
