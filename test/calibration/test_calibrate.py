@@ -2,8 +2,6 @@
 
 import math
 import signal
-import subprocess
-import sys
 import time
 from collections import deque
 from dataclasses import replace
@@ -13,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 from random_head import RESIDUALS
-from waiting import PATIENCE, wait_for
 
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.calibration import Calibration, calibrated, gathering
@@ -84,13 +81,6 @@ def test_a_wrong_mounting_is_corrected(quick, monkeypatch, tmp_path, target, vie
     assert red.sum() > 2 * green.sum()
 
 
-def test_nothing_moves_without_confirmation(tmp_path):
-    output = tmp_path / "camera.yaml"
-    refused = calibrate.main(["camera", "--sim", "--output", str(output)])
-    assert refused == REFUSED
-    assert not output.exists()
-
-
 @pytest.mark.parametrize(("command", "step"), [("stop", "direction 3"), ("relax", "computing")])
 def test_a_head_that_is_stopped_or_relaxed_is_not_calibrated(quick, unsolved, step, command):
     with Head.simulated() as head:
@@ -106,49 +96,36 @@ def test_a_head_that_is_stopped_or_relaxed_is_not_calibrated(quick, unsolved, st
         assert head.state in (HeadState.STOPPED, HeadState.RELAXED)
 
 
-def test_no_marker_in_view_is_a_failure(tmp_path):
+@pytest.mark.parametrize(
+    ("words", "code"), [([], REFUSED), (["--yes", "--marker-id", "3"], FAILED)]
+)
+def test_nothing_is_written_without_confirmation_or_marker(tmp_path, words, code):
     output = tmp_path / "camera.yaml"
-    arguments = ["camera", "--sim", "--yes", "--marker-id", "3", "--output", str(output)]
-    assert calibrate.main(arguments) == FAILED
+    assert calibrate.main(["camera", "--sim", "--output", str(output), *words]) == code
     assert not output.exists()
 
 
-ON_A_PORT = """
-import sys
-from head_tracking import Head, vision
-from head_tracking.cli import calibrate
-from head_tracking.scene import film
-from head_tracking.share import robot_file
-from head_tracking.simulation import SimulatedPort
-from head_tracking.transforms import load_robot_model
-model = load_robot_model(robot_file("kinectbot"))
-still = dict.fromkeys(model.joints, 0.0)
-camera = model.transform("base_link", "camera_optical_frame", still)
-vision.pictures = lambda _: film("still marker", lambda stamp: camera)
-Head.open = lambda port, robot: Head(port, model, reply_timeout=0.2)
-sys.exit(calibrate.main(["camera", "--yes", "--port", sys.argv[1], "--output", sys.argv[2]]))
-"""
+def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(monkeypatch, tmp_path, capsys):
+    output, model = tmp_path / "camera.yaml", load_robot_model(robot_file("kinectbot"))
+    camera = model.transform("base_link", "camera_optical_frame", dict.fromkeys(model.joints, 0.0))
+    with SimulatedPort(mounted_servos(configured_head(()).servos), paced=True) as servos:
 
+        def images(*_):
+            for each in film("still marker", lambda stamp: camera):
+                if abs(servos.use(lambda bus: bus[1].true_ticks) - 512) > 10:
+                    signal.raise_signal(signal.SIGHUP)
+                yield each
 
-def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(tmp_path):
-    joints, output = configured_head(()).servos, tmp_path / "camera.yaml"
-    with SimulatedPort(mounted_servos(joints), paced=True) as servos:
-        program = subprocess.Popen(
-            ["env", "--default-signal", sys.executable, "-c", ON_A_PORT, servos.port_name, output],
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        def head(robot):
+            return Head(servos.port_name, model, reply_timeout=0.2)
 
-        def turns():
-            return abs(servos.use(lambda bus: bus[1].true_ticks) - 512) > 10
-
-        wait_for(lambda: turns() or program.poll() is not None)
-        program.send_signal(signal.SIGHUP)
-        _, errors = program.communicate(timeout=PATIENCE)
+        monkeypatch.setattr(calibrate, "_simulated_images", images)
+        monkeypatch.setattr(Head, "simulated", head)
+        arguments = ["camera", "--sim", "--yes", "--output", str(output)]
+        assert calibrate.main(arguments) == 128 + signal.SIGHUP
         torque = servos.use(lambda bus: [bus[id].register("Torque Enable") for id in (1, 2)])
-    assert program.returncode == 128 + signal.SIGHUP, errors
-    assert errors.splitlines()[-1].startswith("calibrate: ")
     assert torque == [0, 0]
+    assert capsys.readouterr().err.splitlines()[-1].startswith("calibrate: ")
     assert not output.exists()
 
 

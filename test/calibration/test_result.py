@@ -114,16 +114,12 @@ def test_the_doctor_grades_it(file, robot, days, grade):
         assert f"{days} days" in finding.text
 
 
-def test_that_of_another_robot_with_the_same_joints_is_refused(file, geometry):
-    model = parse_robot_model(geometry.model.urdf.replace('name="kinectbot"', 'name="other"', 1))
-    with pytest.raises(CalibrationFileError):
-        calibrated(model, file)
-
-
-def test_it_cannot_be_applied_twice(file, geometry):
-    once = calibrated(geometry.model, file)
-    with pytest.raises(CalibrationFileError):
-        calibrated(once, file)
+def test_another_model_is_refused(file, geometry):
+    """Also one with the same joints, and the calibrated model itself."""
+    other = parse_robot_model(geometry.model.urdf.replace('name="kinectbot"', 'name="other"', 1))
+    for model in (other, calibrated(geometry.model, file)):
+        with pytest.raises(CalibrationFileError):
+            calibrated(model, file)
 
 
 @pytest.mark.parametrize(

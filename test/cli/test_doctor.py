@@ -161,7 +161,6 @@ RED: list[tuple[str, Callable[[Head], None]]] = [
     ("port", _opening(PortMissingError("/dev/ttyUSB0", ()))),
     ("port", _opening(PortPermissionError("/dev/ttyUSB0", "dialout"))),
     ("port", lambda head: head.arguments.extend(["--baud", "12345"])),
-    ("servo 1", lambda head: setattr(head, "baud_rate", 57_600)),
     ("servo 1", lambda h: h.servos(SimulatedServo(1, servo_model("AX-18")), SimulatedServo(2))),
     (
         "servo 1",

@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy
 import pytest
-from simulated_device import Keyboard
 
 from head_tracking.cli import head_setup
 from head_tracking.cli.head_setup import Step, carry_out
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import FAILED, REFUSED
-from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.exceptions import HeadTrackingError
 from head_tracking.share import share_directory
 
 STEPS = [Step("first", ("one", "1")), Step("then", ("two",))]
@@ -39,14 +38,6 @@ def test_the_udev_rules_set_latency_and_group() -> None:
     rules = Path(source).read_text()
     assert 'DRIVER=="ftdi_sio", ATTR{latency_timer}="1"' in rules
     assert 'GROUP="dialout"' in rules
-
-
-def test_nothing_is_done_without_confirmation(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdin", Keyboard("n\n"))
-    done: list[Sequence[str]] = []
-    with pytest.raises(RefusedError):
-        carry_out(STEPS, Terminal(), done.append)
-    assert not done
 
 
 def test_a_failed_step_ends_the_set_up() -> None:

@@ -121,20 +121,16 @@ def test_a_joint_with_two_servos_is_described(user: User) -> None:
 def test_options_replace_the_poses(user: User) -> None:
     options = ("--pan-zero", "1500", "--reverse-tilt", "--tilt-range", "-30", "20")
     place = ("--pan-xyz", "0", "0", "0.3", "--camera-roll", "90")
+    user.bench.bus[5].set_register("Drive Mode", 1)
     assert user.run(*GIVEN, *options, *place, "--yes") == DONE
     pan, tilt = user.motors()
     assert (pan["init"], pan["min"], pan["max"]) == (1500, 476, 2524)
     assert (tilt["init"], tilt["min"], tilt["max"]) == (2048, 2389, 1820)
+    assert (pan["reverse"], tilt["reverse"]) == (0, 1)  # of the servo's memory
     with Head.simulated(robot=user.folder / "my_head.urdf.xacro") as head:
         camera = head.frames.lookup_transform("base_link", "camera_optical_frame").transform
         assert camera.translation[2] == pytest.approx(0.37, abs=0.002)
         assert camera.rotation @ (1.0, 0.0, 0.0) == pytest.approx((0.0, 0.0, -1.0), abs=0.01)
-
-
-def test_the_direction_in_the_memory_of_a_servo_is_recorded(user: User) -> None:
-    user.bench.bus[5].set_register("Drive Mode", 1)
-    assert user.run(*GIVEN, "--yes") == DONE
-    assert [motor["reverse"] for motor in user.motors()] == [0, 1]
 
 
 def test_feetech_servos_are_described_with_the_offset_in_their_memory(user: User) -> None:
