@@ -100,27 +100,17 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         epilog="exit codes: 0 arrived; 1 not arrived; 2 wrong command line; 130 Ctrl-C. "
         "ROS arguments follow --ros-args, such as -p head_pan_joint:=pan -p head_tilt_joint:=tilt.",
     )
-    add = parser.add_argument
-    add(
-        "where", nargs="*", metavar="x,y,z@frame|@frame",
+    target = parser.add_mutually_exclusive_group(required=True)
+    target.add_argument(
+        "where", nargs="?", type=point_in_frame, metavar="x,y,z@frame|@frame",
         help="a point [m] and its frame, such as 1,0.5,0@base_link, or a frame",
     )  # fmt: skip
-    add("--frame", help="the frame, if the point is given as X Y Z, or without a point")
+    target.add_argument("--centre", "--center", action="store_true", help="look straight ahead")
+    add = parser.add_argument
     add("--follow", action="store_true", help="follow the target until Ctrl-C")
-    add("--centre", "--center", action="store_true", help="look straight ahead")
     add("--timeout", type=seconds, default=8.0, metavar="S", help="of the turn (%(default)s s)")
     add("--wait", type=seconds, default=10.0, metavar="S", help="for a head (%(default)s s)")
-    options = parser.parse_intermixed_args(with_negative_values(arguments))
-    frame = [] if options.frame is None else [options.frame]
-    text = "@".join([",".join(options.where), *frame])
-    if options.centre == bool(text):
-        parser.error("give a target: x,y,z@frame, or @frame, or --centre")
-    if text:
-        try:
-            options.where = point_in_frame(text)
-        except argparse.ArgumentTypeError as error:
-            parser.error(str(error))
-    return options
+    return parser.parse_args(with_negative_values(arguments))
 
 
 def main() -> int:

@@ -137,7 +137,7 @@ def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
     look = bench.start("look", "1,1,0.4@base_link")
     assert look.end() == 0, look.output
     wait_for(lambda: abs(person.pan - bearing(1, 1)) < ROUGH)
-    look = bench.start("look", "1", "-1", "0.4", "--frame", "base_link")
+    look = bench.start("look", "1,-1,0.4@base_link")
     assert look.end() == 0, look.output
     look = bench.start("look", "--centre")
     assert look.end() == 0, look.output
