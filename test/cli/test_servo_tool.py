@@ -275,25 +275,21 @@ def test_set_of_impossible_values_fails(bench: Tool, register: str, values: list
 
 
 @pytest.mark.parametrize(("servo_id", "register"), [(1, "Moving Speed"), (7, "Goal Position")])
-def test_a_goal_for_a_relaxed_servo_is_refused(bench: Tool, servo_id: int, register: str) -> None:
-    command = ("set", str(servo_id), register, "300")
-    assert bench.run(*command) == REFUSED
-    assert bench[servo_id].register("Torque Enable") == 0
-    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
-    assert bench.run(*command) == DONE
-    assert bench[servo_id].register(register) == 300
-
-
-@pytest.mark.parametrize("servo_id", [1, 7])
-def test_torque_on_keeps_the_present_position(bench: Tool, servo_id: int) -> None:
-    servo = bench[servo_id]
+def test_a_goal_needs_torque_and_torque_on_keeps_the_present_position(
+    bench: Tool, servo_id: int, register: str
+) -> None:
+    servo, number = bench[servo_id], str(servo_id)
     servo.set_register("Goal Position", 900)
     stands = servo.true_ticks
-    assert bench.run("set", str(servo_id), "Torque Enable", "1") == DONE
+    assert bench.run("set", number, register, "300") == REFUSED
+    assert servo.register("Torque Enable") == 0
+    assert bench.run("set", number, "Torque Enable", "1") == DONE
     bench.pass_time(1.0)
     servo.advance(bench.clock.now)
     assert servo.register("Torque Enable") == 1
     assert servo.true_ticks == pytest.approx(stands, abs=2)
+    assert bench.run("set", number, register, "300") == DONE
+    assert servo.register(register) == 300
 
 
 @pytest.mark.parametrize(("servo_id", "level"), [(1, 0), (7, 1), (8, 0)])
@@ -470,18 +466,13 @@ def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) 
     assert bench.run(*command) == DONE
     assert bench[1].register("Torque Enable") == 0
     parameters = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
-    assert parameters["baud_rate"] == 1_000_000
-    assert parameters["port_name"] == "/dev/sim"
-    assert parameters["dynamixels"] == ["head_pan", "head_tilt"]
-    pan = parameters["head_pan_controller"]
-    assert pan["joint_name"] == "head_pan_joint"
-    assert pan["motor"]["model"] == "AX-12" and pan["motor"]["id"] == 1
-    assert pan["motor"]["init"] == pytest.approx(520, abs=3)
-    assert pan["motor"]["min"] == pytest.approx(210, abs=4)
-    assert pan["motor"]["max"] == pytest.approx(840, abs=4)
-    tilt = parameters["head_tilt_controller"]["motor"]
-    assert tilt["min"] == pytest.approx(2967, abs=12)
-    assert tilt["max"] == pytest.approx(1533, abs=12)
+    assert (parameters["port_name"], parameters["baud_rate"]) == ("/dev/sim", 1_000_000)
+    pan, tilt = (parameters[f"{name}_controller"] for name in parameters["dynamixels"])
+    assert (pan["joint_name"], tilt["joint_name"]) == ("head_pan_joint", "head_tilt_joint")
+    assert (pan["motor"]["model"], pan["motor"]["id"]) == ("AX-12", 1)
+    for joint, ticks, error in ((pan, (520, 210, 840), 4), (tilt, (2100, 2967, 1533), 12)):
+        motor = joint["motor"]
+        assert [motor[key] for key in ("init", "min", "max")] == pytest.approx(ticks, abs=error)
 
 
 @pytest.mark.parametrize(
