@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import httpx
 import pytest
+from viewing import until, watch
 from waiting import PATIENCE, wait_for
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import ClientConnection, connect
 
 from head_tracking.page import server
 from head_tracking.page.server import Page, PageParameters
@@ -96,9 +95,13 @@ def test_stop_does_not_wait_for_commands_that_hang(robot: _Robot, client: httpx.
 
 
 @contextmanager
-def visited(browser: Any, port: int, script: str = "") -> Iterator[Any]:
+def visited(
+    browser: Any, port: int, script: str = "", network: Callable[[Any], None] | None = None
+) -> Iterator[Any]:
     """The page in a browser that has seen nothing before, in which a script ran first."""
     with browser.new_context(viewport={"width": 700, "height": 600}) as context:
+        if network is not None:
+            context.route_web_socket("**/head/live", network)
         tab = context.new_page()
         tab.set_default_timeout(1e3 * PATIENCE)
         tab.add_init_script(script)
@@ -145,52 +148,22 @@ def test_a_stop_is_not_given_up_when_its_answer_is_late(robot: _Robot, tab: Any)
     wait_for(lambda: robot.stops > before, 50.0)
 
 
-class _Link:
-    """A network between a browser and the page. One that is down loses what is sent, silently."""
-
-    def __init__(self, page: Page) -> None:
-        self._page, self.is_down = page, threading.Event()
-        self._listening = socket.create_server(("127.0.0.1", 0))
-        self.port = self._listening.getsockname()[1]
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def _accept(self) -> None:
-        with suppress(OSError):
-            while True:
-                near, _ = self._listening.accept()
-                far = socket.create_connection(("127.0.0.1", self._page.port))
-                for ends in ((near, far), (far, near)):
-                    args = (*ends, self.is_down)
-                    threading.Thread(target=self._pass, args=args, daemon=True).start()
-
-    def _pass(self, one: socket.socket, other: socket.socket, is_down: threading.Event) -> None:
-        with one, suppress(OSError):
-            while data := one.recv(1 << 16):
-                if not is_down.is_set():
-                    other.sendall(data)
-            other.shutdown(socket.SHUT_RDWR)
-
-    def fail(self, *, for_ever: bool) -> None:
-        """Lose what is sent, by the connections so far or by all."""
-        self.is_down.set()
-        if not for_ever:
-            self.is_down = threading.Event()
-
-    def close(self) -> None:
-        self._listening.close()
-
-
 def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
     browser: Any, page: Page
 ) -> None:
-    with closing(_Link(page)) as link, visited(browser, link.port) as tab:
+    is_dead = threading.Event()
+
+    def network(near: Any) -> None:
+        """Pass messages on, until what is sent is lost, silently; only the first connection."""
+        far, is_first = near.connect_to_server(), not is_dead.is_set()
+        for one, other in ((near, far), (far, near)):
+            one.on_message(lambda sent, to=other: (is_first and is_dead.is_set()) or to.send(sent))
+
+    with visited(browser, page.port, network=network) as tab:
         tab.wait_for_function("window.headPage?.about && !headPage.silent")
-        link.fail(for_ever=False)
+        is_dead.set()
         tab.wait_for_function("headPage.silent")
         tab.wait_for_function("!headPage.silent")
-        link.fail(for_ever=True)
-        tab.locator("#stop").dispatch_event("click")
-        tab.locator("#toast").wait_for()
 
 
 _SHOW_ABOUT = """(error, can_resume = false, mode = "nothing") => headPage.showAbout({
@@ -296,26 +269,6 @@ def test_bad_requests_are_refused(
     assert client.post(f"/head/do/{name}", content=body).status_code == status
 
 
-def watch(page: Page) -> ClientConnection:
-    return connect(f"ws://127.0.0.1:{page.port}/head/live")
-
-
-def until(opened: ClientConnection, kind: str) -> dict[str, Any]:
-    """The next message of a kind."""
-    for _ in range(1000):
-        said: dict[str, Any] = json.loads(opened.recv(timeout=PATIENCE))
-        if said["type"] == kind:
-            return said
-    raise AssertionError(f"{kind} was not sent")
-
-
-def test_a_part_that_fails_is_named_and_the_page_goes_on(page: Page) -> None:
-    with watch(page) as opened:
-        opened.send("\0 nonsense")
-        assert {"robot", "motion", "state"} <= until(opened, "about")["failing"].keys()
-        until(opened, "state")
-
-
 _GARBLED = """
 JSON.parse = ((parse) => (text) => {
   const said = parse(text);
@@ -365,6 +318,7 @@ def test_a_browser_that_sends_too_many_messages_is_refused(page: Page) -> None:
                 flooding.send("got")
         assert refused.value.rcvd is not None
         assert refused.value.rcvd.code == 1008
+        other.send("\0 nonsense")
         for _ in range(10):
             other.send("got")
             until(other, "state")

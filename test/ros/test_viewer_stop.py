@@ -55,7 +55,10 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, pa
     robot.stop.begin()
     text = "head_pan_joint relaxed, head_tilt_joint NOT confirmed"
     wait_for(lambda: robot.stop.outcome == (False, text))
-    wait_for(lambda: bus.calls.count("stop") > 2)
+    wait_for(lambda: bus.calls.count("stop") > 2 and robot.stop.stopped)
+    bus.say_stopped(False)  # resumed by somebody else
+    wait_for(lambda: robot.stop.outcome is None)
+    robot.stop.begin()
     bus.confirms.add("head_tilt_joint")
     wait_for(lambda: robot.stop.outcome.done)
     assert robot.stop.outcome.text == "head_pan_joint relaxed, head_tilt_joint relaxed"
@@ -83,19 +86,6 @@ def test_without_a_bus_stop_disables_the_tracker_and_is_done_when_one_comes(star
     wait_for(lambda: not tracker.on)
     bus = start(BusStandIn())
     wait_for(lambda: "stop" in bus.calls)
-
-
-def test_who_wants_the_head_to_move_again_ends_the_attempts(start, page):
-    bus = start(BusStandIn())
-    bus.confirms = set()
-    robot = page()
-    assert not robot.stop.begin().wait().done
-    wait_for(lambda: robot.stop.stopped)
-    bus.say_stopped(False)  # resumed by somebody else
-    wait_for(lambda: robot.stop.outcome is None)
-    robot.stop.begin().wait()
-    robot.stop.cancel()
-    assert robot.stop.outcome is None
 
 
 @pytest.mark.parametrize("by_page", [True, False])
@@ -224,42 +214,31 @@ def test_stop_does_not_wait_for_other_requests(start, page):
     assert "stop" in bus.calls
 
 
-def test_two_robots_in_one_graph_have_a_page_each(start, page):
+def test_robots_in_one_graph_have_a_page_each(start, page):
     buses, pages = {}, {}
-    for side in ("left", "right"):
+    for side in ("", "left", "right"):
         buses[side] = start(BusStandIn(side))
         buses[side].message = f"it is the {side} one"
         start(ControllerStandIn("head_tracker", namespace=side))
         pages[side] = page(namespace=side)
+
+    def told(side: str) -> bool:
+        health = [(one.name, one.message) for one in pages[side].topics.health()]
+        return health == [(f"servo_bus: {joint}", buses[side].message) for joint in JOINTS]
+
     for side, robot in pages.items():
         wait_for(lambda robot=robot: robot.modes.mode() is Mode.TRACK)
         wait_for(lambda robot=robot: len(robot.joints.servos()) == 2)
         nodes = {one.node for one in robot.parameters.settings()}
-        assert all(node.startswith(f"/{side}/") for node in nodes)
-
-    def told() -> bool:
-        return all(
-            [(one.name, one.message) for one in robot.topics.health()]
-            == [(f"servo_bus: {joint}", f"it is the {side} one") for joint in JOINTS]
-            for side, robot in pages.items()
-        )
-
-    wait_for(told)
-    left, right = pages["left"], pages["right"]
-    assert left.stop_everything().wait(PATIENCE).done
-    wait_for(lambda: left.stop.stopped)
-    assert not right.stop.stopped
-    assert right.modes.mode() is Mode.TRACK
-    assert buses["right"].calls == []
-
-
-def test_a_page_above_other_robots_is_none_of_theirs(start, page):
-    buses = [start(BusStandIn(namespace)) for namespace in ("", "left")]
-    robot = page()
-    wait_for(lambda: len(robot.joints.servos()) == 2)
-    assert robot.stop_everything().wait(PATIENCE).done
-    assert buses[0].calls
-    assert not buses[1].calls
+        assert all(node.rpartition("/")[0] == f"/{side}".rstrip("/") for node in nodes)
+        wait_for(lambda side=side: told(side))
+    for stopped in ("left", ""):
+        assert pages[stopped].stop_everything().wait(PATIENCE).done
+        wait_for(lambda robot=pages[stopped]: robot.stop.stopped)
+        running = [side for side in pages if not pages[side].stop.stopped]
+        assert running == (["", "right"] if stopped else ["right"])
+        assert all(pages[side].modes.mode() is Mode.TRACK for side in running)
+        assert all(buses[side].calls == [] for side in running)
 
 
 def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_go(tracked):
@@ -296,16 +275,6 @@ def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
     assert camera.on is False, "one sender only"
     assert robot.observe()
     assert robot.notices() == ()
-
-
-def test_of_two_pages_without_hardware_one_publishes_the_joints(page):
-    pages = [page(), page()]
-    for robot in pages:
-        wait_for(lambda robot=robot: robot.joints.free)
-    pages[0].joints.move({"head_pan_joint": 0.25})
-    wait_for(lambda: not pages[1].joints.free)
-    wait_for(lambda: pages[1].observe().joints.get("head_pan_joint") == 0.25)
-    assert pages[0].joints.free
 
 
 def test_joints_that_were_moved_before_the_model_came_are_published_when_it_has(
@@ -375,17 +344,23 @@ def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(seen):
     node.destroy_node()
 
 
-def test_without_hardware_the_page_says_where_the_joints_are(seen):
-    wait_for(lambda: seen.model() is not None and seen.joints.free)
+def test_without_hardware_one_page_says_where_the_joints_are_and_stop_is_not_confirmed(page):
+    seen, other = page(), page()
+    for robot in (seen, other):
+        wait_for(lambda robot=robot: robot.joints.free)
     assert "head_pan_joint" not in seen.observe().joints
-    seen.joints.move({"head_pan_joint": 0.4})
-    wait_for(lambda: seen.observe().joints.get("head_pan_joint") == pytest.approx(0.4))
-    assert seen.observe().joints["head_tilt_joint"] == 0.0
+    seen.joints.move({"head_pan_joint": 0.25})
+    for robot in (seen, other):
+        wait_for(lambda robot=robot: robot.observe().joints.get("head_pan_joint") == 0.25)
+        assert robot.observe().joints["head_tilt_joint"] == 0.0
+    wait_for(lambda: not other.joints.free)
+    assert seen.joints.free
     assert not seen.stop_everything().wait().done
     with pytest.raises(HeadTrackingError, match=seen.stop.refusal):
         seen.modes.set_mode(Mode.TRACK)
     with pytest.raises(HeadTrackingError):
         seen.stop.resume()
+    assert seen.stop.outcome is None
     with pytest.raises(HeadTrackingError):
         seen.modes.centre()
     with pytest.raises(HeadTrackingError, match="not running"):

@@ -16,9 +16,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
-from viewing import view
+from viewing import until, view, watch
 from waiting import PATIENCE, wait_for
-from websockets.sync.client import connect
 
 from head_tracking.page.viewer import ViewerNode
 from head_tracking.ros.kit.diagnostics import Level
@@ -40,14 +39,10 @@ def stranger(viewer) -> Iterator[Node]:
     stranger.destroy_node()
 
 
-def told(viewer: ViewerNode, kind: str = "about") -> dict[str, Any]:
-    """The first message of a kind that a browser is sent that comes now."""
-    with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as browser:
-        for _ in range(1000):
-            said: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
-            if said["type"] == kind:
-                return said
-    raise AssertionError("nothing about the robot was sent")
+def told(viewer: ViewerNode) -> dict[str, Any]:
+    """What a browser that comes now is told about the robot."""
+    with watch(viewer.page) as browser:
+        return until(browser, "about")
 
 
 def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens") -> Any:
@@ -101,7 +96,7 @@ def test_pictures_that_cannot_be_shown_are_named(viewer, stranger):
     }
     good = Image(encoding="mono8", width=2, height=2, step=2, data=[0] * 4)
     viewer.page._live.sample()
-    with connect(f"ws://127.0.0.1:{viewer.page.port}/head/live") as first:
+    with watch(viewer.page) as first:
         first.send("camera /good/image")
 
         def shown() -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
 from rclpy.parameter import Parameter
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
+from websockets.sync.client import ClientConnection, connect
 
 pytest.importorskip("nicegui", reason="needs NiceGUI: pip install -r requirements/viewer.txt")
 
@@ -33,3 +35,17 @@ def view(
     threads.start(node)
     wait_for(node.robot.model)
     return node
+
+
+def watch(page: Any) -> ClientConnection:
+    """Connect to a page as a browser does."""
+    return connect(f"ws://127.0.0.1:{page.port}/head/live")
+
+
+def until(browser: ClientConnection, kind: str) -> dict[str, Any]:
+    """Return the next message of a kind that a browser is sent."""
+    for _ in range(1000):
+        message: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
+        if message["type"] == kind:
+            return message
+    raise AssertionError(f"{kind} was not sent")
