@@ -231,7 +231,7 @@ def test_robots_in_one_graph_have_a_page_each(start, page):
         wait_for(lambda robot=robot: len(robot.joints.servos()) == 2)
         nodes = {one.node for one in robot.parameters.settings()}
         assert all(node.rpartition("/")[0] == f"/{side}".rstrip("/") for node in nodes)
-        wait_for(lambda side=side: told(side))
+    wait_for(lambda: all(map(told, pages)))
     for stopped in ("left", ""):
         assert pages[stopped].stop_everything().wait(PATIENCE).done
         wait_for(lambda robot=pages[stopped]: robot.stop.stopped)
