@@ -362,6 +362,7 @@ class Procedures:
         self.requests.drop_goals(joint.name)
         for servo in joint.servos:
             servo.require_writable_memory()  # before any of them has changed
+            yield 0.0
         joint.writing = True
         try:
             for servo, registers in wanted.items():

@@ -84,22 +84,19 @@ def test_port_that_takes_no_data_is_lost(port: DynamixelPort) -> None:
     assert not port.is_open
 
 
-def test_vanished_port_is_lost(peer: Peer, port: DynamixelPort) -> None:
-    peer.vanish()
+@pytest.mark.parametrize("after", [0, 8], ids=["before", "while waiting"])
+def test_port_that_vanishes_is_lost(peer: Peer, port: DynamixelPort, after: int) -> None:
+    thread = threading.Thread(target=peer.vanish, args=(after,))
+    thread.start()
+    if not after:
+        join(thread)
     with pytest.raises(PortLostError):
         port.read(1, 36, 2)
+    join(thread)
     assert not port.is_open
     with pytest.raises(NotConnectedError):
         port.ping(1)
     port.close()
-
-
-def test_port_that_vanishes_while_waiting_is_lost(peer: Peer, port: DynamixelPort) -> None:
-    thread = threading.Thread(target=peer.vanish, args=(8,))
-    thread.start()
-    with pytest.raises(PortLostError):
-        port.read(1, 36, 2)
-    join(thread)
 
 
 def test_missing_port_lists_what_exists(monkeypatch: pytest.MonkeyPatch) -> None:

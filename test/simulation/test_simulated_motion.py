@@ -58,17 +58,6 @@ def test_step_at_full_speed_arrives_without_ringing() -> None:
     assert turns <= 1
 
 
-@pytest.mark.parametrize(("speed", "direction"), [(5, 1), (172, -1)])
-def test_moving_speed_is_kept(speed: int, direction: int) -> None:
-    b = bench()
-    b.go(512 + direction * 400, speed)
-    wanted = speed * AX_12.speed_unit
-    speeds = b.run(0.4, "drive.speed")
-    assert max(abs(v) for v in speeds) <= wanted * 1.05 + 0.01
-    steady = speeds[250:350]
-    assert sum(steady) / len(steady) == pytest.approx(direction * wanted, rel=0.05)
-
-
 def test_deflection_under_load() -> None:
     b = bench()
     b.go(512, 0)

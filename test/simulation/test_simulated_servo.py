@@ -265,16 +265,20 @@ def test_profiles(acceleration, velocity, goal, top, rise) -> None:
         assert speeds.index(max(speeds)) == pytest.approx(rise, abs=12)
 
 
+@pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
-def test_a_goal_speed_is_kept(model: ServoModel) -> None:
+def test_a_goal_speed_is_kept(model: ServoModel, direction: int) -> None:
     servo = SimulatedServo(1, model)
     servo.advance(0)
-    speed = round(0.3 * model.no_load_speed / model.speed_unit)
-    goal = model.center + round(model.ticks * 0.4)
+    count = round(0.3 * model.no_load_speed / model.speed_unit)
     write(servo, "Torque Enable", 1)
-    data = model.encode_goal(goal, speed)
+    data = model.encode_goal(model.center + direction * round(model.ticks * 0.4), count)
     kind = Packet if model.protocol == 1 else Packet2
     servo.execute(kind.write(1, model.goal.address, data), 0)
-    way = model.ticks * 0.4 * model.radians_per_tick
-    servo.advance(round(0.5 * way / (speed * model.speed_unit) * 1e9))
-    assert servo.drive.speed == pytest.approx(speed * model.speed_unit, rel=0.06)
+    way, speed = model.ticks * 0.4 * model.radians_per_tick, count * model.speed_unit
+    fastest = 0.0
+    for now in range(0, round(0.5 * way / speed * 1e9), 5 * MS):
+        servo.advance(now)
+        fastest = max(fastest, abs(servo.drive.speed))
+    assert servo.drive.speed == pytest.approx(direction * speed, rel=0.06)
+    assert fastest <= 1.05 * speed + 0.01
