@@ -487,19 +487,6 @@ def test_a_position_outside_the_limits_is_clamped_and_that_is_reported_or_refuse
     assert rig.tilt["Goal Position"] == ticks
 
 
-def test_command_to_a_joint_relaxed_on_request_is_refused_with_the_remedy(rig: FakeRig) -> None:
-    run(rig.bus.switching_torque(["head_pan_joint"], False))
-    with pytest.raises(GoalError, match=r"torque_enable"):
-        rig.bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)})
-    rig.take_log()
-    rig.step()
-    assert writes(rig.log) == []
-    run(rig.bus.switching_torque(["head_pan_joint"], True))
-    rig.bus.command({"head_pan_joint": Goal(0.1)})
-    rig.step()
-    assert rig.pan["Goal Position"] == PAN.ticks(0.1)
-
-
 def test_lost_joint_does_not_stop_the_others(rig: FakeRig) -> None:
     rig.pan.answers = False
     rig.step(5)

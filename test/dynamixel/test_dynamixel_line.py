@@ -128,11 +128,6 @@ def scripted(answer: str) -> tuple[DynamixelPort, ScriptedDevice]:
     return port, device
 
 
-def group(*ids: int) -> ReadGroup:
-    """The present position of X servos."""
-    return ReadGroup(2, 132, 4, ids)
-
-
 READ = "FF FF 01 04 02 24 02 D2"
 POSITION_512 = "FF FF 01 04 00 00 02 F8"
 READ_2 = "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15"
@@ -209,19 +204,6 @@ def test_any_bytes_are_replies_of_the_right_length_or_errors(
     assert len(replies) == len(group.ids)
     for reply in replies:
         assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
-
-
-def test_servos_are_read_together_and_a_missing_one_does_not_crash() -> None:
-    model = servo_model("XM430-W350")
-    bench = Bench([SimulatedServo(i, model) for i in (1, 3)])
-    bench.port.open()
-    whole = list(bench.port.read_group(group(1, 3)))
-    assert [reply.data for reply in whole if isinstance(reply, Status)] == [b"\0\x08\0\0"] * 2
-    broken = list(bench.port.read_group(group(1, 2, 3)))
-    assert len(broken) == 3
-    assert isinstance(broken[1], CommunicationError)
-    again = list(bench.port.read_group(group(1, 3)))
-    assert [reply.data for reply in again if isinstance(reply, Status)] == [b"\0\x08\0\0"] * 2
 
 
 def test_all_servos_answer_a_broadcast_ping() -> None:

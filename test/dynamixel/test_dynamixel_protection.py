@@ -34,21 +34,6 @@ from head_tracking.simulation import SimulatedServo
 # Faults
 
 
-@pytest.mark.parametrize("error", [ErrorBits.OVERLOAD, ErrorBits.OVERHEATING])
-def test_servo_that_shuts_down_is_relaxed_and_reported_once(error: ErrorBits) -> None:
-    rig = FakeRig().switched_on()
-    rig.pan.error = error
-    assert rig.passed(3) == [EventKind.FAULTED]
-    assert rig.pan_torque is Torque.OFF_BY_FAULT
-    assert rig.pan["Torque Enable"] == 0
-    assert rig.bus.statistics().servos[0].health is Health.FAULTED
-    with pytest.raises(GoalError, match="call recover"):
-        rig.bus.command({"head_pan_joint": Goal(0.1)})
-    with pytest.raises(TorqueError, match="shut down"):
-        run(rig.bus.switching_torque(["head_pan_joint"], True))
-    rig.bus.command({"head_tilt_joint": Goal(0.1)})  # the other goes on
-
-
 def test_error_that_does_not_shut_down_is_told_once_and_again_after_it_was_gone() -> None:
     rig = FakeRig().switched_on()
     rig.pan.error = ErrorBits.INPUT_VOLTAGE

@@ -19,6 +19,7 @@ from head_tracking.dynamixel import (
     EepromSettings,
     Epoch,
     Goal,
+    GoalError,
     ServoError,
     StoppedError,
     Torque,
@@ -344,6 +345,10 @@ def test_a_joint_that_was_relaxed_on_request_stays_so_if_its_torque_does_not_com
     fails(holding)
     holding.step(20)
     assert holding.bus.joint("j1").torque is Torque.OFF_ON_REQUEST
+    with pytest.raises(GoalError, match="torque_enable"):
+        holding.bus.command({"j1": Goal(0.1)})
+    holding.step()
+    assert holding.torque == [0]
     run(holding.bus.switching_torque(None, True))
     assert holding.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.02)
 

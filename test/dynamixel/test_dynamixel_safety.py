@@ -15,6 +15,7 @@ from head_tracking.dynamixel import (
     EventKind,
     Goal,
     GoalError,
+    Health,
     ReplyTimeoutError,
     ServoError,
     Torque,
@@ -42,7 +43,9 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
     rig.go(0.3)
     rig.servos[0].overload()
     rig.step(5)
-    assert rig.bus.joint("j1").torque is Torque.OFF_BY_FAULT
+    assert (rig.bus.joint("j1").torque, rig.torque) == (Torque.OFF_BY_FAULT, [0])
+    assert rig.bus.statistics().servos[0].health is Health.FAULTED
+    assert rig.kinds.count(EventKind.FAULTED) == 1
     if "relax" in between:
         run(rig.bus.switching_torque(None, False))
         rig.step(3)
