@@ -11,9 +11,9 @@ from random import Random
 import pytest
 from simulated_device import Bench, as_device
 
+from head_tracking.cli.doctor import __main__ as doctor
 from head_tracking.cli.doctor import configured, network
-from head_tracking.cli.doctor.__main__ import main
-from head_tracking.cli.doctor.findings import Grade
+from head_tracking.cli.doctor.findings import Finding, Grade, show
 from head_tracking.cli.doctor.network import Traffic, check_clocks
 from head_tracking.dynamixel import Adapter, DynamixelPort, PortBusyError, servo_model
 from head_tracking.dynamixel.exceptions import PortMissingError, PortPermissionError
@@ -37,8 +37,9 @@ def head_of(model: str, more: str = "") -> str:
 class Head:
     """Two simulated servos on a port, and doctor."""
 
-    def __init__(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        self.tmp_path, self._capsys = tmp_path, capsys
+    def __init__(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.tmp_path, self._monkeypatch = tmp_path, monkeypatch
+        self.found: list[Finding] = []
         self.bench = Bench([SimulatedServo(1), SimulatedServo(2)])
         self.adapter = Adapter("ftdi_sio", 0.001)
         self.latency = 0.0  # s
@@ -79,31 +80,28 @@ class Head:
         )
 
     def check(self) -> int:
-        code = main(self.arguments, self._make_port)
-        self.output = self._capsys.readouterr().out
-        return code
+        def note(finding: Finding) -> None:
+            self.found.append(finding)
+            show(finding)
+
+        self.found.clear()
+        self._monkeypatch.setattr(doctor, "show", note)
+        return doctor.main(self.arguments, self._make_port)
 
     @property
-    def levels(self) -> dict[str, str]:
+    def levels(self) -> dict[str, Grade]:
         """The highest level of each check."""
-        found: dict[str, str] = {}
-        order = ["-", "green", "amber", "red"]
-        for line in self.output.splitlines():
-            if line.startswith(tuple(f"{word:5}  " for word in order)):
-                word, check = line[:5].strip(), line[7:24].strip()
-                found[check] = max(word, found.get(check, "-"), key=order.index)
-        return found
+        checks = {finding.check for finding in self.found}
+        return {name: max(f.level for f in self.found if f.check == name) for name in checks}
 
 
 read_once = cache(configured.load_robot_model)
 
 
 @pytest.fixture
-def head(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Head:
+def head(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Head:
     monkeypatch.setattr(configured, "load_robot_model", read_once)
-    return Head(tmp_path, capsys)
+    return Head(tmp_path, monkeypatch)
 
 
 def _raise(error: Exception) -> None:
@@ -182,13 +180,15 @@ RED: list[tuple[str, Callable[[Head], None]]] = [
 def test_each_check_can_be_red(check: str, spoil: Callable[[Head], None], head: Head) -> None:
     spoil(head)
     assert head.check() == 2
-    assert head.levels.get(check) == "red", head.output
+    assert head.levels.get(check) is Grade.RED
 
 
 def test_a_correct_head_is_green(head: Head) -> None:
     assert head.check() == 0
     assert {check for check, _ in RED} < head.levels.keys()
-    assert {check for check, level in head.levels.items() if level != "green"} == {"network"}
+    assert {check for check, level in head.levels.items() if level is not Grade.GREEN} == {
+        "network"
+    }
 
 
 @pytest.mark.parametrize(
@@ -203,8 +203,8 @@ def test_a_correct_head_is_green(head: Head) -> None:
 )
 def test_minor_problems_are_amber(check: str, spoil: Callable[[Head], None], head: Head) -> None:
     spoil(head)
-    assert head.check() == 1, head.output
-    assert head.levels[check] == "amber"
+    assert head.check() == 1
+    assert head.levels[check] is Grade.AMBER
     assert head.sent or check == "port"  # a port that another program owns is left alone
 
 
@@ -249,30 +249,30 @@ def test_diagnostics_are_shown(head: Head, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(network, "listen", lambda *_: Traffic({}, diagnostics, 3))
     head.arguments = []
     assert head.check() == 2
-    assert head.levels["network"] == "green"
-    assert head.levels["diagnostics"] == "red"
+    assert head.levels["network"] is Grade.GREEN
+    assert head.levels["diagnostics"] is Grade.RED
 
 
 def test_a_middleware_error_is_red(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     head.arguments = ["--listen", "0.1"]
     assert head.check() == 2
-    assert head.levels["network"] == "red"
+    assert head.levels["network"] is Grade.RED
 
 
 def test_it_runs_without_ros(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, network.__name__, None)
     head.arguments = []
     assert head.check() == 1
-    assert head.levels["network"] == "amber"
+    assert head.levels["network"] is Grade.AMBER
 
 
 def test_servos_at_another_baud_rate_are_found_and_named(head: Head) -> None:
-    rate = head.baud_rate = 57_600
+    head.baud_rate = 57_600
     assert head.check() == Grade.RED
-    lines = [line for line in head.output.splitlines() if str(rate) in line]
-    assert [line.split()[2] for line in lines] == ["1", "2"]
-    assert all("1000000" in line for line in lines)
+    named = [finding for finding in head.found if "57600" in finding.text]
+    assert [finding.check for finding in named] == ["servo 1", "servo 2"]
+    assert all("1000000" in finding.text for finding in named)
 
 
 def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head: Head) -> None:
@@ -280,8 +280,8 @@ def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head: Head) 
     head.servos(SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3215"))
     head[1].set_offset(85)
     assert head.check() == 0
-    assert head.levels["servo 1"] == head.levels["servo 2"] == "green"
+    assert head.levels["servo 1"] is head.levels["servo 2"] is Grade.GREEN
     head[1].set_offset(-85)
     head[2].supply_voltage = 9.0
     head.check()
-    assert (head.levels["servo 1"], head.levels["servo 2"]) == ("red", "amber")
+    assert (head.levels["servo 1"], head.levels["servo 2"]) == (Grade.RED, Grade.AMBER)
