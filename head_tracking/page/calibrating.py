@@ -69,8 +69,7 @@ class CameraCalibration:
         """
         if not 0.005 <= marker_size <= 2.0:
             raise ValueError(f"The marker's edge is {marker_size} m; allowed are 0.005 to 2 m.")
-        if self._robot.stop.refusal:
-            raise HeadTrackingError(self._robot.stop.refusal)
+        self._robot.stop.permit()
         if self._robot.head is None:
             raise HeadTrackingError("The model has no head.")
         if any(one.name.endswith(": calibration") for one in self._robot.topics.health()):
@@ -225,8 +224,7 @@ class _PointedHead:
 
     def check(self) -> None:
         """Raise HeadTrackingError after a STOP, in another mode, or with a relaxed servo."""
-        if self._robot.stop.count != self._stops:
-            raise HeadTrackingError("the head was stopped")
+        self._robot.stop.permit(self._stops)
         mode = self._robot.modes.mode()
         if self._normal_speed is not None and mode is not Mode.POINT:
             raise HeadTrackingError(f"the mode is {mode} now")

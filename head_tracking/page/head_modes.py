@@ -164,8 +164,7 @@ class HeadModes:
         """
         if frame not in self._buffer.frames():
             raise HeadTrackingError(f"The target is refused: there is no frame {frame!r}.")
-        stops = self._stop.count
-        _refuse_if(self._stop.refusal)
+        stops = self._stop.permit()
         if not self._changing.acquire(timeout=_BUSY):
             raise HeadTrackingError("The mode is being changed: try again in a moment.")
         try:
@@ -175,20 +174,20 @@ class HeadModes:
 
     def select(self, seen: Target) -> None:
         """Let `visual_target` follow what it has seen there."""
-        _refuse_if(self._stop.refusal)
+        self._stop.permit()
         if self.mode() not in FOUND_IN_PICTURES:
             raise HeadTrackingError("Choose Face, Ball or Marker first.")
         self._selections.publish(target_message(seen))
 
     def centre(self) -> None:
         """Recentre the head with its controller; what the camera finds there is followed."""
-        stops = self._stop.count
-        _refuse_if(self._stop.refusal)
+        stops = self._stop.permit()
         with self._changing:
             mode = self.mode()
             if mode not in FOUND_IN_PICTURES:
                 mode = self._take_over(stops)
                 self.stop_sending()
+        self._stop.permit(stops)
         self._services.trigger(f"{_NODES[mode][0]}/recenter")
 
     def stop_sending(self) -> None:
@@ -204,12 +203,11 @@ class HeadModes:
         only OFF can be chosen. For any thread: a later choice ends a change that is in progress,
         and so does STOP.
         """
-        _refuse_if(self._stop.refusal if mode is not Mode.OFF else "")
+        stops = self._stop.count if mode is Mode.OFF else self._stop.permit()
         if mode is Mode.PATH:
             raise HeadTrackingError("This mode needs a path: see follow_path.")
         if mode is Mode.FOLLOW and frame not in self._buffer.frames():
             raise HeadTrackingError(f"There is no frame {frame!r} to follow.")
-        stops = self._stop.count
         self._wanted = mode, frame
         if mode is Mode.OFF:
             self._disable((*SENDERS, *CONTROLLERS))  # at once, without waiting for other changes
@@ -220,8 +218,7 @@ class HeadModes:
 
     def follow_path(self, path: ClosedPath, speed: float) -> None:
         """Let the tracker follow a path in the model's root at a speed [m/s]."""
-        _refuse_if(self._stop.refusal)
-        stops = self._stop.count
+        stops = self._stop.permit()
         self._wanted = Mode.PATH, ""
         with self._changing:
             self._change(Mode.PATH, "", stops)

@@ -111,10 +111,10 @@ class JointPanel:
             if self._timer.is_canceled():  # another reset would delay the next message
                 self._timer.reset()
             return
-        if self._robot.stop.refusal:
-            raise HeadTrackingError(self._robot.stop.refusal)
+        stops = self._robot.stop.permit()
         if self._robot.modes.mode() is not Mode.OFF:
             self._robot.modes.release()
+            self._robot.stop.permit(stops)
         owners = self._robot.topics.owners
         for joint in positions:
             if owners.get(joint, "") not in ("", self._node.get_name()):

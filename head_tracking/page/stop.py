@@ -55,6 +55,22 @@ class Stop:
         """Why commands are refused; empty: no STOP is in force or in progress."""
         return "The head is stopped: press Resume first." if self.stopped or self._trying else ""
 
+    def permit(self, stops: int | None = None) -> int:
+        """Return the number of STOPs at which something that moves the head is requested.
+
+        Args:
+            stops: that number, of a request that has waited meanwhile; None: it is made now.
+
+        Raises:
+            HeadTrackingError: the head is stopped, or was after the request was made.
+        """
+        count = self.count
+        if self.refusal:
+            raise HeadTrackingError(self.refusal)
+        if stops not in (None, count):
+            raise HeadTrackingError("The head was stopped after this was requested.")
+        return count
+
     @property
     def can_resume(self) -> bool:
         """Whether there is a STOP to end."""

@@ -188,6 +188,27 @@ def test_a_node_that_starts_turns_the_head_in_no_other_mode(start, tracked):
     assert robot.modes.mode() is Mode.FICTITIOUS
 
 
+def test_what_has_waited_over_a_stop_and_resume_does_not_move_the_head(tracked):
+    bus, tracker, robot = tracked
+    wait_for(lambda: len(robot.joints.servos()) == 2 and robot.model())
+    switch = tracker.switch
+
+    def stop_and_resume() -> None:
+        for stopped in (True, False):
+            bus.say_stopped(stopped)
+            wait_for(lambda stopped=stopped: robot.stop.stopped is stopped)
+
+    with ThreadPoolExecutor() as browsers, robot.modes._changing:
+        asked = browsers.submit(robot.modes.centre)
+        time.sleep(0.3)  # in which it begins to wait
+        stop_and_resume()
+    assert "stopped" in str(asked.exception())
+    tracker.switch = lambda on: (stop_and_resume(), switch(on))
+    with pytest.raises(HeadTrackingError, match="stopped"):
+        robot.joints.move({"head_pan_joint": 0.2})
+    assert not bus.commands
+
+
 def test_two_choices_of_a_mode_leave_one_controller_enabled(start, tracked):
     """The second one comes while the first one waits for an answer."""
     _, tracker, robot = tracked
