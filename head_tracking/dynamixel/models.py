@@ -99,6 +99,12 @@ class ServoModel:
     aliases: tuple[str, ...] = ()  # other names of the model
 
     @property
+    def settings(self) -> set[str]:
+        """Registers, where a model has them, that its joint needs as they are."""
+        own = [] if self.offset is None else [self.offset.name]
+        return {*self.modes, *self.position_limits, "Drive Mode", "Secondary ID", *own}
+
+    @property
     def restarts(self) -> bool:
         """Whether a restart clears its errors; otherwise writing its Torque Limit does."""
         return "Hardware Error Status" in self.control_table

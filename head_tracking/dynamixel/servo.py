@@ -8,11 +8,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum, IntFlag
-from functools import cache
 from typing import Final, TypeVar
 
 from head_tracking.dynamixel.configuration import ServoCalibration
-from head_tracking.dynamixel.control_table import Block, ControlTable, Register
+from head_tracking.dynamixel.control_table import Block, Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
     ConfigurationError,
@@ -44,6 +43,12 @@ _TRIES: Final = 3  # where a failure would leave a servo in the wrong state
 _REVERSE: Final = 1  # bit of Drive Mode
 _WATCHDOG_UNIT: Final = 0.02  # s
 _LONGEST_SPAN: Final = 25  # bytes; takes about as long as a usual cycle
+_IDENTIFYING: Final = {
+    "Firmware Version", "Status Return Level", "Torque Enable", "Temperature Limit",
+    "Min Voltage Limit", "Shutdown", "Max Torque", "Torque Limit", "Hardware Error Status",
+    "EEPROM Lock",
+}  # fmt: skip
+"""Registers that are read when a servo is found, besides its model and its settings."""
 
 
 def run(steps: Steps[_T], pause: Callable[[float], object] = time.sleep) -> _T:
@@ -282,28 +287,24 @@ class Servo:
                 up in a way that its joint cannot use.
             ConfigurationError: Its own angle limits leave the joint no range.
         """
-        memory: dict[str, int] = {}
-        joint_name, model = self.calibration.joint_name, self.model
-        own = [] if model.offset is None else [model.offset.name]
-        for span in _spans(model.control_table, (*model.position_limits, *model.modes, *own)):
-            try:
-                values = self.read(span, MOST_TRIES)
-            except ReplyTimeoutError as cause:
-                level = model.control_table["Status Return Level"].address
-                raise ServoError(
-                    f"servo {self.id} ({joint_name}) answers pings but no reads: its Status Return "
-                    f"Level (register {level}) is probably 0; set it to 2, for example with "
-                    f"`servo set {self.id} 'Status Return Level' 2`"
-                ) from cause
-            memory.update((r.name, value) for r, value in zip(span.registers, values, strict=True))
-            number = memory.get("Model Number", model.model_number)
-            if number != model.model_number:
-                raise ServoError(
-                    f"servo {self.id} ({joint_name}) is {model_name(number)}, but the "
-                    f"configuration says {model.name} ({model.model_number}); correct the "
-                    "configuration's model or id"
-                )
-            yield 0.0
+        who, model = f"servo {self.id} ({self.calibration.joint_name})", self.model
+        try:
+            number = self.get("Model Number", MOST_TRIES)
+        except ReplyTimeoutError as cause:
+            level = model.control_table["Status Return Level"].address
+            raise ServoError(
+                f"{who} answers pings but no reads: its Status Return Level (register {level}) is "
+                f"probably 0; set it to 2, for example with `servo set {self.id} 'Status Return "
+                "Level' 2`"
+            ) from cause
+        if number != model.model_number:
+            raise ServoError(
+                f"{who} is {model_name(number)}, but the configuration says {model.name} "
+                f"({model.model_number}); correct the configuration's model or id"
+            )
+        yield 0.0
+        spans = model.control_table.spans(_LONGEST_SPAN, _IDENTIFYING | model.settings)
+        memory = yield from self.read_named(spans, MOST_TRIES)
         self.acknowledges_writes = model.acknowledges_writes(memory["Status Return Level"])
         lower, upper = (memory[name] for name in model.position_limits)
         shutdown = model.errors(memory["Shutdown"] & sum(model.errors))
@@ -340,11 +341,7 @@ class Servo:
 
     def check_settings(self) -> Steps[None]:
         """Read the settings that its joint needs; raise ServoError if one is wrong."""
-        model = self.model
-        names = {*model.modes, *model.position_limits, "Drive Mode", "Secondary ID"}
-        if model.offset is not None:
-            names.add(model.offset.name)
-        spans = model.control_table.spans(_LONGEST_SPAN, names)
+        spans = self.model.control_table.spans(_LONGEST_SPAN, self.model.settings)
         self._check_settings((yield from self.read_named(spans)))
 
     def _check_settings(self, memory: Mapping[str, int]) -> None:
@@ -619,17 +616,6 @@ def wrong_mode(servo: Servo, memory: Mapping[str, int]) -> Iterator[tuple[str, i
             yield last, high, "is in wheel mode"
         else:
             yield first, low, "is in multi-turn mode"
-
-
-@cache
-def _spans(table: ControlTable, own: tuple[str, ...]) -> tuple[Block, ...]:
-    """Return the reads that identify a servo; `own`: registers that only its model has."""
-    wanted = (
-        "Model Number", "Firmware Version", "Status Return Level", "Torque Enable",
-        "Temperature Limit", "Min Voltage Limit", "Shutdown", "Max Torque", "Torque Limit",
-        "Hardware Error Status", "EEPROM Lock", "Secondary ID", *own,
-    )  # fmt: skip
-    return tuple(table.spans(_LONGEST_SPAN, wanted))
 
 
 def _has_shut_down(memory: Mapping[str, int], shutdown: IntFlag) -> bool:

@@ -98,16 +98,13 @@ class BusThread:
             if self._thread.is_alive() and self._closing:
                 self._thread.join(_CLOSING)
             if self._thread.is_alive():
-                if not self._owner.acquire(timeout=timeout):
-                    raise BusStoppedError(
-                        f"the servo bus on {self.bus.port.name} did not end within {timeout} s; "
-                        "its port hangs, and the servos may have torque on"
-                    )
-                self._owner.release()
-                self._finish()
+                why = "its port hangs, and the servos may have torque on"
+                if self._owner.acquire(timeout=timeout):
+                    self._owner.release()
+                    self._finish()
+                    why = "a callback does not return. The servos were relaxed without it"
                 raise BusStoppedError(
-                    f"the servo bus on {self.bus.port.name} did not end within {timeout} s; a "
-                    "callback does not return. The servos were relaxed without it"
+                    f"the servo bus on {self.bus.port.name} did not end within {timeout} s; {why}"
                 )
 
     def at_once(self, function: Callable[[ServoBus], _T], timeout: float) -> _T:
