@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.page.head_modes import CONTROLLERS, TRACKER
+from head_tracking.page.head_modes import CONTROLLERS, POINTER, SENDERS, TRACKER
 from head_tracking.ros.kit.others import OtherParameters, Setting
 from head_tracking.tracking import LAWS, LearningParameters
 
@@ -19,18 +19,11 @@ _DECADES = 99.0
 _ROUNDED = 0.005  # largest relative error: a slider sends three digits
 
 _DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s^2": "°/s²", "rad/s^3": "°/s³"}
-_OFFERED = {
-    "head_tracker": {
-        *("law", "max_joint_speed", "target_timeout", "recenter_timeout", "enable_target_search"),
-        *("search_target_timeout", "default_joint_speed"),
-    },
-    "point_head": None,
-    "fictitious_target": None,
-    "visual_target": None,
-    "frame_target": None,
-    "target_mux": None,
+_FOR_EVERYBODY = {
+    *("law", "max_joint_speed", "target_timeout", "recenter_timeout", "enable_target_search"),
+    *("search_target_timeout", "default_joint_speed"),
 }
-"""Parameters outside the section for experts, by node; None: all."""
+"""Parameters of `head_tracker` outside the section for experts, beside those of its law."""
 
 _LEARNING = {field.name for field in dataclasses.fields(LearningParameters)}
 """Parameters of `head_tracker` that freeze, forget or replace learned values: on the tab Health."""
@@ -225,10 +218,10 @@ def _base(node: str) -> str:
 
 
 def _is_expert(setting: Setting) -> bool:
-    offered = _OFFERED.get(_base(setting.node), set())
-    if offered is None or setting.name in offered:
-        return False
-    return not any(setting.name in _names_of(law) for law in LAWS)
+    node, name = _base(setting.node), setting.name
+    if node == TRACKER:
+        return name not in _FOR_EVERYBODY.union(*map(_names_of, LAWS))
+    return node not in (POINTER, *SENDERS)
 
 
 def _of_another_law(setting: Setting, laws: Mapping[str, Any]) -> bool:
