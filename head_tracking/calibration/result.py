@@ -15,7 +15,6 @@ from xml.etree import ElementTree
 import yaml
 
 from head_tracking.calibration.geometry import (
-    FOCAL_LENGTH,
     PARAMETERS,
     Array,
     Estimate,
@@ -70,7 +69,6 @@ class Calibration:
         robot: name of the robot model.
         made: time of the calibration [s, as time.time()].
         joints: the changed joints.
-        focal_length: factor of the focal length.
         estimates: estimates by name of the parameter.
         noise: standard deviation of a corner in the image [px].
         views: number of used views.
@@ -84,7 +82,6 @@ class Calibration:
     robot: str
     made: float
     joints: tuple[CalibratedJoint, ...]
-    focal_length: float
     estimates: Mapping[str, Estimate]
     noise: float
     views: int
@@ -112,6 +109,15 @@ class Calibration:
         advice = "; it is old: calibrate again" if self.is_old else ""
         return f"{self.age / _DAY:.0f} days old{advice}"
 
+    def angle_of_view(self, assumed: float) -> float:
+        """Return the measured angle of view of a camera with an assumed one [rad].
+
+        Raises:
+            KeyError: the focal length was not to be estimated.
+        """
+        factor = math.exp(self.estimates["focal length"].value)
+        return 2.0 * math.atan(math.tan(0.5 * assumed) / factor)
+
     @staticmethod
     def of(
         geometry: HeadGeometry,
@@ -128,10 +134,9 @@ class Calibration:
             CalibratedJoint(name, joint.origin, joint.axis, model.joint(name).origin)
             for name, joint in geometry.changed(changes).items()
         )
-        focal_length, errors = math.exp(float(changes[FOCAL_LENGTH])), residuals.errors()
         return Calibration(
-            model.name, time.time(), joints, focal_length, estimates, noise, views, left_out,
-            *errors, residuals,
+            model.name, time.time(), joints, estimates, noise, views, left_out,
+            *residuals.errors(), residuals,
         )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
@@ -312,7 +317,6 @@ def _number(number: Any, above: float = -math.inf) -> float:
 
 
 _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
-    "focal_length": partial(_number, above=0.0),
     "noise": partial(_number, above=0.0),
     "views": int,
     "left_out": int,

@@ -45,6 +45,7 @@ def _calibrate(options: argparse.Namespace) -> None:
     from head_tracking.vision import MarkerParameters, camera_with_view, pictures
 
     marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
+    view = math.radians(options.view)
     open_head = Head.simulated if options.sim else partial(Head.open, options.port)
     try:
         with open_head(robot=options.robot) as head:
@@ -60,7 +61,7 @@ def _calibrate(options: argparse.Namespace) -> None:
                 source,
                 target=options.target,
                 marker=marker,
-                model=camera_with_view(width, height, math.radians(options.view)),
+                model=camera_with_view(width, height, view),
                 focal_length=options.focal_length,
                 report=lambda text: print(text, file=sys.stderr),
             )
@@ -75,6 +76,8 @@ def _calibrate(options: argparse.Namespace) -> None:
         f"{math.degrees(calibration.error_before):.2f} degrees before, "
         f"{math.degrees(calibration.error_after):.2f} degrees after (rms)"
     )
+    if options.focal_length:
+        print(f"angle of view: {math.degrees(calibration.angle_of_view(view)):.1f} degrees")
     calibration.save(options.output)
     servos = ["--sim"] if options.sim else ["--port", options.port]
     words = ["head_tracking", *servos, "--robot", options.robot, "--calibration"]

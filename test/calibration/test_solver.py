@@ -53,10 +53,13 @@ def test_the_focal_length_is_found(geometry):
         view._replace(corners=(view.corners - (319.5, 239.5)) * 1.03 + (319.5, 239.5))
         for view in head.views
     ]
-    found = solve(geometry, CAMERA, longer, SIZE, focal_length=True).estimates["focal length"]
+    solution = solve(geometry, CAMERA, longer, SIZE, focal_length=True)
+    found = solution.estimates["focal length"]
     assert found.observable
     assert found.value == pytest.approx(math.log(1.03), abs=4.0 * found.deviation)
     assert found.deviation < 0.02
+    narrower = 2.0 * math.atan(math.tan(0.5) / math.exp(found.value))
+    assert solution.angle_of_view(1.0) == pytest.approx(narrower)
 
 
 def test_a_wrong_marker_size_is_refused(geometry):
