@@ -23,10 +23,9 @@ from typing import Any, NamedTuple
 
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
 from frame import row, table
-from simulated_device import Bench
+from simulated_device import Rig
 
 from head_tracking.dynamixel import (
-    BusReading,
     DynamixelError,
     DynamixelPort,
     Goal,
@@ -52,7 +51,6 @@ TIMED = Path(__file__).parent / "timed_run.py"
 WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
 ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
 FAULTY_CYCLES, BURST, FAULT_RATE = 100_000, 1000, 0.05
-PERIOD = 20_000_000  # ns
 JOINTS = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
 
 
@@ -308,8 +306,7 @@ def faulty_cycles() -> str:
             "xm", 2, 2048, 1024, 3072, controller="xm_controller", model=servo_model("XM430-W350")
         ),
     ]
-    bench = Bench(simulated)
-    run = FaultyRun(bench, joints)
+    run = FaultyRun(simulated, joints=joints)
     back: list[float] = []
     for _ in range(FAULTY_CYCLES // BURST):
         faults.rate = FAULT_RATE
@@ -330,7 +327,7 @@ def faulty_cycles() -> str:
             if taken.id == joint.id and "Goal Position" in taken.names
         )
     struck = sum(faults.counts.values())
-    overlaps = bench.line.overlaps
+    overlaps = run.bench.line.overlaps
     spoken_over = overlaps[Overlap.REQUEST] + overlaps[Overlap.STATUS]
     late = overlaps[Overlap.FAULT]
     return row(
@@ -344,7 +341,7 @@ def faulty_cycles() -> str:
     )
 
 
-class FaultyRun:
+class FaultyRun(Rig):
     """Runs cycles and judges them by the true angles.
 
     Attributes:
@@ -355,48 +352,37 @@ class FaultyRun:
         full_since: the first of the latest cycles that have all read every joint [ns].
     """
 
-    def __init__(self, bench: Bench, joints: list[JointConfiguration]) -> None:
-        self._driver, self._bench, self._joints = bench.servo_bus(joints), bench, joints
-        self._driver.connect()
-        self._clock = bench.clock
-        self._due = self._clock.now
-        self.cycles = self.exceptions = self.stale = self.recovered = self.full_since = 0
-        self.reading: BusReading = self._driver.step()
+    cycles = exceptions = stale = recovered = full_since = 0
 
     def cycle(self, recover: bool) -> None:
         """One cycle at 50 Hz with a new command."""
-        driver, clock = self._driver, self._clock
-        self._due = max(self._due + PERIOD, clock.now)
-        while driver.cycle.fill(self._due):
-            pass
-        clock.now = max(self._due, clock.now)
+        bus, clock = self.bus, self.bench.clock
         self.cycles += 1
         goals = {
             joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
-            for joint in self._joints
-            if not driver.joint(joint.joint_name).torque.refuses
+            for joint in self.joints
+            if not bus.joint(joint.joint_name).torque.refuses
         }
         with suppress(GoalError):
-            driver.command(goals)
+            bus.command(goals)
         try:
-            self.reading = driver.step()
-            if recover and any(
-                driver.joint(j.joint_name).torque is Torque.OFF_BY_FAULT for j in self._joints
-            ):
+            self.step()
+            torques = [bus.joint(joint.joint_name).torque for joint in self.joints]
+            if recover and Torque.OFF_BY_FAULT in torques:
                 self.recovered = clock.now
                 with suppress(DynamixelError):
-                    run(driver.recovering())
+                    run(bus.recovering())
         except Exception:
             self.exceptions += 1
-        if len(self.reading.states) < len(self._joints):
+        if len(self.reading.states) < len(self.joints):
             self.full_since = sys.maxsize
         else:
             self.full_since = min(self.full_since, clock.now)
-        for joint in self._joints:
+        for joint in self.joints:
             state = self.reading.states.get(joint.joint_name)
             if state is not None:
                 age = (clock.now - state.stamp) * 1e-9 + 0.001
-                true = joint.position(self._bench.bus[joint.id].true_ticks)
+                true = joint.position(self.bench.bus[joint.id].true_ticks)
                 self.stale += abs(true - state.position) > 2 * joint.resolution + 7.0 * age
 
 
