@@ -11,13 +11,13 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from decimal import Decimal
 from functools import partial
 
 import numpy as np
 import pytest
-from rig import DEGREE, SOURCE, bearing, swing_until_learned
+from rig import DEGREE, SOURCE, bearing, follow_a_swing, swing_until_learned
 from waiting import PATIENCE, join, repeating, wait_for
 
 from head_tracking import (
@@ -72,6 +72,17 @@ def run_until_it_turns(servos, text):
     )
     wait_for(lambda: servos.torque == [1, 1] and abs(servos.true[0]) > 0.05)
     return program
+
+
+@contextmanager
+def on_alarm(handler):
+    """Handle SIGALRM so."""
+    before = signal.signal(signal.SIGALRM, handler)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 # looking and following
@@ -172,14 +183,11 @@ def test_the_reason_says_why_a_target_is_not_followed(head):
 
 
 def test_a_moving_target_is_followed(head, servos):
-    began, errors, states = time.time(), [], set()
+    errors, states = [], set()
 
     def follows():
-        now = time.time()
-        swing = 0.7 * math.sin(1.5 * (now - began))
-        head.follow((2 * math.cos(swing), 2 * math.sin(swing), 0.6), stamp=now)
+        follow_a_swing(head)
         states.add(head.state)
-        time.sleep(0.02)
         errors.append(math.pi if head.error is None else head.error)
         return len(errors) > 150 and statistics.median(errors[-100:]) < 4 * DEGREE
 
@@ -525,8 +533,7 @@ def test_ctrl_c_at_any_moment_leaves_the_head_usable(head):
         lambda: (head.relax(), head.resume()),
         lambda: (head.stop(), head.resume()),
     )
-    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    try:
+    with on_alarm(signal.default_int_handler):
         for number in range(120):
             with suppress(KeyboardInterrupt, DynamixelError, RefusedCommandError):
                 signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-4, 0.05))
@@ -534,8 +541,6 @@ def test_ctrl_c_at_any_moment_leaves_the_head_usable(head):
                     commands[number % len(commands)]()
                 finally:  # nothing comes between here and the end of the block
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
-    finally:
-        signal.signal(signal.SIGALRM, before)
 
     def resumed():
         with suppress(DynamixelError, RefusedCommandError):  # a STOP may not have ended
@@ -547,8 +552,7 @@ def test_ctrl_c_at_any_moment_leaves_the_head_usable(head):
 
 
 def test_a_signal_handler_can_stop_the_head(head, servos):
-    before = signal.signal(signal.SIGALRM, lambda *_: head.stop())
-    try:
+    with on_alarm(lambda *_: head.stop()):
         for _ in range(100):
             signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-4, 5e-3))
             with suppress(RefusedCommandError):
@@ -556,9 +560,6 @@ def test_a_signal_handler_can_stop_the_head(head, servos):
                     head.follow(LEFT, stamp=time.time())
             wait_for(lambda: servos.torque == [0, 0])
             head.resume()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def test_stop_and_close_relax_the_servos_while_a_log_handler_hangs(servos, kinectbot):
@@ -593,14 +594,9 @@ def test_a_timeout_error_of_a_signal_handler_ends_look_at(head):
     def interrupt(*_):
         raise TimeoutError
 
-    before = signal.signal(signal.SIGALRM, interrupt)
-    try:
+    with on_alarm(interrupt), pytest.raises(TimeoutError):
         signal.setitimer(signal.ITIMER_REAL, 0.3)
-        with pytest.raises(TimeoutError):
-            head.look_at(LEFT, max_velocity=0.2)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        head.look_at(LEFT, max_velocity=0.2)
     assert head.state is HeadState.HOLDING
 
 

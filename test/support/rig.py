@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import cached_property
@@ -30,7 +29,7 @@ from ros_domain import own_domain
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
-from waiting import PATIENCE, join, wait_for
+from waiting import PATIENCE, at_rest, join, wait_for
 
 from head_tracking import Head
 from head_tracking.simulation import SimulatedPort, SimulatedServo
@@ -179,30 +178,20 @@ class Servos:
 
     def at_rest(self) -> tuple[float, float]:
         """Wait until both shafts have stood still for 0.3 s; where [rad]."""
-        seen: deque[tuple[float, float]] = deque(maxlen=30)
+        return at_rest(lambda: self.true, 0.3)
 
-        def still() -> bool:
-            seen.append(self.true)
-            pans, tilts = zip(*seen, strict=True)
-            steady = max(max(pans) - min(pans), max(tilts) - min(tilts)) < 1e-3
-            return len(seen) == seen.maxlen and steady
 
-        wait_for(still)
-        return seen[-1]
+def follow_a_swing(head: Head) -> None:
+    """Follow a target that swings, for a moment."""
+    now = time.time()
+    swing = 0.7 * math.sin(1.5 * now)
+    head.follow((2 * math.cos(swing), 2 * math.sin(swing), 0.6), stamp=now)
+    time.sleep(0.02)
 
 
 def swing_until_learned(head: Head, value: str) -> None:
     """Follow a target that swings, until a head has learned a value."""
-    began = time.time()
-
-    def learns() -> bool:
-        now = time.time()
-        swing = 0.7 * math.sin(1.5 * (now - began))
-        head.follow((2 * math.cos(swing), 2 * math.sin(swing), 0.6), stamp=now)
-        time.sleep(0.02)
-        return head.learned[value].source == "learned"
-
-    wait_for(learns)
+    wait_for(lambda: follow_a_swing(head) or head.learned[value].source == "learned")
 
 
 class Talker:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import gc
-import time
 from contextlib import ExitStack, closing
 from dataclasses import replace
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rig import Talker
-from waiting import failing_waits, wait_for
+from waiting import at_rest, failing_waits, wait_for
 
 from head_tracking.ros.kit.spinning import NodeThreads
 from head_tracking.ros.kit.stop_signal import StopSignal
@@ -59,14 +58,4 @@ class Robot(Talker):
 
     def at_rest(self, seconds: float = 0.3) -> tuple[float, float]:
         """Waits until the head truly stands still; where."""
-        since, where = time.monotonic(), (self.pan, self.tilt)
-
-        def still() -> bool:
-            nonlocal since, where
-            now = (self.true("head_pan_joint"), self.true("head_tilt_joint"))
-            if any(abs(a - b) > 1e-3 for a, b in zip(now, where, strict=True)):
-                since, where = time.monotonic(), now
-            return time.monotonic() - since > seconds
-
-        wait_for(still)
-        return where
+        return at_rest(lambda: (self.true("head_pan_joint"), self.true("head_tilt_joint")), seconds)

@@ -6,13 +6,16 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from closed_loop import ClosedLoop, Conditions, Outcome, Path
+from closed_loop import ClosedLoop, Conditions, Outcome, Path, kinectbot
 
 from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import LAWS, Tracker, TrackingStep
 from head_tracking.transforms import Vector3
 
 LEVEL = 0.08  # m above the head's base frame
+HEAD = PanTiltHead(
+    kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
+)
 ON_HEAD = Conditions(duration=10.0, noise=0.002, delay=0.1, on_head=True)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol, TypeVar
@@ -76,3 +77,17 @@ def wait_for(what: Callable[[], T], patience: float = PATIENCE, interval: float 
             raise AssertionError(f"waited {patience} s in vain; last answer: {found!r}")
         time.sleep(interval)
     return found
+
+
+def at_rest(positions: Callable[[], tuple[float, float]], seconds: float) -> tuple[float, float]:
+    """Wait until pan and tilt have stood still for a while [s]; return them [rad]."""
+    seen: deque[tuple[float, float]] = deque(maxlen=round(100 * seconds))
+
+    def still() -> bool:
+        seen.append(positions())
+        return len(seen) == seen.maxlen and all(
+            max(each) - min(each) < 1e-3 for each in zip(*seen, strict=True)
+        )
+
+    wait_for(still)
+    return seen[-1]

@@ -7,16 +7,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from ideal_head import DT, IdealHead
+from runs import HEAD
 
-from head_tracking.gaze import PanTiltHead
-from head_tracking.share import robot_file
 from head_tracking.tracking import LAWS, ClockWatch, Tracker
-from head_tracking.transforms import load_robot_model
-
-MODEL = load_robot_model(robot_file("kinectbot"))
-HEAD = PanTiltHead(
-    MODEL, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
-)
 
 
 class Clocks:

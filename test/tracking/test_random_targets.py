@@ -6,8 +6,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from ideal_head import IdealHead
+from runs import HEAD
 
-from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import (
     LAWS,
     PredictiveLawParameters,
@@ -60,12 +60,9 @@ class Rig:
     def __init__(self, model, law, life, limits=None, parameters=None):
         self.buffer = TransformBuffer()
         self.buffer.set_model(model)
-        self.head = PanTiltHead(
-            model, "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
-        )
-        self.tracker = Tracker(self.head, LAWS[law](self.head, PERIOD / SECOND, limits, parameters))
+        self.tracker = Tracker(HEAD, LAWS[law](HEAD, PERIOD / SECOND, limits, parameters))
         self.tracker.machine.parameters = life
-        self.placer = TargetPlacer(self.buffer, self.head.base_frame, 1.0)
+        self.placer = TargetPlacer(self.buffer, HEAD.base_frame, 1.0)
         self.now = START
         self.ideal = IdealHead(self.tracker, START / SECOND, late=2, tick=TICK)
         self.commands, self.misread = [], None
@@ -91,10 +88,10 @@ class Rig:
         return command
 
 
-def inside(head, command, fastest):
+def inside(command, fastest):
     for goal, speed, limits in (
-        (command.pan, command.pan_speed, head.pan_limits),
-        (command.tilt, command.tilt_speed, head.tilt_limits),
+        (command.pan, command.pan_speed, HEAD.pan_limits),
+        (command.tilt, command.tilt_speed, HEAD.tilt_limits),
     ):
         assert math.isfinite(goal)
         assert limits.lower - 1e-9 <= goal <= limits.upper + 1e-9
@@ -123,7 +120,7 @@ def test_commands_stay_inside_and_the_head_ends_at_rest(
         rig.step()
     for command in rig.commands:
         if command is not None:
-            inside(rig.head, command, fastest)
+            inside(command, fastest)
     rested = rig.ideal.positions
     last = [rig.step() for _ in range(25)]
     assert rig.ideal.positions == pytest.approx(rested, abs=1e-9)

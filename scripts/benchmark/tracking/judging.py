@@ -11,17 +11,14 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from closed_loop import START, ClosedLoop, Conditions, kinectbot
+from closed_loop import START, ClosedLoop, Conditions
 from plant import Pair, Streamed, angles
+from runs import HEAD
 
-from head_tracking.gaze import PanTiltHead
 from head_tracking.tracking import LAWS, HeadBase, SetpointStream, Tracker
 from tracking.opponents import Kalman, ReachyMini, SimpleLaw, Tutorials
 from tracking.situations import SITUATIONS
 
-HEAD = PanTiltHead(
-    kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
-)
 _AHEAD = 0.1  # s from now to the prediction whose deviation is judged
 _SETTLED = 8.0  # s after which a learned delay counts
 _WRITTEN = 0.0013  # s from a step to the command
