@@ -303,16 +303,19 @@ class TargetEstimator:
             self._suspected = now
         return verdict
 
-    def settle(self, now: float) -> bool:
-        """Return whether a lone point after a gap is the new target: no other one contradicts it.
+    def settle(self, now: float, *, is_lost: bool) -> bool:
+        """Return whether the latest suspect is the new target, as no other point contradicts it.
+
+        It is a lone point after a gap, or one of several with which a target was lost.
 
         Args:
             now: the time [s].
+            is_lost: whether the target is lost.
         """
         if not self._suspects or now - self._suspected < _UNCONTRADICTED:
             return False
         latest = self._suspects[-1]
-        if not self._is_gap(latest[0]):
+        if not self._is_gap(latest[0]) and not (is_lost and len(self._suspects) > 1):
             return False
         self._begin([latest], self._snapshots[-1])
         self.estimate = self._described(-1)
@@ -358,6 +361,7 @@ class TargetEstimator:
         if self._is_gap(points[0][0]) or self._jumped(estimate, points):
             self._restart(points)
             return Verdict.NEW_TARGET
+        self._leave(index)
         for point in points:
             self._insert(*point)
         return Verdict.TAKEN
@@ -399,14 +403,22 @@ class TargetEstimator:
             return False
         return self._angle(self._left[1], ray) < _SAME * self.parameters.jump_threshold
 
+    def _leave(self, index: int) -> None:
+        """Remember where the target stayed until the point before `index`, if it did."""
+        last = self._snapshots[index - 1]
+        since = [each for each in self._snapshots[:index] if each.stamp > last.stamp - _STAYED]
+        near = _SAME * self.parameters.jump_threshold
+        stayed = last.stamp - self._began > _STAYED and all(
+            self._angle(each.ray, last.ray) < near for each in since
+        )
+        self._left = (last.stamp, last.ray) if stayed else None
+
     def _restart(self, points: Sequence[tuple[float, Ray]]) -> None:
         """Start anew from confirmed points, and judge later points again."""
         index = max(bisect_right(self._stamps, points[0][0]), 1)
-        before = self._snapshots[index - 1]
         later = [(each.stamp, each.ray) for each in self._snapshots[index:]]
-        stayed = before.stamp - self._began > _STAYED
-        self._left = (before.stamp, before.ray) if stayed else None
-        self._begin(points, before)
+        self._leave(index)
+        self._begin(points, self._snapshots[index - 1])
         for stamp, ray in later:
             place = bisect_right(self._stamps, stamp)
             if place:

@@ -176,7 +176,7 @@ class Tracker:
             self.machine.seen(now, new=False)
         if self.camera.fault:
             return TrackingStep(self._halt(self.camera.fault))
-        if self.estimator.settle(now):
+        if self.estimator.settle(now, is_lost=not self._follows(now)):
             self.machine.seen(now, new=True)
             self._came, self._jumps = now, 0
         self.reading_age += _SMOOTHING * (now - joints.stamp - self.reading_age)

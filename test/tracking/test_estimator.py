@@ -248,15 +248,33 @@ def test_after_a_gap_the_second_point_is_the_target(gap, first, second):
     """The first one may be a false detection."""
     verdicts, estimator, now = after_a_gap(first, second, gap=gap)
     assert verdicts == [Verdict.JUMP, Verdict.NEW_TARGET]
-    assert not estimator.settle(now + 1.0)
+    assert not estimator.settle(now + 1.0, is_lost=True)
     assert estimator.estimate.ray_at(now).pan == pytest.approx(second, abs=1e-3)
 
 
 def test_a_lone_point_after_a_gap_is_believed_if_nothing_contradicts_it():
     _, estimator, now = after_a_gap(0.5)
-    assert not estimator.settle(now + 0.1)
-    assert estimator.settle(now + 0.25)
+    assert not estimator.settle(now + 0.1, is_lost=False)
+    assert estimator.settle(now + 0.25, is_lost=False)
     assert estimator.estimate.ray_at(now).pan == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_target_that_is_lost_is_where_its_last_two_points_were():
+    """It left the view while its points waited for confirmation; one may be a false detection."""
+    estimator = fed(lambda t: at(0.0), 1.0)
+    for now, pan in ((1.1, 0.2), (1.2, 0.5)):
+        assert estimator.add(now, at(pan), now) is Verdict.JUMP
+        assert not estimator.settle(now + 0.3, is_lost=now < 1.15)
+    assert estimator.settle(1.6, is_lost=True)
+    assert estimator.estimate.ray_at(1.6).pan == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_target_that_went_away_by_false_points_is_back_at_once():
+    """Two false detections in one direction are a motion; who was at rest may be there still."""
+    estimator = fed(lambda t: at(0.0), 2.0)
+    estimator.add(2.1, at(0.13), 2.1)
+    assert estimator.add(2.2, at(0.26), 2.2) is Verdict.TAKEN
+    assert estimator.add(2.3, at(0.0), 2.3) is Verdict.NEW_TARGET
 
 
 @pytest.mark.parametrize("rate", [15, 30])
