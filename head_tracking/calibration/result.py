@@ -169,13 +169,14 @@ class Calibration:
             draft.write_text(text)
             draft.replace(path)
         except OSError as error:
-            with suppress(OSError):
-                draft.unlink()
             raise CalibrationFileError(
                 path,
                 f"it cannot be written ({error.strerror}); give a file in a writable folder, on a "
                 "disk with free space",
             ) from error
+        finally:
+            with suppress(OSError):
+                draft.unlink()
 
     def apply(self, model: RobotModel) -> RobotModel:
         """Return a robot model, with its URDF, changed by this calibration.

@@ -77,7 +77,9 @@ class CameraCalibration:
                 "This run uses a calibration: start it without --calibration to calibrate anew."
             )
         if not self._busy.acquire(blocking=False):
-            raise HeadTrackingError("A calibration is in progress already.")
+            raise HeadTrackingError(
+                "A calibration is in progress already: wait for its end, or press STOP."
+            )
         self.progress = Progress(True, "The head begins to look around. STOP ends it.")
         marker = MarkerParameters("4X4_50", -1, marker_size)
         head = _PointedHead(self._robot, lambda: self._picture(topic))

@@ -1,8 +1,10 @@
 """Files of calibrations, and heads that use them."""
 
 import os
+import signal
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,11 +61,14 @@ def test_a_file_is_what_was_saved(file):
     assert Calibration.load(again) == found
 
 
-def test_a_file_that_cannot_be_written_leaves_the_earlier_one_and_no_draft(file):
-    calibration, draft = Calibration.load(file), file.with_name(f".{file.name}.draft")
-    before = file.read_text()
-    draft.symlink_to("/dev/full")
-    with pytest.raises(CalibrationFileError):
+@pytest.mark.parametrize("problem", ["full disk", "Ctrl-C"])
+def test_a_file_that_is_not_written_leaves_the_earlier_one_and_no_draft(file, problem, monkeypatch):
+    calibration, before = Calibration.load(file), file.read_text()
+    if problem == "full disk":
+        file.with_name(f".{file.name}.draft").symlink_to("/dev/full")
+    else:
+        monkeypatch.setattr(Path, "replace", lambda *_: signal.raise_signal(signal.SIGINT))
+    with pytest.raises((CalibrationFileError, KeyboardInterrupt)):
         calibration.save(file)
     assert file.read_text() == before
     assert list(file.parent.iterdir()) == [file]
