@@ -395,6 +395,35 @@ def test_a_jump_of_the_clock_stops_the_head_which_follows_again(track, is_simula
     assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.03)
 
 
+def test_a_head_that_turns_the_wrong_way_is_disabled_until_it_is_enabled(track, kinectbot):
+    tracked = track()
+    world, control = tracked.world, tracked.node.control
+    states, diagnoses = world.record("/head_tracker/state"), world.record("/diagnostics")
+    chain = kinectbot.chain("head_pan_link", "camera_link")
+
+    def see():
+        pan, tilt = map(world.true_position, chain.joints)
+        point = chain.transform(-pan, tilt).inverse() @ (2.0, 0.6, 0.4)
+        seen = Target(world.now, "camera_link", point)
+        world.at(world.now + 50_000_000, lambda: control.accept(seen))
+
+    world.every(33_000_000, see)
+    world.run(2.5)
+    fault = "disabled: head_pan_joint turns in"
+    assert states[-1][1].data.startswith(fault)
+    assert tracked.fields["enabled"] == "false"
+    assert set(world.loop.owners.of(control.joints).values()) == {""}
+    newest = diagnoses[-1][1].status[0]
+    assert newest.level == DiagnosticStatus.ERROR
+    assert "head_pan_joint" in newest.message
+    stood = world.true_position("head_pan_joint")
+    world.run(1.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.001)
+    control.enable()
+    world.run(2.0)
+    assert sum(message.data.startswith(fault) for _, message in states) == 2
+
+
 def test_a_whole_run_uses_simulated_time(make_robot):
     """On a clock that comes 10 times a second and starts anew."""
     robot = make_robot(ros_args=["-p", "use_sim_time:=true"], wait=False)
