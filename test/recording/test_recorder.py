@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from ros_domain import own_domain
@@ -48,6 +49,14 @@ def recorder(node, tmp_path) -> Iterator[Recorder]:
     recorder = Recorder(node, RecorderParameters(record_directory=str(tmp_path), record_limit=1))
     yield recorder
     recorder.stop()
+
+
+@pytest.fixture
+def states(node, kinectbot) -> Publisher:
+    """The joint states of a robot that is described."""
+    description = node.create_publisher(String, "robot_description", LATCHED)
+    description.publish(String(data=kinectbot.urdf))
+    return node.create_publisher(JointState, "joint_states", 10)
 
 
 def messages(file: Path) -> list[tuple[str, Any, Any]]:
@@ -140,10 +149,7 @@ def test_the_file_tells_what_ros2_bag_wants_to_know(node, recorder):
     assert summary.statistics.message_count == recorder._session._count
 
 
-def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, kinectbot):
-    description = node.create_publisher(String, "robot_description", LATCHED)
-    description.publish(String(data=kinectbot.urdf))
-    states = node.create_publisher(JointState, "joint_states", 10)
+def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, states):
     noise = node.create_publisher(String, "text", 10)
     file = start(recorder, node, 3)
     generator = np.random.default_rng(1)
@@ -161,10 +167,7 @@ def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, kinectbot
     recorder.start()  # the next one
 
 
-def test_what_a_crash_leaves_can_be_read(node, recorder, kinectbot, tmp_path):
-    description = node.create_publisher(String, "robot_description", LATCHED)
-    description.publish(String(data=kinectbot.urdf))
-    states = node.create_publisher(JointState, "joint_states", 10)
+def test_what_a_crash_leaves_can_be_read(node, recorder, states, tmp_path):
     file = start(recorder, node, 2)
     generator = np.random.default_rng(1)
 

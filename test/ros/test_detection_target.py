@@ -1,11 +1,11 @@
 """detection_target over real topics with the real messages of other packages."""
 
 import math
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from lockstep import World
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from waiting import wait_for
@@ -27,14 +27,11 @@ CAMERA = camera_with_view(320, 240, 1.0)
 class Scene:
     """Another program that finds things, and somebody who listens for the target."""
 
-    def __init__(self, model, **parameters):
-        self.world = World(model)
-        parameters = {"fixed_frame": "", **parameters}
-        self.node = self.world.make(DetectionTargetNode, parameters, buffer=self.world.buffer)
-        self.warnings = []
-        self.node.warn = self.warnings.append
-        self._targets = self.world.record("/target_point")
-        self._ids = self.world.record("/detection_target/id")
+    def __init__(self, world, **parameters):
+        self.world = world
+        world.make(DetectionTargetNode, {"fixed_frame": "", **parameters}, buffer=world.buffer)
+        self._targets = world.record("/target_point")
+        self._ids = world.record("/detection_target/id")
 
     @property
     def ids(self):
@@ -59,16 +56,8 @@ class Scene:
 
 
 @pytest.fixture
-def scene(kinectbot, threads):
-    scenes = []
-
-    def make(**parameters):
-        scenes.append(Scene(kinectbot, **parameters))
-        return scenes[-1]
-
-    yield make
-    for made in scenes:
-        made.world.close()
+def scene(world):
+    return partial(Scene, world)
 
 
 def detection(name, u, v, width, *, score=0.9, kind="person"):

@@ -17,10 +17,8 @@ goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
 
 
 @pytest.fixture
-def pointed(kinectbot, threads):
-    head = goals.PointedHead(kinectbot)
-    yield head
-    head.world.close()
+def pointed(world):
+    return goals.PointedHead(world)
 
 
 def test_random_goals_report_the_miss_of_the_true_angles(pointed):

@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.motions import MotionEnd
 from head_tracking.ros.head.point_head import PointHeadNode
-from head_tracking.transforms import RobotModel, Vector3
+from head_tracking.transforms import Vector3
 
 JOINTS = ("head_pan_joint", "head_tilt_joint")
 FOLLOW = "point_head/follow_joint_trajectory"
@@ -81,18 +81,14 @@ class HeldGoal:
 
 
 class PointedHead:
-    """point_head and its servos in simulated time; rclpy must be initialised."""
+    """point_head and its servos in simulated time."""
 
-    def __init__(self, model: RobotModel) -> None:
-        self.world = World(model)
-        self.node: PointHeadNode = self.world.make(
-            PointHeadNode,
-            {"max_velocity": 5.0},
-            loop=self.world.loop,
-        )
-        self._states = self.world.record("/point_head/state")
-        self.head = PanTiltHead(model, *JOINTS, "camera_link")
-        self.world.run(0.1)
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.node: PointHeadNode = world.make(PointHeadNode, {"max_velocity": 5.0}, loop=world.loop)
+        self._states = world.record("/point_head/state")
+        self.head = PanTiltHead(world.buffer.core.model, *JOINTS, "camera_link")
+        world.run(0.1)
 
     @property
     def true(self) -> tuple[float, float]:

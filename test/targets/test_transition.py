@@ -13,10 +13,6 @@ def ways(start, end, steps=50):
     return [between(start, end, i / steps, CENTRE) for i in range(steps + 1)]
 
 
-def distance(a, b):
-    return math.dist(a, b)
-
-
 @pytest.mark.parametrize(
     ("start", "end"),
     [((-0.5, 1, 0.5), (-0.5, -1, 0.2)), ((2, 0, 0), (0.5, 0.1, 1.5))],
@@ -25,9 +21,9 @@ def test_the_way_is_smooth_and_stays_away_from_the_head(start, end):
     points = ways(start, end)
     assert points[0] == pytest.approx(start)
     assert points[-1] == pytest.approx(end)
-    nearest = min(distance(start, CENTRE), distance(end, CENTRE))
-    assert min(distance(point, CENTRE) for point in points) > 0.99 * nearest
-    steps = [distance(a, b) for a, b in itertools.pairwise(points)]
+    nearest = min(math.dist(start, CENTRE), math.dist(end, CENTRE))
+    assert min(math.dist(point, CENTRE) for point in points) > 0.99 * nearest
+    steps = [math.dist(a, b) for a, b in itertools.pairwise(points)]
     assert max(steps) < 3.2 * sum(steps) / len(steps)
     assert steps[0] < 0.2 * max(steps), "it starts without a jolt"
 

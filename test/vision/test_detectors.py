@@ -136,13 +136,17 @@ def test_a_ball_that_is_half_covered_keeps_its_depth(kinectbot):
 # markers
 
 
+def two_markers(*dictionary):
+    """Show the markers 3 and 5 beside each other."""
+    return still(
+        marker_board(Swing(1.2, 0.6, middle=0.2), 3, *dictionary),
+        other=marker_board(Swing(1.0, 0.6, middle=-0.2), 5, *dictionary),
+    )
+
+
 @pytest.mark.parametrize("dictionary", ["4X4_50", "APRILTAG_36h11"])
 def test_the_marker_with_the_right_number_is_followed(kinectbot, dictionary):
-    boards = {
-        "thing": marker_board(Swing(1.2, 0.6, middle=0.2), 3, dictionary),
-        "other": marker_board(Swing(1.0, 0.6, middle=-0.2), 5, dictionary),
-    }
-    view = View(still(**boards), kinectbot, KINECT, swing=0.0)
+    view = View(two_markers(dictionary), kinectbot, KINECT, swing=0.0)
     parameters = MarkerParameters(dictionary=dictionary, marker_id=3)
     seen = watch(tracker("marker", parameters), view, "thing", 6)
     assert len(seen.misses) == 4
@@ -161,11 +165,7 @@ def test_a_tag_with_a_narrow_border_and_a_wrong_module_is_found():
 
 
 def test_a_selected_box_sets_the_marker(kinectbot):
-    boards = {
-        "thing": marker_board(Swing(1.2, 0.6, middle=0.2), 3),
-        "other": marker_board(Swing(1.0, 0.6, middle=-0.2), 5),
-    }
-    view = View(still(**boards), kinectbot, KINECT, swing=0.0)
+    view = View(two_markers(), kinectbot, KINECT, swing=0.0)
     seen = watch(tracker("marker"), view, "thing", 6, select=80)
     assert {s.candidate.label for s in seen.sightings if s} == {"3"}
 
