@@ -106,7 +106,7 @@ def test_all_faults_at_once_on_mixed_models(names: list[str]) -> None:
     assert all(len(reading.states) == len(names) for reading in readings[-20:])
 
 
-OWN = tuple(set(Fault) - {Fault.STALL, Fault.DELAY, Fault.ECHO})
+OWN = tuple(kind for kind in Fault if kind not in (Fault.STALL, Fault.DELAY, Fault.ECHO))
 """Without those in which a servo is late of itself."""
 HALF = (Fault.MISHEARING, Fault.CORRUPT, Fault.TRUNCATE)
 """The first one's reply is damaged, and the second one's is still to come."""

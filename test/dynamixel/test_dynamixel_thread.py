@@ -199,21 +199,25 @@ def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
     assert [bench.port.is_open for bench in benches] == [False, False]
 
 
-def test_same_joint_or_controller_on_two_buses_is_refused() -> None:
-    other = replace(TILT, joint_name="head_pan_joint")
-    same = replace(TILT, controller=PAN.controller)
-    for joint in (other, same):
-        loop = ControlLoop(None)
-        buses = [
-            ServoBus(fake_bench().port, [each], epoch=loop.owners.epoch) for each in (PAN, joint)
-        ]
-        with pytest.raises(ConfigurationError, match="same name"):
-            DynamixelBackend(buses, loop, 50.0)
-
-
-def test_a_bus_that_a_stop_of_the_loop_would_not_overtake_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="epoch"):
-        DynamixelBackend([ServoBus(fake_bench().port, [PAN])], ControlLoop(None), 50.0)
+@pytest.mark.parametrize(
+    ("other", "same_epoch", "problem"),
+    [
+        (replace(TILT, joint_name=PAN.joint_name), True, "same name"),
+        (replace(TILT, controller=PAN.controller), True, "same name"),
+        (TILT, False, "epoch"),  # a STOP of the loop would not overtake it
+    ],
+)
+def test_buses_that_do_not_fit_together_are_refused(
+    other: JointConfiguration, same_epoch: bool, problem: str
+) -> None:
+    loop = ControlLoop(None)
+    epochs = loop.owners.epoch, loop.owners.epoch if same_epoch else None
+    buses = [
+        ServoBus(fake_bench().port, [joint], epoch=epoch)
+        for joint, epoch in zip((PAN, other), epochs, strict=True)
+    ]
+    with pytest.raises(ConfigurationError, match=problem):
+        DynamixelBackend(buses, loop, 50.0)
 
 
 def test_of_several_buses_all_are_connected_or_none() -> None:
