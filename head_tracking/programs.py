@@ -80,7 +80,8 @@ def __getattr__(name: str) -> Callable[[], int]:
             print(f"{name}: no command {sys.argv[1]}; there are {commands}", file=sys.stderr)
             return 2
         try:
-            program = import_module(f"head_tracking.{_module(program_name)}")
+            place = f"{NODES.get(program_name, 'cli')}.{program_name}"
+            program = import_module(f"head_tracking.{_MODULES.get(program_name, place)}")
             spinning = "head_tracking.ros.kit.spinning"
             run = getattr(program, "main", None) or partial(
                 import_module(spinning).run_node, resolve_name(node_class(program_name))
@@ -113,9 +114,3 @@ def node_class(name: str) -> str:
     """Return the name of a node's class: head_tracking.ros.bus.servo_bus.ServoBusNode."""
     kind = name.title().replace("_", "") + "Node"
     return f"head_tracking.{NODES[name]}.{name}.{kind}"
-
-
-def _module(name: str) -> str:
-    if name in _MODULES:
-        return _MODULES[name]
-    return f"{NODES.get(name, 'cli')}.{name}"

@@ -242,11 +242,6 @@ class Calibration:
             ) from error
 
 
-def calibrated(model: RobotModel, path: str | Path) -> RobotModel:
-    """Return a robot model changed by a calibration file; see `Calibration.apply`."""
-    return Calibration.load(path).apply(model)
-
-
 def summary(calibration: Calibration) -> list[tuple[str, str, str]]:
     """Return name, change and deviation of each estimate as texts."""
     rows = []

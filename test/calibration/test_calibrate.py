@@ -13,7 +13,7 @@ import pytest
 from random_head import RESIDUALS
 
 from head_tracking import Head, HeadState, RefusedCommandError
-from head_tracking.calibration import Calibration, calibrated, gathering
+from head_tracking.calibration import Calibration, gathering
 from head_tracking.calibration.gathering import calibrate_camera
 from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.calibration.solver import CalibrationError, Reason
@@ -68,7 +68,7 @@ def test_a_wrong_mounting_is_corrected(quick, monkeypatch, tmp_path, target, vie
     arguments = ["camera", "--sim", "--yes", "--target", target, "--output", str(output)]
     assert calibrate.main([*arguments, "--picture", str(picture)]) == DONE
     model = load_robot_model(robot_file("kinectbot"))
-    found = calibrated(model, output).transform("neck_link", "camera_optical_frame", {})
+    found = Calibration.load(output).apply(model).transform("neck_link", "camera_optical_frame", {})
     true = model.transform("neck_link", "camera_optical_frame", {}) @ calibrate.SIMULATED_MOUNTING
     apart = found.inverse() @ true
     assert 2.0 * np.linalg.norm(apart[3:6]) < np.radians(degrees)  # it was 3.8 degrees

@@ -12,7 +12,7 @@ import yaml
 from random_head import RESIDUALS, kinectbot_geometry
 
 from head_tracking import Head
-from head_tracking.calibration import Calibration, CalibrationFileError, Estimate, calibrated
+from head_tracking.calibration import Calibration, CalibrationFileError, Estimate
 from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.cli.doctor.configured import check_calibration
 from head_tracking.cli.doctor.findings import Grade
@@ -42,7 +42,7 @@ def test_the_calibrated_model_agrees_with_the_solver(robot, tmp_path):
     joints = sorted(name for name in model.independent_joints if "_pan" in name or "_tilt" in name)
     geometry = HeadGeometry(model, *joints, "camera_optical_frame")
     Calibration.of(geometry, CHANGES, {}, 0.3, 20, 1, RESIDUALS).save(tmp_path / "c.yaml")
-    model = calibrated(model, tmp_path / "c.yaml")
+    model = Calibration.load(tmp_path / "c.yaml").apply(model)
     angles = np.array([(0.0, 0.3), (0.7, -0.2), (-0.4, 0.0)])
     for angle, turn, place in zip(angles, *geometry.cameras(CHANGES, *angles.T), strict=True):
         positions = dict(zip(joints, angle, strict=True))
@@ -88,8 +88,10 @@ def test_a_head_uses_it(file, geometry):
     with Head.simulated(calibration=file) as head:
         measured = head.pose("camera_optical_frame", geometry.base)
         joints = head.joints
-        expected = calibrated(geometry.model, file).transform(
-            geometry.base, "camera_optical_frame", joints
+        expected = (
+            Calibration.load(file)
+            .apply(geometry.model)
+            .transform(geometry.base, "camera_optical_frame", joints)
         )
         assert np.allclose(measured.as_matrix(), expected.as_matrix(), atol=1e-6)
         assert head.look_at((2.0, 0.3, 0.5)).arrived
@@ -121,10 +123,11 @@ def test_the_doctor_grades_it(file, robot, days, grade):
 
 def test_another_model_is_refused(file, geometry):
     """Also one with the same joints, and the calibrated model itself."""
+    calibration = Calibration.load(file)
     other = parse_robot_model(geometry.model.urdf.replace('name="kinectbot"', 'name="other"', 1))
-    for model in (other, calibrated(geometry.model, file)):
+    for model in (other, calibration.apply(geometry.model)):
         with pytest.raises(CalibrationFileError):
-            calibrated(model, file)
+            calibration.apply(model)
 
 
 @pytest.mark.parametrize(
@@ -138,12 +141,12 @@ def test_another_model_is_refused(file, geometry):
         lambda found: found["estimates"].update(x=None),
     ],
 )
-def test_a_damaged_file_is_refused(file, damage, geometry):
+def test_a_damaged_file_is_refused(file, damage):
     found = yaml.safe_load(file.read_text())
     damage(found)
     file.write_text(yaml.safe_dump(found))
     with pytest.raises(CalibrationFileError):
-        calibrated(geometry.model, file)
+        Calibration.load(file)
 
 
 @pytest.mark.parametrize("text", ["", "[1, 2", "7", "{}", pytest.param("[" * 5000, id="deep")])

@@ -113,8 +113,6 @@ def test_a_target_node_reports_the_package_that_is_missing(bench, words, package
         ("transforms tree --wait 0.3", 1, ""),
         ("look 1,1,0.5@base_link --wait 0.3", 1, ""),
         ("look @base_link --ros-args -p head_pan:=pan", 3, "head_pan"),
-        ("check_model nobot", 1, "nobot"),
-        ("servo --port /dev/ttyNOT0 info 1", 1, "/dev/ttyNOT0"),
         ("simulated_bus --baud 2000000", 1, "2000000"),
     ],
 )

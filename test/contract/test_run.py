@@ -51,15 +51,6 @@ def test_a_run_with_a_duration_ends_with_a_summary(bench):
     assert re.search(r"; \d+ bus cycles, \d+ faults", run.last_line)
 
 
-def test_a_wrong_parameter_file_ends_the_run_before_any_motion(bench):
-    text = "servo_bus:\n  ros__parameters: [\n"
-    run = bench.run("--params", params(bench, text), "--target", "fictitious")
-    assert run.end() == 2
-    assert "params.yaml" in run.last_line
-    assert "Traceback" not in run.output
-    assert bench.servos.true == (0.0, 0.0)
-
-
 def test_a_head_that_lacks_a_joint_waits_and_names_it(bench):
     text = "servo_bus: {ros__parameters: {head_pan_controller: {joint_name: neck}}}\n"
     run = bench.start("head_tracking", "--sim", "--params", params(bench, text))

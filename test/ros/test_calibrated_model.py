@@ -11,7 +11,7 @@ from random_head import RESIDUALS, kinectbot_geometry
 from rclpy.parameter import Parameter
 from waiting import wait_for
 
-from head_tracking.calibration import Calibration, calibrated
+from head_tracking.calibration import Calibration
 from head_tracking.calibration.geometry import Estimate
 from head_tracking.ros.kit.diagnostics import Level, health_from_message
 from head_tracking.ros.robot.robot_state_publisher import (
@@ -33,7 +33,7 @@ def test_a_run_publishes_the_calibrated_model(file):
     run = parse_arguments(["--sim", "--calibration", str(file)])
     (publisher,) = [node for node in run.nodes if node.name == "robot_state_publisher"]
     model = RobotStatePublisherParameters(**publisher.parameters).model()
-    expected = calibrated(kinectbot_geometry().model, file)
+    expected = Calibration.load(file).apply(kinectbot_geometry().model)
     frames = ("neck_link", "camera_optical_frame", {})
     assert np.allclose(
         model.transform(*frames).as_matrix(), expected.transform(*frames).as_matrix()

@@ -99,9 +99,9 @@ class RobotStatePublisherParameters:
             else load_robot_model(robot_file(self.robot))
         )
         if self.calibration:
-            from head_tracking.calibration import calibrated
+            from head_tracking.calibration import Calibration
 
-            model = calibrated(model, self.calibration)
+            model = Calibration.load(self.calibration).apply(model)
         if not self.world_frame or self.world_frame in model.links:
             return model
         x, y, z, yaw, pitch, roll = self.world_transform
