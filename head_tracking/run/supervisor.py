@@ -107,9 +107,12 @@ class ChildProcess:
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[self.name])
+        with suppress(OSError):
             if self.name != CONTROL:  # without memory, the system kills this process first
                 Path(f"/proc/{self._process.pid}/oom_score_adj").write_text("1000")
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS[self.name])
+            elif len(os.sched_getaffinity(0)) > 1:  # a core is left if control does not pause
+                os.sched_setscheduler(self._process.pid, os.SCHED_RR, os.sched_param(1))
         self.channel = Channel(ours)
         for node in self.nodes.values():
             self.channel.send(**node)
