@@ -25,16 +25,8 @@ APART = 0.08  # s between two pictures
 FEWEST = 4.0  # pictures a second: with fewer it is no film
 
 
-class Failed(Exception):
-    """The head did not follow all the time."""
-
-
-def filmed(page: Any, seconds: float) -> list[tuple[float, bytes]]:
-    """Yield the images of the page, with their times [s].
-
-    Raises:
-        Failed: the head did not follow all the time.
-    """
+def filmed(page: Any) -> list[tuple[float, bytes]]:
+    """Return the images of the page, with their times [s]; none if the head did not follow."""
     pictures: list[tuple[float, bytes]] = []
     session = page.context.new_cdp_session(page)
 
@@ -47,22 +39,13 @@ def filmed(page: Any, seconds: float) -> list[tuple[float, bytes]]:
     session.on("Page.screencastFrame", take)
     session.send("Page.startScreencast", {"format": "jpeg", "quality": 95, "everyNthFrame": 1})
     words = set()
-    while not pictures or pictures[-1][0] - pictures[0][0] < seconds:
+    while not pictures or pictures[-1][0] - pictures[0][0] < SECONDS:
         page.wait_for_timeout(200)
         words.add(word(page))
     session.send("Page.stopScreencast")
-    if words - {"on target", "moving"}:
-        raise Failed(f"the badge said {', '.join(sorted(words))}; is the machine quiet?")
-    return pictures
-
-
-def first_good(page: Any) -> list[tuple[float, bytes]]:
-    """Return the first recording in which the head follows; empty: none."""
-    for take in range(1, TAKES + 1):
-        try:
-            return filmed(page, SECONDS)
-        except Failed as failed:
-            print(f"take {take}: {failed}")
+    if words <= {"on target", "moving"}:
+        return pictures
+    print(f"the badge said {', '.join(sorted(words))}; is the machine quiet?")
     return []
 
 
@@ -73,7 +56,7 @@ def main() -> int:
         page = open_page(browser, port, *SIZE)
         first_sight(page)
         page.wait_for_timeout(18e3)  # the strip needs something to show
-        pictures = first_good(page)
+        pictures = next(filter(None, (filmed(page) for _ in range(TAKES))), [])
     if not pictures:
         return 1
     pictures.sort(key=lambda each: each[0])  # Chromium may send one before an earlier one

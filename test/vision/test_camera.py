@@ -89,25 +89,15 @@ def test_raw_images_are_turned_into_the_frame_of_rectified_ones(model, distortio
         {"turn": [1.0, 0.0]},
         {"rectified": True},
         {"rectified": True, "projection": [0.0] * 12},
+        {"size": (0, 0), "k": [0.0] * 9, "model": ""},
+        {"k": [0.0] * 9},
+        {"k": [math.nan, *K[1:]]},
+        {"k": K[:6]},
     ],
 )
 def test_an_invalid_calibration_is_refused(wrong):
     with pytest.raises(CameraError):
-        Camera.from_calibration((640, 480), K, **wrong)
-
-
-@pytest.mark.parametrize(
-    ("size", "k", "model"),
-    [
-        ((0, 0), [0.0] * 9, ""),
-        ((640, 480), [0.0] * 9, "plumb_bob"),
-        ((640, 480), [math.nan, *K[1:]], "plumb_bob"),
-        ((640, 480), K[:6], "plumb_bob"),
-    ],
-)
-def test_an_invalid_intrinsic_matrix_is_refused(size, k, model):
-    with pytest.raises(CameraError):
-        Camera.from_calibration(size, k, (), model)
+        Camera.from_calibration(**({"size": (640, 480), "k": K} | wrong))
 
 
 def test_the_view_of_a_simulated_camera():
