@@ -41,38 +41,29 @@ def scene(name):
     return make_scene(name, np.random.default_rng(5))
 
 
+SIZED = {"detector_parameters": MarkerParameters(marker_size=MARKER_SIZE)}
+
+
 @pytest.mark.parametrize(
-    ("what", "name", "depth", "worst", "options"),
+    ("what", "name", "depth", "worst", "parameters", "select"),
     [
-        ("colour", "ball", "16UC1", 30, {}),
-        ("marker", "marker", "32FC1", 8, {}),
-        ("face", "face", "16UC1", 20, {}),
-        ("features", "picture", "16UC1", 15, {"select": 70}),
-        ("nearest", "ball", "32FC1", 30, {}),
+        ("colour", "ball", "16UC1", 30, {}, 0),
+        ("marker", "marker", "32FC1", 8, {}, 0),
+        ("face", "face", "16UC1", 20, {}, 0),
+        ("features", "picture", "16UC1", 15, {}, 70),
+        ("nearest", "ball", "32FC1", 30, {}, 0),
+        ("colour", "ball", "", 60, {"object_size": 0.16}, 0),
+        ("marker", "marker", "", 25, SIZED, 0),
+        ("face", "face", "", 200, {"object_size": FACE_WIDTH}, 0),
+        ("face", "face", "", 60, {"distance": 1.4}, 0),
     ],
 )
-def test_position_error_with_depth(kinectbot, what, name, depth, worst, options):
+def test_position_error(kinectbot, what, name, depth, worst, parameters, select):
     view = View(scene(name), kinectbot, KINECT, depth=depth)
-    seen = watch(tracker(what), view, name, 15, **options)
+    seen = watch(tracker(what, **parameters), view, name, 15, select=select, centre=not depth)
     assert len(seen.misses) >= 12
     assert max(seen.misses) < worst * MM, [round(miss / MM) for miss in seen.misses]
     assert len(seen.numbers) == 1
-
-
-@pytest.mark.parametrize(
-    ("what", "name", "worst", "parameters", "distances"),
-    [
-        ("colour", "ball", 60, None, {"object_size": 0.16}),
-        ("marker", "marker", 25, MarkerParameters(marker_size=MARKER_SIZE), {}),
-        ("face", "face", 200, None, {"object_size": FACE_WIDTH}),
-        ("face", "face", 60, None, {"distance": 1.4}),
-    ],
-)
-def test_position_error_without_depth(kinectbot, what, name, worst, parameters, distances):
-    view = View(scene(name), kinectbot, KINECT, depth="")
-    seen = watch(tracker(what, parameters, **distances), view, name, 15, centre=True)
-    assert len(seen.misses) >= 12
-    assert max(seen.misses) < worst * MM, [round(miss / MM) for miss in seen.misses]
 
 
 @pytest.mark.parametrize("what", DETECTORS)
