@@ -74,29 +74,21 @@ def files_below(folder):
     }
 
 
-def copy_of_the_source(destination):
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
     """Copy all files that git knows or does not ignore."""
-    command = ["git", "-C", SOURCE, "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    destination = tmp_path_factory.mktemp("workspace") / "src" / "head_tracking"
+    listing = ("ls-files", "-z", "--cached", "--others", "--exclude-standard")
     try:
-        names = (
-            subprocess.run(command, capture_output=True, check=True, timeout=PATIENCE)
-            .stdout.decode()
-            .split("\0")
-        )
-    except (FileNotFoundError, subprocess.CalledProcessError):  # no git, or not a clone
+        names = run("git", "-C", SOURCE, *listing).split("\0")
+    except (FileNotFoundError, AssertionError):  # no git, or not a clone
         left_out = (".*", "__pycache__", "*.egg-info", "build", "install", "log", "dist")
         shutil.copytree(SOURCE, destination, ignore=shutil.ignore_patterns(*left_out))
-        return
+        return destination
     for name in filter(None, names):
         if (SOURCE / name).is_file():
             (destination / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(SOURCE / name, destination / name)
-
-
-@pytest.fixture(scope="module")
-def source(tmp_path_factory):
-    destination = tmp_path_factory.mktemp("workspace") / "src" / "head_tracking"
-    copy_of_the_source(destination)
     return destination
 
 

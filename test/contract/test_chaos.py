@@ -1,11 +1,9 @@
 """Random faults in a running head: only commands move it, STOP holds, and it follows again."""
 
 import math
-import os
 import random
 import signal
 import time
-from contextlib import closing, suppress
 
 import pytest
 from geometry_msgs.msg import PointStamped
@@ -69,12 +67,6 @@ class Chaos:
         self.started = time.time()
         self.programs[name] = self.bench.start(name, *words.get(name, ()), own_group=True)
 
-    def close(self):
-        for program in self.programs.values():
-            with suppress(ProcessLookupError):
-                os.killpg(program.process.pid, signal.SIGKILL)
-            program.kill()
-
     def publish(self):
         if self.is_commanded:
             self.person.look_at(*target_at(time.monotonic()))
@@ -131,7 +123,7 @@ class Chaos:
 
     # faults
 
-    def restart(self, number):
+    def kill(self, number=signal.SIGKILL):
         name = self.random.choice(sorted(self.programs))
         program = self.programs[name]
         program.process.send_signal(number)
@@ -139,16 +131,11 @@ class Chaos:
             self.wait_for(lambda: program.process.poll() is not None)
         else:
             self.wait(self.random.uniform(0.0, 0.6))
-        with suppress(ProcessLookupError):
-            os.killpg(program.process.pid, signal.SIGKILL)
         program.kill()
         self.start(name)
 
-    def kill(self):
-        self.restart(signal.SIGKILL)
-
     def terminate(self):
-        self.restart(signal.SIGTERM)
+        self.kill(signal.SIGTERM)
 
     def freeze(self):
         process = self.random.choice(sorted(self.programs.items()))[1].process
@@ -230,7 +217,7 @@ def test_only_commands_move_the_head_and_it_stops_and_recovers(bench, kinectbot,
         chaos.flood_commands, chaos.foreign_commands, chaos.stop, chaos.stop_without_adapter,
     ]  # fmt: skip
     chaos.random.shuffle(faults)
-    with closing(chaos), repeating(chaos.publish, period=0.03):
+    with repeating(chaos.publish, period=0.03):
         for fault in (chaos.flood_targets, chaos.flood_commands, chaos.unplug):
             fault()  # before the first command
         chaos.is_commanded = True

@@ -63,7 +63,7 @@ class Program:
         name: of the executable.
         arguments: of its command line.
         domain: of ROS.
-        own_group: it gets a process group of its own.
+        own_group: it gets a process group of its own, which `kill` kills.
         environment: over this process's and the defaults; None: without the variable.
         stdout: where its output goes; None: to `output`.
     """
@@ -77,7 +77,7 @@ class Program:
         environment: dict[str, str | None] | None = None,
         stdout: Any = None,
     ) -> None:
-        self._name = " ".join((name, *arguments))
+        self._name, self._own_group = " ".join((name, *arguments)), own_group
         given = os.environ | {
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": domain,
@@ -129,6 +129,9 @@ class Program:
         return code
 
     def kill(self) -> None:
+        if self._own_group:
+            with suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait(PATIENCE)
