@@ -144,8 +144,10 @@ def test_a_stop_is_not_given_up_when_its_answer_is_late(robot: _Robot, tab: Any)
     before = robot.stops
     tab.locator("#stop").dispatch_event("click")
     tab.locator("#toast").wait_for()
+    tab.evaluate(f"({_SHOW_ABOUT})(0, true)")  # the page has heard of it otherwise
     held[0].continue_()
     wait_for(lambda: robot.stops > before, 50.0)
+    tab.get_by_text("relaxed", exact=True).wait_for()
 
 
 def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(

@@ -492,6 +492,28 @@ def test_escape_stops_wherever_the_cursor_is_but_closes_what_is_open_first(robot
     wait_for(lambda: is_relaxed(robot))
 
 
+@pytest.mark.parametrize("place", ["#camera", "#pad", ".slider input"])
+def test_a_drag_that_began_before_a_stop_does_not_go_on_after_resume(robot, page, place):
+    open_tab(page, "joints" if place == ".slider input" else "live")
+    page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
+    page.locator(place).first.scroll_into_view_if_needed()
+    box, asked = page.locator(place).first.bounding_box(), []
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    page.mouse.move(x, y)
+    page.mouse.down()
+    with page.expect_request("**/head/do/*"):
+        page.mouse.move(x + 20, y, steps=5)
+    robot.until_done("stop")
+    page.locator("#resume").wait_for()
+    robot.until_done("resume")
+    page.locator("#resume").wait_for(state="hidden")
+    page.on("request", lambda request: "/do/" in request.url and asked.append(request.url))
+    page.mouse.move(x - 40, y, steps=5)
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    assert not asked
+
+
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     robot.until_done("relax")
     wait_for(lambda: is_relaxed(robot))

@@ -32,9 +32,12 @@ export class CameraPicture {
       if (this.pressed) this.point(event, !this.pressed.dragged);
       this.pressed = null;
     });
-    card.addEventListener("pointercancel", () => { this.pressed = null; });
+    card.addEventListener("pointercancel", () => this.release());
     new ResizeObserver(() => this.place()).observe(card);
   }
+
+  /** End a drag. */
+  release() { this.pressed = null; }
 
   /** Look at a place in the picture, or follow the person there. */
   point(event, tapped = false) {

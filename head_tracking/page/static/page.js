@@ -51,8 +51,15 @@ class Page {
     if (!kept("head-welcomed")) this.welcome(0);
   }
 
+  /** Give up what was asked before a STOP: it does not happen after it. */
+  giveUp() {
+    by("sure").close();
+    this.camera.release();
+    this.steer.release();
+  }
+
   async stop() {
-    by("sure").close(); // what was asked before a STOP does not happen after it
+    this.giveUp();
     abort();
     const { text } = await send("/head/stop", {}, "POST", SILENT);
     if (text) toast(text, 12);
@@ -238,7 +245,7 @@ class Page {
     }
     this.about = about;
     if (!about.can_resume && !by("resume").hidden) toast(""); // somebody has resumed
-    if (about.can_resume && by("resume").hidden) by("sure").close(); // somebody has pressed STOP
+    if (about.can_resume && by("resume").hidden) this.giveUp(); // somebody has pressed STOP
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
     this.attempt({

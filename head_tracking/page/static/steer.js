@@ -93,12 +93,13 @@ export class Steering {
     this.padTarget = pad.querySelector(".target");
     this.padHead = pad.querySelector(".head");
     const steer = (event) => {
-      if (!(event.buttons & 1)) return;
+      if (!this.pressed) return;
       const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(pad.getScreenCTM().inverse());
       this.aimAt(at.x, at.y);
     };
-    pad.onpointerdown = (event) => { pad.setPointerCapture(event.pointerId); steer(event); };
+    pad.onpointerdown = (event) => { this.pressed = !event.button; pad.setPointerCapture(event.pointerId); steer(event); };
     pad.onpointermove = steer;
+    pad.onpointerup = pad.onpointercancel = () => this.release();
     pad.onkeydown = (event) => {
       const step = { ArrowLeft: [-0.05, 0], ArrowRight: [0.05, 0], ArrowUp: [0, -0.05], ArrowDown: [0, 0.05] }[event.key];
       if (!step) return;
@@ -106,6 +107,9 @@ export class Steering {
       this.aimAt(Number(this.padHead.getAttribute("cx")) + step[0], Number(this.padHead.getAttribute("cy")) + step[1]);
     };
   }
+
+  /** End a drag. */
+  release() { this.pressed = false; }
 
   /** Move the joints to a place of the pad. */
   aimAt(x, y) {

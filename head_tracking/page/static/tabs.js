@@ -18,7 +18,7 @@ export class Joints {
 
   all(choose) {
     const movable = this.sliders.filter(({ slider }) => !slider.disabled);
-    if (!movable.length) return toast("No joint can be moved from here. Is torque enabled?");
+    if (!movable.length) return toast("No joint can be moved from here. Is the head stopped, or torque off?");
     this.aim(Object.fromEntries(movable.map(({ joint }) => [joint.name, choose(...joint.limits)])));
   }
 
@@ -50,7 +50,7 @@ export class Joints {
   }
 
   show(state) {
-    for (const { joint, slider, field } of this.sliders) slider.disabled = field.disabled = !state.movable.includes(joint.name);
+    for (const { joint, slider, field } of this.sliders) slider.disabled = field.disabled = state.can_resume || !state.movable.includes(joint.name); // which ends a drag
     const relaxed = state.servos.filter((servo) => servo.torque === false).map((servo) => servo.joint);
     const hints = state.free ? ["No hardware: the page publishes the sliders as joint_states."] : state.servos.length ? [] : ["No servo bus has been found: the sliders only show the joints."];
     if (relaxed.length) hints.push(`Relaxed: ${relaxed.join(", ")}. Their sliders follow your hand.`);
