@@ -514,6 +514,33 @@ def test_a_drag_that_began_before_a_stop_does_not_go_on_after_resume(robot, page
     assert not asked
 
 
+def test_a_finger_that_scrolls_over_a_slider_does_not_move_it(robot, visit):
+    page = visit(390, 844, has_touch=True, is_mobile=True)
+    open_tab(page, "joints")
+    fingers = page.context.new_cdp_session(page)
+    slider = page.locator(".slider input").first
+
+    def swipe(x: float, y: float) -> None:
+        """Put a finger on the right end of the slider, and move it [pixels]."""
+        box = slider.bounding_box()
+        start = box["x"] + 0.8 * box["width"], box["y"] + 0.5 * box["height"]
+        for step in range(11):
+            at = {"x": start[0] + 0.1 * step * x, "y": start[1] + 0.1 * step * y}
+            kind = "touchMove" if step else "touchStart"
+            fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [at]})
+            page.wait_for_timeout(20)
+        fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    scrolled = "document.querySelector('main').scrollTop"
+    slider.evaluate("slider => slider.scrollIntoView({ block: 'center' })")
+    before, top = robot.at_rest(), page.evaluate(scrolled)
+    swipe(0, 200)
+    page.wait_for_function(f"{scrolled} < {top} - 50")
+    assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
+    swipe(20, 0)
+    wait_for(lambda: robot.true("head_pan_joint") > 1.0)
+
+
 def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
     robot.until_done("relax")
     wait_for(lambda: is_relaxed(robot))

@@ -1,5 +1,5 @@
 // Helpers for the page's elements, and requests to its server.
-const SVG = "http://www.w3.org/2000/svg", PERIOD = 50; // ms
+const SVG = "http://www.w3.org/2000/svg", PERIOD = 50, SLIDE = 8; // ms, pixels
 
 export const by = (id) => document.getElementById(id);
 export const degrees = (radians) => (radians * 180) / Math.PI;
@@ -122,3 +122,16 @@ export function latestOnly(send) {
 /** Return whether the user changes an input now: it must not be overwritten. */
 export const isHeld = (input) => document.activeElement === input || performance.now() < (input.heldUntil ?? 0);
 export function hold(input) { input.heldUntil = performance.now() + 1500; }
+
+/** Let a slider under a finger change only once that moves along it: whoever scrolls the page over it does not mean it. */
+export function guardSliders() {
+  let touched = null;
+  const listen = (kind, act) => document.addEventListener(kind, (event) => touched?.slider === event.target && act(event), { capture: true });
+  listen("pointermove", ({ clientX }) => { if (Math.abs(clientX - touched.x) > SLIDE) touched = null; });
+  listen("pointerup", ({ target }) => { touched = null; target.dispatchEvent(new Event("input")); });
+  listen("pointercancel", ({ target }) => { target.value = touched.value; });
+  for (const kind of ["input", "change"]) listen(kind, (event) => event.stopPropagation());
+  document.addEventListener("pointerdown", ({ target, pointerType, clientX }) => {
+    touched = pointerType === "touch" && target.type === "range" ? { slider: target, x: clientX, value: target.value } : null;
+  }, { capture: true });
+}

@@ -1,7 +1,7 @@
 // The page: the live websocket, STOP and the tabs.
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
-import { abort, by, command, degrees, element, kept, offer, rows, send, toast, write } from "./dom.js";
+import { abort, by, command, degrees, element, guardSliders, kept, offer, rows, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
 import { RobotScene } from "./scene.js";
@@ -31,6 +31,7 @@ class Page {
     } catch (error) {
       this.failing.robot = error.message;
     }
+    guardSliders();
     this.chart = new Chart(by("lines"));
     this.steer = new Steering();
     this.camera = new CameraPicture(
