@@ -94,13 +94,20 @@ def calibrate_camera(
         The calibration; neither files nor the model of the head are changed.
 
     Raises:
-        CalibrationError: no image is received, the target is not visible, the views contradict
-            each other or the model, or another command turns the head.
+        CalibrationError: SciPy is not installed, no image is received, the target is not visible,
+            the views contradict each other or the model, or another command turns the head.
         RefusedCommandError: the head is stopped, relaxed or closed.
         FrameError: the frame is unknown, or the joints are not measured until the end.
         ValueError: there is no such target or marker, the marker has no size, the model is for
             other images, or the times of the images are of another clock.
     """
+    try:
+        import scipy  # noqa: F401
+    except ImportError:
+        raise CalibrationError(
+            Reason.NOT_INSTALLED,
+            "SciPy is needed: pip install 'head_tracking[vision]', or apt install python3-scipy",
+        ) from None
     observe = observer(target, marker)
     robot = head.frames.model
     assert robot is not None

@@ -59,6 +59,7 @@ _POINT_SPREAD: Final = 1.5  # m: and its standard deviation
 class Reason(StrEnum):
     """Reason of a failed calibration."""
 
+    NOT_INSTALLED = "not installed"
     NO_PICTURE = "no picture"
     FEW_VIEWS = "few views"
     MOVED = "moved"

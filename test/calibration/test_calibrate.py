@@ -2,6 +2,7 @@
 
 import math
 import signal
+import sys
 import time
 from collections import deque
 from dataclasses import replace
@@ -270,7 +271,7 @@ def test_narrow_limits_are_used_and_what_they_hide_is_named(quick):
         assert not observable or abs(value) < 3.5 * deviation
 
 
-def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused():
+def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused(monkeypatch):
     """A camera with a clock of its own is named, or the error would say that nothing is visible."""
     images = [(time.time(), np.zeros((240, 320, 3), np.uint8)) for _ in range(100)]
     early = [(stamp - 1e6, picture) for stamp, picture in images]
@@ -287,3 +288,7 @@ def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused():
         with pytest.raises(CalibrationError) as refusal:
             head.calibrate([], marker=MARKER)
         assert refusal.value.reason is Reason.NO_PICTURE
+        monkeypatch.setitem(sys.modules, "scipy", None)
+        with pytest.raises(CalibrationError) as refusal:
+            head.calibrate([], marker=MARKER)
+        assert refusal.value.reason is Reason.NOT_INSTALLED
