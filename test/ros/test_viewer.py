@@ -541,16 +541,9 @@ def test_a_finger_that_scrolls_over_a_slider_does_not_move_it(robot, visit):
     wait_for(lambda: robot.true("head_pan_joint") > 1.0)
 
 
-def test_a_relaxed_joint_is_moved_by_hand_and_its_slider_follows(robot, page):
-    robot.until_done("relax")
-    wait_for(lambda: is_relaxed(robot))
-    open_tab(page, "joints")
-    robot.simulated.use(lambda bus: bus[1].lead(512 - 0.7 / TICK, 0.5))
-    field = joint_field(page, "head_pan_joint")
-    wait_for(lambda: abs(float(field.input_value()) * DEGREE + 0.7) < 0.06)
-
-
-def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
+def test_a_relaxed_joint_is_moved_by_hand_and_torque_is_switched_for_one_servo_and_for_all(
+    robot, page
+):
     bus = robot.composition.nodes["servo_bus"]
 
     def torque() -> list[bool]:
@@ -558,9 +551,12 @@ def test_torque_is_switched_for_one_servo_and_for_all(robot, page):
         return [states[joint].goal is not None for joint in HEAD if joint in states]
 
     robot.until_done("relax")
-    open_tab(page, "joints")
-    switch = page.locator("[data-controller=head_tilt_controller]")
     wait_for(lambda: torque() == [False, False])
+    open_tab(page, "joints")
+    robot.simulated.use(lambda bus: bus[1].lead(512 - 0.7 / TICK, 0.5))
+    field = joint_field(page, "head_pan_joint")
+    wait_for(lambda: abs(float(field.input_value()) * DEGREE + 0.7) < 0.06)
+    switch = page.locator("[data-controller=head_tilt_controller]")
     wait_for(lambda: not switch.is_checked())  # which is told once a second
     switch.click()
     wait_for(lambda: torque() == [False, True])
