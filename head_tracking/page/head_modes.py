@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
@@ -168,7 +169,14 @@ class HeadModes:
         if not self._changing.acquire(timeout=_BUSY):
             raise HeadTrackingError("The mode is being changed: try again in a moment.")
         try:
-            self._send(Target(0, frame, point), self._take_over(stops), stops)
+            mode, target = self._take_over(stops), Target(0, frame, point)
+            model = self._buffer.model
+            if mode is not Mode.POINT and model is not None:  # it is sent again and again
+                in_root = self._buffer.transform_point(point, model.root, frame)
+                target = Target(0, model.root, in_root)
+            self._begin_sending(mode, lambda: target, stops)
+        except TransformException as error:
+            raise HeadTrackingError(f"The target is refused: {error}") from error
         finally:
             self._changing.release()
 
@@ -251,7 +259,9 @@ class HeadModes:
         # a node that is started is enabled: nothing may turn the head before the mode is reached
         self._disable(n for n in (*SENDERS, *CONTROLLERS) if missing or n not in nodes)
         for name in missing:
-            self._start(name, ended)
+            self.start(name)
+            late = f"{name} was started and does not answer: try again."
+            _wait(partial(self._services.offered, f"{name}/enable"), late, ended)
         if mode in _FOLLOWS:
             self._choose_target(mode, ended)
         for name in nodes:
@@ -273,23 +283,6 @@ class HeadModes:
     def start(self, name: str) -> None:
         """Start a node of the run, if the run can do that."""
         self._services.trigger(f"node_starter/{name}")
-
-    def _send(self, target: Target, mode: Mode, stops: int) -> None:
-        """Send a target: once to a controller that keeps it, else periodically."""
-        model = self._buffer.model
-        if mode is not Mode.POINT and model is not None:
-            try:
-                point = self._buffer.transform_point(target.point, model.root, target.frame_id)
-            except TransformException as error:
-                raise HeadTrackingError(f"The target is refused: {error}") from error
-            target = Target(0, model.root, point)
-        self._begin_sending(mode, lambda: target, stops)
-
-    def _start(self, name: str, ended: Callable[[], str]) -> None:
-        """Start a node and wait until it can be disabled again."""
-        self.start(name)
-        late = f"{name} was started and does not answer: try again."
-        _wait(lambda: self._services.offered(f"{name}/enable"), late, ended)
 
     def _exists(self, name: str) -> bool:
         return name in self._graph.nodes or self._services.offered(f"{name}/enable")

@@ -16,7 +16,7 @@ from ament_index_python.packages import get_package_share_directory
 from head_tracking.gaze import PanTiltHead
 from head_tracking.recording.recording import Observation
 from head_tracking.share import PACKAGE, share_directory
-from head_tracking.transforms import JointLimits, RobotModel, Transform
+from head_tracking.transforms import RobotModel, Transform
 from head_tracking.transforms.urdf import import_yourdfpy
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class RobotForBrowser:
             limits |= {head.pan_joint: head.pan_limits, head.tilt_joint: head.tilt_limits}
         joints = []
         for joint in model.joints.values():
-            leader = model.leader(joint.name)
+            leader, ends = model.leader(joint.name), limits[joint.name]
             joints.append(
                 {
                     "name": joint.name,
@@ -67,7 +67,7 @@ class RobotForBrowser:
                     "leader": self._names.index(leader.joint) if joint.moves else -1,
                     "ratio": leader.multiplier,
                     "offset": leader.offset,
-                    "limits": _finite(limits[joint.name]),
+                    "limits": [max(ends.lower, -math.pi), min(ends.upper, math.pi)],
                 }
             )
         shapes = _Shapes(model.urdf, meshes_at)
@@ -234,11 +234,6 @@ def mesh_file(address: str) -> Path:
             "file:///<path>, install or source the package, and start the viewer again"
         )
     return path
-
-
-def _finite(limits: JointLimits) -> list[float]:
-    """Return the limits of a joint, at most half a turn each way."""
-    return [max(limits.lower, -math.pi), min(limits.upper, math.pi)]
 
 
 def _numbers(transform: Transform) -> Sequence[float]:
