@@ -6,14 +6,11 @@ import os
 import random
 import signal
 import statistics
-import tempfile
 import time
-from contextlib import closing
-from pathlib import Path
 
 from frame import row, table
 from processes import child
-from rig import Bench
+from simulated_run import own_bench
 from waiting import wait_for
 
 
@@ -33,7 +30,7 @@ def killed(count: int) -> str:
 
 def _torque_off_after(name: str, seed: int) -> float:
     """Return the time from SIGKILL until both servos are relaxed [s]."""
-    with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
+    with own_bench() as bench:
         run = bench.run("--target", "smooth")
         wait_for(lambda: bench.servos.torque == [1, 1])
         time.sleep(random.Random(seed).uniform(0.0, 0.5))
@@ -46,7 +43,7 @@ def _torque_off_after(name: str, seed: int) -> float:
 
 def _again_after(name: str, seed: int) -> float:
     """Return the time from SIGKILL until the process runs again [s]."""
-    with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
+    with own_bench() as bench:
         ros = ("-p", "viewer:port:=0")
         run = bench.run("--target", "face" if name == "vision" else "smooth", "--viewer", ros=ros)
         pid = wait_for(lambda: child(run.process.pid, name))

@@ -13,9 +13,16 @@ from rig import Bench, Program
 
 
 @contextmanager
+def own_bench() -> Iterator[Bench]:
+    """Yield a ROS domain of its own, with a folder for files."""
+    with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
+        yield bench
+
+
+@contextmanager
 def run_with_page(*arguments: str) -> Iterator[tuple[Program, int]]:
     """Start `head_tracking --sim --viewer` in a ROS domain of its own; yield it and its port."""
-    with tempfile.TemporaryDirectory() as folder, closing(Bench(Path(folder))) as bench:
+    with own_bench() as bench:
         ros = ("--ros-args", "-p", "viewer:port:=0")
         run = bench.start("head_tracking", "--sim", "--viewer", *arguments, *ros)
         found = re.search(r"http://\S+:(\d+)", run.read_until("the robot is at http"))

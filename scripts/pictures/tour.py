@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from browser import PATIENCE, choose, choose_mode, open_browser, open_tab, point_head, press
+from browser import choose, choose_mode, open_browser, open_page, open_tab, point_head, press
 from simulated_run import run_with_page
 
 SIZES = ((1280, 800), (1920, 1080), (390, 844))
@@ -81,9 +82,6 @@ def tabs(page: Any) -> Iterator[str]:
     yield "no-picture"
 
 
-STAGES: tuple[Callable[[Any], Iterator[str]], ...] = (welcome, modes, tabs)
-
-
 def main() -> int:
     """Take the screenshots of the chosen sizes and schemes, such as 390-dark; default: of all."""
     folder = Path(sys.argv[1])
@@ -94,22 +92,16 @@ def main() -> int:
             for scheme in SCHEMES:
                 if chosen and f"{width}-{scheme}" not in chosen:
                     continue
-                context = browser.new_context(
-                    viewport={"width": width, "height": height}, color_scheme=scheme
-                )
-                page = context.new_page()
-                page.set_default_timeout(1e3 * PATIENCE)
-                page.goto(f"http://127.0.0.1:{port}/")
-                page.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
+                page = open_page(browser, port, width, height, welcome=True, color_scheme=scheme)
                 page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
                 choose_mode(page, "point")
                 press(page, "Centre")  # the tour before has ended elsewhere
-                steps = (name for stage in STAGES for name in stage(page))
+                steps = itertools.chain(welcome(page), modes(page), tabs(page))
                 for number, name in enumerate(steps, 1):
                     page.wait_for_timeout(SETTLING)
                     page.screenshot(path=folder / f"{width}-{scheme}-{number:02d}-{name}.png")
                     print(f"{width} {scheme} {number:2d} {name}", flush=True)
-                context.close()
+                page.close()
     return 0
 
 

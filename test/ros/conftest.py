@@ -10,6 +10,7 @@ import pytest
 import rclpy
 from lockstep import World
 from rclpy.signals import SignalHandlerOptions
+from rig import Bench
 from robot_under_test import Robot
 
 from head_tracking.ros.kit.spinning import NodeThreads
@@ -47,3 +48,11 @@ def threads() -> Iterator[NodeThreads]:
 def world(kinectbot, threads) -> Iterator[World]:
     with closing(World(kinectbot)) as world:
         yield world
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch) -> Iterator[Bench]:
+    """Other programs, and nodes each of a process of its own for all that DDS knows."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with closing(Bench(tmp_path)) as bench:
+        yield bench

@@ -5,13 +5,11 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import closing
 
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
-from rig import Bench
 from std_msgs.msg import String
 from waiting import PATIENCE, join, wait_for
 
@@ -99,11 +97,8 @@ def test_the_domain_is_read_as_ros_does(monkeypatch, text):
 
 
 @pytest.fixture
-def node(tmp_path, monkeypatch):
-    """Make nodes, each of a process of its own for all that DDS knows."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with closing(Bench(tmp_path)) as bench:
-        yield lambda: bench.meet("").node
+def node(bench):
+    return lambda: bench.meet("").node
 
 
 def refused(claim):

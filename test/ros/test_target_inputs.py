@@ -3,15 +3,12 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import closing
 from itertools import product
 
 import pytest
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rig import Bench
 from std_msgs.msg import String
 from waiting import wait_for
 
@@ -69,13 +66,6 @@ for topic in sys.argv[1:]:
     publisher.publish(String(data=topic))
 sys.stdin.read()
 """
-
-
-@pytest.fixture
-def bench(tmp_path, monkeypatch) -> Iterator[Bench]:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with closing(Bench(tmp_path)) as bench:
-        yield bench
 
 
 def test_the_only_message_of_a_new_publisher_is_received(bench):

@@ -32,16 +32,6 @@ def make(head):
     return make
 
 
-def test_tracking_that_restarts_has_no_target(make):
-    tracker = make()
-    tracker.joints_read(1.0, (0.0, 0.0))
-    tracker.target_seen(1.0, TARGET, 1.0)
-    assert tracker.step(1.02).command is not None
-    assert tracker.restart() is not None
-    assert tracker.state is TargetState.IDLE
-    assert tracker.step(1.04).command is None
-
-
 def test_nothing_is_commanded_before_the_joints_are_known(make):
     tracker = make()
     tracker.target_seen(1.0, TARGET, 1.0)
