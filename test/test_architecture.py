@@ -46,18 +46,8 @@ ALLOWED: dict[str, set[str]] = {
     "tf": {"transforms", "parameters", "ros"},
     "ros": CORE | {"tf", "share", "recording", "programs", "parameter_files", "command_line"},
     "recording": {"tracking", "transforms", "vision", "parameters", "ros"},
-    "page": {
-        "tracking",
-        "targets",
-        "transforms",
-        "gaze",
-        "vision",
-        "dynamixel",
-        "parameters",
-        "tf",
-        "ros",
-    }
-    | {"recording", "control", "head", "calibration", "share"},
+    "page": {"tracking", "targets", "transforms", "gaze", "vision", "dynamixel", "parameters"}
+    | {"tf", "ros", "recording", "control", "head", "calibration", "share"},
     "cli": CORE
     | {"run", "tf", "share", "ros", "command_line", "programs", "parameter_files"}
     | {"output"},
