@@ -15,29 +15,23 @@ BUS_PUBLISHES = {
     "joint_control": ("diagnostic_msgs/msg/DiagnosticStatus", LATCHED),
     "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", RELIABLE),
 }
+CONTROLLERS = ("head_pan_controller", "head_tilt_controller")
 BUS_HEARS = {
     "joint_commands": "sensor_msgs/msg/JointState",
     "joint_claims": "sensor_msgs/msg/JointState",
-    "head_pan_controller/command": "std_msgs/msg/Float64",
-    "head_pan_controller/speed": "std_msgs/msg/Float64",
-    "head_tilt_controller/command": "std_msgs/msg/Float64",
-    "head_tilt_controller/speed": "std_msgs/msg/Float64",
-}
+    **{f"{each}/{name}": "std_msgs/msg/Float64" for each in CONTROLLERS
+       for name in ("command", "speed")},
+}  # fmt: skip
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
+ALIASED = {"stop": TRIGGER, "resume": TRIGGER, "relax": TRIGGER, "recover": TRIGGER}
+ALIASED |= {"torque_enable": SET_BOOL}
+OF_A_JOINT = {"stop": TRIGGER, "start": TRIGGER, "restart": TRIGGER, "recover": TRIGGER}
+OF_A_JOINT |= {"torque_enable": SET_BOOL}
 BUS_SERVES = {
-    "stop": TRIGGER,
-    "resume": TRIGGER,
-    "relax": TRIGGER,
-    "recover": TRIGGER,
-    "torque_enable": SET_BOOL,
+    **ALIASED,
+    **{f"servo_bus/{name}": kind for name, kind in ALIASED.items()},
     "servo_bus/write_eeprom": TRIGGER,
-    **{f"servo_bus/{name}": TRIGGER for name in ("stop", "resume", "relax", "recover")},
-    "servo_bus/torque_enable": SET_BOOL,
-    **{
-        f"{controller}/{name}": SET_BOOL if name == "torque_enable" else TRIGGER
-        for controller in ("head_pan_controller", "head_tilt_controller")
-        for name in ("torque_enable", "stop", "start", "restart", "recover")
-    },
+    **{f"{each}/{name}": kind for each in CONTROLLERS for name, kind in OF_A_JOINT.items()},
 }
 ROBOT_PUBLISHES = {
     "joint_states": ("sensor_msgs/msg/JointState", RELIABLE),

@@ -70,12 +70,8 @@ def test_a_servo_that_answers_is_ok():
     assert told["load (share of full torque)"] == "0.10"
     assert told["errors"] == "none"
     assert told["age (s)"] == "0.010"
-    assert [told[name] for name in ("replies", "retries", "timeouts", "corrupt replies")] == [
-        "100",
-        "2",
-        "1",
-        "1",
-    ]
+    counts = [told[name] for name in ("replies", "retries", "timeouts", "corrupt replies")]
+    assert counts == ["100", "2", "1", "1"]
 
 
 @pytest.mark.parametrize(

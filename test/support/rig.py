@@ -115,10 +115,7 @@ class Program:
             assert lines or not ended, f"ended without {words!r}:\n{self.output}"
             return lines[0] if lines else ""
 
-        try:
-            return wait_for(found)
-        except AssertionError as error:
-            raise AssertionError(f"{error}\n{self.output}") from None
+        return wait_for(found, why=lambda: self.output)
 
     def end(self, number: signal.Signals | None = None) -> int:
         """Return the exit code, after a signal or by itself."""
@@ -293,21 +290,10 @@ class Talker:
         def found() -> str:
             of()
             time.sleep(0.02)
-            return next(
-                (
-                    entry.msg
-                    for entry in list(self.log)
-                    if entry.level >= 30
-                    and entry.name.endswith(node)
-                    and all(fact in entry.msg for fact in facts)
-                ),
-                "",
-            )
+            warned = (e for e in list(self.log) if e.level >= 30 and e.name.endswith(node))
+            return next((e.msg for e in warned if all(fact in e.msg for fact in facts)), "")
 
-        try:
-            return wait_for(found)
-        except AssertionError:
-            raise AssertionError(f"{facts} are not in {[e.msg for e in self.log]}") from None
+        return wait_for(found, why=lambda: f"{facts}: {[each.msg for each in self.log]}")
 
     # what is asked
 
@@ -378,10 +364,7 @@ class Talker:
             answers.append(self.call(service, data))
             return answers[-1] if answers[-1].success else None
 
-        try:
-            return wait_for(done)
-        except AssertionError:
-            raise AssertionError(f"{service}: {[each.message for each in answers[-2:]]}") from None
+        return wait_for(done, why=lambda: f"{service}: {[each.message for each in answers[-2:]]}")
 
     def set(self, node: str, name: str, value: Any) -> SetParametersResult:
         parameter: Parameter = ParameterValue(name, value=value).to_parameter_msg()

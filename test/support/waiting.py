@@ -68,13 +68,18 @@ def repeating(*works: Callable[[], object], period: float = 0.0) -> Iterator[Non
         join(*threads)
 
 
-def wait_for(what: Callable[[], T], patience: float = PATIENCE, interval: float = 0.01) -> T:
-    """Polls until `what` gives something true; what it gave."""
+def wait_for(
+    what: Callable[[], T],
+    patience: float = PATIENCE,
+    interval: float = 0.01,
+    why: Callable[[], object] = str,
+) -> T:
+    """Polls until `what` gives something true; what it gave. `why` may say more of a failure."""
     deadline = time.monotonic() + patience
     while not (found := what()):
         _raise_failure()
         if time.monotonic() > deadline:
-            raise AssertionError(f"waited {patience} s in vain; last answer: {found!r}")
+            raise AssertionError(f"waited {patience} s in vain; last answer: {found!r} {why()}")
         time.sleep(interval)
     return found
 
