@@ -141,7 +141,7 @@ class TransformListener:
         try:
             model = parse_robot_model(message.data)
         except RobotModelError as error:
-            self._log.error(f"robot_description is ignored: {error}")
+            self._log.error(f"robot_description is ignored: {error}", throttle_duration_sec=1.0)
             return
         self._core.set_model(model.prefixed(self._prefix))
 
