@@ -306,7 +306,8 @@ class TargetEstimator:
     def settle(self, now: float, *, is_lost: bool) -> bool:
         """Return whether the latest suspect is the new target, as no other point contradicts it.
 
-        It is a lone point after a gap, or one of several with which a target was lost.
+        It is a lone point after a gap. Or the target was lost with it, and it is one of several, or
+        nearer to the latest used point than the prediction.
 
         Args:
             now: the time [s].
@@ -315,8 +316,12 @@ class TargetEstimator:
         if not self._suspects or now - self._suspected < _UNCONTRADICTED:
             return False
         latest = self._suspects[-1]
-        if not self._is_gap(latest[0]) and not (is_lost and len(self._suspects) > 1):
-            return False
+        if not self._is_gap(latest[0]):
+            assert self.estimate is not None
+            last, predicted = self.estimate.ray, self.estimate.ray_at(now)
+            is_nearer = self._angle(latest[1], last) < self._angle(predicted, last)
+            if not is_lost or not (is_nearer or len(self._suspects) > 1):
+                return False
         self._begin([latest], self._snapshots[-1])
         self.estimate = self._described(-1)
         return True

@@ -269,6 +269,14 @@ def test_a_target_that_is_lost_is_where_its_last_two_points_were():
     assert estimator.estimate.ray_at(1.6).pan == pytest.approx(0.5, abs=1e-3)
 
 
+def test_a_target_that_is_lost_has_not_gone_on_if_its_last_point_was_behind():
+    estimator = fed(at, 1.0)
+    assert estimator.add(1.1, at(0.8), 1.1) is Verdict.JUMP
+    assert not estimator.settle(1.5, is_lost=False)
+    assert estimator.settle(1.5, is_lost=True)
+    assert estimator.estimate.ray_at(1.5).pan == pytest.approx(0.8, abs=1e-3)
+
+
 def test_a_target_that_went_away_by_false_points_is_back_at_once():
     """Two false detections in one direction are a motion; who was at rest may be there still."""
     estimator = fed(lambda t: at(0.0), 2.0)
