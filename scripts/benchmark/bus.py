@@ -1,4 +1,4 @@
-"""The servo bus: time of a cycle, and behaviour with faults.
+"""The servo bus: time of a cycle, also beside a servo that is silent.
 
 This driver, dynamixel_sdk and rustypot take turns on one simulated bus in another process, so that
 changes in the load of the machine affect all of them.
@@ -18,39 +18,24 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from random import Random
 from typing import Any, NamedTuple
 
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
 from frame import row, table
-from simulated_device import Rig
 
 from head_tracking.dynamixel import (
     DynamixelError,
     DynamixelPort,
     Goal,
-    GoalError,
     JointConfiguration,
     ServoBus,
-    Torque,
-    servo_model,
 )
 from head_tracking.dynamixel.reading import ReadGroup
-from head_tracking.dynamixel.servo import run
-from head_tracking.simulation import (
-    Fault,
-    Faults,
-    Overlap,
-    SimulatedBus,
-    SimulatedServo,
-    WriteLog,
-)
 
 SERVER = Path(__file__).parent / "paced_bus.py"
 TIMED = Path(__file__).parent / "timed_run.py"
 WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
 ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
-FAULTY_CYCLES, BURST, FAULT_RATE = 100_000, 1000, 0.05
 JOINTS = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
 
 
@@ -230,7 +215,7 @@ def _rows() -> Iterator[str]:
         },
         "1.1x unloaded",
     )
-    yield from (in_a_run(), silent_servo(), faulty_cycles())
+    yield from (in_a_run(), silent_servo())
 
 
 def _wall_row(return_delay: int, costs: dict[str, Cost], wanted: str) -> str:
@@ -288,102 +273,6 @@ def silent_servo() -> str:
         "dynamixel_sdk waits 34 ms in every cycle",
         "5 ms once, full rate",
     )
-
-
-def faulty_cycles() -> str:
-    """Run cycles with all simulated faults, in simulated time, with two models and protocols."""
-    random = Random(4)
-    faults = Faults(random, 0.0, tuple(Fault), late=(0.005, 0.05))
-    # boot_time 0: what counts is the time from when a servo listens again
-    servos = [
-        SimulatedServo(1, boot_time=0.0),
-        SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
-    ]
-    simulated = SimulatedBus(servos, faults=faults, write_log=WriteLog(10 * FAULTY_CYCLES))
-    joints = [
-        JointConfiguration("ax", 1, 512, 300, 800, controller="ax_controller"),
-        JointConfiguration(
-            "xm", 2, 2048, 1024, 3072, controller="xm_controller", model=servo_model("XM430-W350")
-        ),
-    ]
-    run = FaultyRun(simulated, joints=joints)
-    back: list[float] = []
-    for _ in range(FAULTY_CYCLES // BURST):
-        faults.rate = FAULT_RATE
-        for k in range(BURST):
-            run.cycle(recover=k % 50 == 0)
-        faults.rate = 0.0
-        rest = 0
-        while faults.trouble or rest < 20 or run.full_since == sys.maxsize:
-            rest = 0 if faults.trouble else rest + 1
-            run.cycle(recover=False)
-        back.append((run.full_since - max(faults.last, run.recovered)) * 1e-6)
-    outside = 0
-    for joint in joints:
-        lowest, highest = joint.tick_range
-        outside += sum(
-            not lowest <= taken.goal <= highest
-            for taken in simulated.write_log.writes
-            if taken.id == joint.id and "Goal Position" in taken.names
-        )
-    struck = sum(faults.counts.values())
-    overlaps = run.bench.line.overlaps
-    spoken_over = overlaps[Overlap.REQUEST] + overlaps[Overlap.STATUS]
-    late = overlaps[Overlap.FAULT]
-    return row(
-        f"{run.cycles} cycles of an AX-12 and an XM430, {100 * FAULT_RATE:.0f} % of the answers "
-        f"and of the packets struck by one of {len(Fault)} faults: {struck}",
-        f"**{run.exceptions} exceptions, {outside} goals outside the limits, {run.stale} stale "
-        f"values, {spoken_over} times somebody spoken over** (and {late} times by a servo that a "
-        f"fault made late); full rate again at most **{max(back):.0f} ms** after the last",
-        "",
-        "none; 100 ms",
-    )
-
-
-class FaultyRun(Rig):
-    """Runs cycles and judges them by the true angles.
-
-    Attributes:
-        cycles: so many.
-        exceptions: cycles that raised.
-        stale: positions that were true at another time only.
-        recovered: when a fault was last cleared [ns].
-        full_since: the first of the latest cycles that have all read every joint [ns].
-    """
-
-    cycles = exceptions = stale = recovered = full_since = 0
-
-    def cycle(self, recover: bool) -> None:
-        """One cycle at 50 Hz with a new command."""
-        bus, clock = self.bus, self.bench.clock
-        self.cycles += 1
-        goals = {
-            joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
-            for joint in self.joints
-            if not bus.joint(joint.joint_name).torque.refuses
-        }
-        with suppress(GoalError):
-            bus.command(goals)
-        try:
-            self.step()
-            torques = [bus.joint(joint.joint_name).torque for joint in self.joints]
-            if recover and Torque.OFF_BY_FAULT in torques:
-                self.recovered = clock.now
-                with suppress(DynamixelError):
-                    run(bus.recovering())
-        except Exception:
-            self.exceptions += 1
-        if len(self.reading.states) < len(self.joints):
-            self.full_since = sys.maxsize
-        else:
-            self.full_since = min(self.full_since, clock.now)
-        for joint in self.joints:
-            state = self.reading.states.get(joint.joint_name)
-            if state is not None:
-                age = (clock.now - state.stamp) * 1e-9 + 0.001
-                true = joint.position(self.bench.bus[joint.id].true_ticks)
-                self.stale += abs(true - state.position) > 2 * joint.resolution + 7.0 * age
 
 
 def processor_row(costs: dict[str, Cost]) -> str:

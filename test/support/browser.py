@@ -68,8 +68,6 @@ def open_page(
     port: int,
     width: int = 900,
     height: int = 700,
-    *,
-    welcome: bool = False,
     **context: Any,
 ) -> Any:
     """Return the page, once the robot is there.
@@ -79,13 +77,11 @@ def open_page(
         port: where the page is.
         width: of the window [pixels].
         height: of the window [pixels].
-        welcome: as on the first visit.
         context: options of Playwright's new_page.
     """
     page = browser.new_page(viewport={"width": width, "height": height}, **context)
     page.set_default_timeout(1e3 * PATIENCE)
-    if not welcome:
-        page.add_init_script("localStorage.setItem('head-welcomed', '1')")
+    page.add_init_script("localStorage.setItem('head-welcomed', '1')")
     page.goto(f"http://127.0.0.1:{port}/")
     page.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
     return page
