@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from operator import index
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
@@ -83,7 +84,9 @@ class TransformBuffer:
     """
 
     def __init__(self, cache_time: int = DEFAULT_CACHE_TIME) -> None:
-        self._cache_time = cache_time
+        self._cache_time = _nanoseconds(cache_time)
+        if self._cache_time < 0:
+            raise ValueError(f"cache_time is {cache_time}; allowed are 0 ns and more")
         self._lock = threading.Lock()
         self._edges: dict[str, Edge] = {}
         self._names: set[str] = set()
@@ -106,6 +109,8 @@ class TransformBuffer:
 
     def set_model(self, model: RobotModel) -> None:
         """Replace the robot model and its frames; joints of both models keep their history."""
+        if not isinstance(model, RobotModel):
+            raise TypeError(f"the model is {model!r}; give the result of load_robot_model(file)")
         with self._lock:
             if self._model is not None:
                 for link in self._model.children_of_joints:
@@ -128,7 +133,7 @@ class TransformBuffer:
         Raises:
             InvalidArgumentException: a position is not finite or too large; the others are kept.
         """
-        joints = self._joints
+        stamp, joints = _nanoseconds(stamp), self._joints
         refused: str | None = None
         with self._lock:
             for name, position in positions.items():
@@ -175,6 +180,7 @@ class TransformBuffer:
             InvalidArgumentException: a name is empty, both names are equal, a number is not finite,
                 the quaternion is not of unit length, or the model has the frame in another parent.
         """
+        stamp = _nanoseconds(stamp)
         parent, child = parent.removeprefix("/"), child.removeprefix("/")
         transform = _checked(parent, child, transform)
         with self._lock:
@@ -434,6 +440,8 @@ class TransformBuffer:
         self, target: str, source: str, stamp: int, method: Callable[[Path, int], Result]
     ) -> tuple[int, Result]:
         """Return the time [ns], and the result of a method of the route at this time."""
+        if type(stamp) is not int:
+            stamp = _nanoseconds(stamp)
         route = self._routes.get((target, source))
         if route is None:
             if target == source and isinstance(source, str):
@@ -584,7 +592,7 @@ class TransformBuffer:
         request = self.when(possible, lambda: done.put(None))
         try:
             with suppress(Empty):
-                done.get(timeout=min(timeout, threading.TIMEOUT_MAX))
+                done.get(timeout=min(float(timeout), threading.TIMEOUT_MAX))
         finally:
             is_waiting = self.withdraw(request)
         return not is_waiting
@@ -596,6 +604,20 @@ class TransformBuffer:
                 request.callback()
 
 
+def _nanoseconds(time: int) -> int:
+    """Return a time as int, also of numpy.
+
+    Raises:
+        TypeError: it is no integer.
+    """
+    try:
+        return index(time)
+    except TypeError:
+        raise TypeError(
+            f"the time is {time!r}; give integer nanoseconds, such as time.time_ns()"
+        ) from None
+
+
 def _checked(parent: str, child: str, transform: Transform) -> Transform:
     """Return the transform with floats and a normalised quaternion."""
     if not parent or not child:
@@ -605,7 +627,13 @@ def _checked(parent: str, child: str, transform: Transform) -> Transform:
     if parent == child:
         raise InvalidArgumentException(f"the frame {child!r} cannot be its own parent")
     # messages cannot hold numbers of other types, such as numpy's
-    numbers = x, y, z, qx, qy, qz, qw = tuple(map(float, transform))
+    try:
+        numbers = x, y, z, qx, qy, qz, qw = tuple(map(float, transform))
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"the transform of {child!r} in {parent!r} is {transform!r}; give a Transform, such as "
+            "Transform.from_matrix(matrix)"
+        ) from None
     if not max(abs(x), abs(y), abs(z)) < LARGEST_COORDINATE or not all(map(math.isfinite, numbers)):
         raise InvalidArgumentException(
             f"the transform of {child!r} in {parent!r} has numbers that are not finite"

@@ -57,8 +57,17 @@ class Rotation(NamedTuple):
         """Return the rotation of an orthonormal matrix, shape (3, 3).
 
         Source: Bar-Itzhack, with the largest component, which is exact near 180 degrees.
+
+        Raises:
+            ValueError: the matrix has another shape, is not orthonormal, or mirrors.
         """
         m = np.asarray(matrix, dtype=float)
+        is_rotation = m.shape == (3, 3) and np.allclose(m @ m.T, np.eye(3), atol=UNIT_TOLERANCE)
+        if not is_rotation or np.linalg.det(m) < 0.0:
+            raise ValueError(
+                f"a rotation is an orthonormal matrix of shape (3, 3) that does not mirror; {m} is "
+                "none"
+            )
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = m.tolist()
         squares = (1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz)
         largest = max(range(4), key=squares.__getitem__)
@@ -188,8 +197,14 @@ class Transform(Pose):
 
     @staticmethod
     def from_matrix(matrix: npt.NDArray[np.float64]) -> Transform:
-        """Return the transform of a homogeneous matrix, shape (4, 4)."""
+        """Return the transform of a homogeneous matrix, shape (4, 4).
+
+        Raises:
+            ValueError: the matrix has another shape, or its rotation is none.
+        """
         m = np.asarray(matrix, dtype=float)
+        if m.shape != (4, 4):
+            raise ValueError(f"a transform is a matrix of shape (4, 4), not {m.shape}")
         return Transform(m[:3, 3].tolist(), Rotation.from_matrix(m[:3, :3]))
 
     def as_matrix(self) -> npt.NDArray[np.float64]:

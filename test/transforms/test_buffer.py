@@ -210,3 +210,43 @@ def test_what_is_older_than_the_cache_takes_no_memory():
         history.insert(index * SECOND // 100, float(index))
     assert len(history) == 1002  # 10 s, and one sample more
     assert len(history.stamps) == len(history.values) <= 2 * len(history)
+
+
+@pytest.mark.parametrize("stamp", [1.5, math.nan, None, "now"])
+def test_a_time_that_is_no_integer_is_refused_and_recorded_nowhere(buffer, stamp):
+    buffer.set_transform(SECOND, "map", "ball", moved(1.0))
+    for call in (
+        lambda: buffer.set_joint_positions(stamp, HEAD),
+        lambda: buffer.set_joint_positions(stamp, {"another_joint": 0.0}),
+        lambda: buffer.set_transform(stamp, "map", "ball", moved(1.0)),
+        lambda: buffer.set_transform(stamp, "map", "cup", moved(1.0)),
+        lambda: buffer.lookup_transform("base_link", "camera_link", stamp),
+        lambda: buffer.can_transform("base_link", "camera_link", stamp),
+    ):
+        with pytest.raises(TypeError, match="nanoseconds"):
+            call()
+    buffer.set_transform(2 * SECOND, "map", "cup", moved(1.0))
+    assert buffer.lookup_transform("map", "cup").stamp == 2 * SECOND
+    buffer.set_joint_positions(2 * SECOND, HEAD)
+    assert buffer.lookup_transform("base_link", "camera_link").stamp == 2 * SECOND
+
+
+def test_numbers_of_numpy_are_times_and_waits(buffer):
+    buffer.set_transform(np.int64(SECOND), "map", "ball", moved(1.0))
+    found = buffer.lookup_transform("map", "ball", np.int64(SECOND), np.float32(0.1))
+    assert type(found.stamp) is int
+    assert not buffer.can_transform("map", "nowhere", SECOND, np.float32(0.01))
+
+
+@pytest.mark.parametrize("cache_time", [-1, 10.0, None])
+def test_a_cache_time_is_an_integer_of_at_least_0_ns(cache_time):
+    with pytest.raises((TypeError, ValueError), match="time"):
+        TransformBuffer(cache_time)
+
+
+def test_a_matrix_is_no_transform_and_a_file_no_model(buffer):
+    with pytest.raises(TypeError, match="from_matrix"):
+        buffer.set_transform(SECOND, "map", "ball", np.eye(4))
+    with pytest.raises(TypeError, match="load_robot_model"):
+        buffer.set_model("urdf/kinectbot.urdf.xacro")
+    assert buffer.can_transform("base_link", "camera_link")

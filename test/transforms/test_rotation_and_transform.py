@@ -60,3 +60,19 @@ def test_the_inverse_undoes(a):
 @given(transforms)
 def test_matrix_round_trip(a):
     assert np.allclose(Transform.from_matrix(a.as_matrix()).as_matrix(), a.as_matrix(), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "matrix", [np.eye(4), 2 * np.eye(3), -np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)]
+)
+def test_a_matrix_that_does_not_rotate_is_refused(matrix):
+    with pytest.raises(ValueError, match="rotation"):
+        Rotation.from_matrix(matrix)
+
+
+def test_a_transform_is_a_homogeneous_matrix():
+    with pytest.raises(ValueError, match="shape"):
+        Transform.from_matrix(np.eye(3))
+    mirrored = np.diag((1.0, 1.0, -1.0, 1.0))
+    with pytest.raises(ValueError, match="rotation"):
+        Transform.from_matrix(mirrored)
