@@ -101,6 +101,7 @@ AX_12_PAIR = configured_head(()).servos
 _RATE = 50.0  # cycles per second
 _TIMEOUT = 2.0  # s
 _FASTEST = 12.0  # rad/s
+_LATEST = 1e11  # s since 1970; larger numbers are milliseconds or nanoseconds
 
 
 class HeadState(StrEnum):
@@ -213,7 +214,7 @@ class Head:
     @classmethod
     def open(
         cls,
-        port: str = "/dev/ttyUSB0",
+        port: str | Path = "/dev/ttyUSB0",
         *,
         robot: str | Path = "kinectbot",
         servos: tuple[JointConfiguration, JointConfiguration] | None = None,
@@ -238,7 +239,7 @@ class Head:
         """
         model, head, known = _load_robot(robot, calibration)
         return cls(
-            port,
+            str(port),
             model,
             servos or head.servos,
             pointing_frame=pointing_frame or head.pointing_frame,
@@ -302,7 +303,8 @@ class Head:
             DynamixelError: a servo does not answer, or has shut down.
             ValueError: a number is not finite, or not allowed.
         """
-        max_velocity, timeout = float(max_velocity), float(timeout)
+        max_velocity = _number("max_velocity", max_velocity)
+        timeout = _number("timeout", timeout)
         if not 0.0 < max_velocity <= _FASTEST:
             raise ValueError(f"max_velocity is {max_velocity}; allowed are 0 to {_FASTEST:g} rad/s")
         if not timeout > 0.0:
@@ -383,6 +385,8 @@ class Head:
             OpenCVMissingError: OpenCV is not installed.
             FrameError: the frame is not known.
             RefusedCommandError: the head is stopped, relaxed or closed.
+            TypeError: an argument is no camera, no detector, no `Camera` or no
+                `DistanceParameters`.
             ValueError: there is no such detector.
         """
         from head_tracking.vision import CameraFollower, checked_pictures, find_detector
@@ -407,7 +411,7 @@ class Head:
             return self.pose(frame, base, stamp=stamp)
 
         follower = CameraFollower(
-            find_detector(what) if isinstance(what, str) else what,
+            find_detector(what),
             checked_pictures(camera),
             follow,
             see,
@@ -768,6 +772,8 @@ def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:
         x, y, z = map(float, point)
     except (TypeError, ValueError):
         raise ValueError(f"the point is {point!r}; give x, y and z in metres") from None
+    if not isinstance(frame, str):
+        raise TypeError(f"a frame name is a str; {frame!r} is a {type(frame).__name__}")
     target = Target(_nanoseconds(stamp), frame, (x, y, z))
     try:
         target.check()
@@ -780,7 +786,14 @@ def _nanoseconds(stamp: float | None) -> int:
     """Convert a time [s] to a stamp [ns]; None: the latest."""
     if stamp is None:
         return LATEST
-    nanoseconds = float(stamp) * 1e9
-    if not math.isfinite(nanoseconds):
-        raise ValueError(f"the stamp is {stamp}; give seconds, as time.time() does")
-    return round(nanoseconds)
+    seconds = _number("stamp", stamp)
+    if not abs(seconds) < _LATEST:
+        raise ValueError(f"stamp is {stamp}; give seconds since 1970, as time.time() does")
+    return round(seconds * 1e9)
+
+
+def _number(name: str, value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}; it must be a number") from None

@@ -28,23 +28,29 @@ from head_tracking.vision.pairing import Pairing
 from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
 
 
-def find_detector(name: str) -> Detector:
-    """Return a detector with default parameters that uses one thread.
+def find_detector(what: str | Detector) -> Detector:
+    """Return a detector, or the one of a name: with default parameters, using one thread.
 
     Args:
-        name: one of `DETECTORS` that needs neither a selection nor depths: face, colour, marker.
+        what: a detector, or one of `DETECTORS` that needs neither a selection nor depths: face,
+            colour, marker.
 
     Raises:
         OpenCVMissingError: OpenCV is not installed.
         ValueError: the name is not one of these.
+        TypeError: it is neither a name nor a detector.
     """
+    if isinstance(what, Detector):
+        return what
+    if not isinstance(what, str):
+        raise TypeError(f"the detector is {what!r}; give a name or an object of a Detector class")
     allowed = [
         known for known, spec in DETECTORS.items() if not (spec.depth_only or spec.needs_selection)
     ]
-    if name not in allowed:
-        raise ValueError(f"the detector is {name!r}; allowed are {', '.join(allowed)}")
+    if what not in allowed:
+        raise ValueError(f"the detector is {what!r}; allowed are {', '.join(allowed)}")
     require_opencv()
-    return DETECTORS[name].make()
+    return DETECTORS[what].make()
 
 
 __all__ = [

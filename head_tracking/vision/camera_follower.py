@@ -69,15 +69,31 @@ def checked_pictures(
     """Return the images of a camera, or those that a program yields; check these.
 
     Raises:
-        TypeError: there is no iterator of images.
+        TypeError: it is neither a camera nor an iterable.
         ImageError: while they are read: an image cannot be used, or its time is not finite.
         NoPictureError: likewise; see `pictures`.
     """
-    return pictures(camera) if isinstance(camera, int | str) else _checked(iter(camera))
+    if isinstance(camera, int | str):
+        return pictures(camera)
+    try:
+        return _checked(iter(camera))
+    except TypeError:
+        raise TypeError(
+            f"the camera is {camera!r}; give a number, the name of a device or a file, a URL, or "
+            "pairs of time and image"
+        ) from None
 
 
 def _checked(source: Iterator[tuple[float, Pixels]]) -> Iterator[tuple[float, Pixels]]:
-    for stamp, picture in source:
+    for item in source:
+        try:
+            stamp, picture = item
+            stamp = float(stamp)
+        except (TypeError, ValueError):
+            raise ImageError(
+                "an image has no time; give pairs of a time [s], as time.time() returns it, and an "
+                "image"
+            ) from None
         shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
         if kind != np.uint8 or len(shape) != 3 or shape[2] != 3 or 0 in shape:
             raise ImageError(
@@ -116,6 +132,9 @@ class CameraFollower:
         camera: Camera | None = None,
         distances: DistanceParameters | None = None,
     ) -> None:
+        for given, kind in ((camera, Camera), (distances, DistanceParameters)):
+            if not isinstance(given, kind | None):
+                raise TypeError(f"{given!r} is no {kind.__name__}")
         self.sighting: Sighting | None = None
         self.error: Exception | None = None
         self._tracker = VisualTracker(

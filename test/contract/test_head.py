@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from decimal import Decimal
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -279,15 +280,19 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
         with pytest.raises(ValueError):
             head.follow(point)
     camera_pose = partial(head.pose, "camera_link")
-    for stamp in (math.nan, math.inf, 1e300):
+    for stamp in (math.nan, math.inf, time.time_ns(), 1e3 * time.time(), "now", [1.0]):
         for ask in (partial(head.look_at, LEFT), partial(head.follow, LEFT), camera_pose):
             with pytest.raises(ValueError):
                 ask(stamp=stamp)
-    for velocity in (0.0, -1.0, math.nan):
-        with pytest.raises(ValueError):
-            head.look_at((1, 0, 0), max_velocity=velocity)
-        with pytest.raises(ValueError):
-            head.look_at((1, 0, 0), timeout=velocity)
+    for number in (0.0, -1.0, math.nan, "fast", None):
+        with pytest.raises(ValueError, match="max_velocity"):
+            head.look_at((1, 0, 0), max_velocity=number)
+        with pytest.raises(ValueError, match="timeout"):
+            head.look_at((1, 0, 0), timeout=number)
+    for ask in (head.look_at, head.follow, *poses):
+        for frame in (None, 3, b"base_link"):
+            with pytest.raises(TypeError, match="frame name"):
+                ask((1, 0, 0), frame)
     assert servos.torque == [0, 0]
     assert servos.true == (0.0, 0.0)
 
@@ -340,9 +345,10 @@ def test_a_newer_command_of_another_thread_supersedes_the_older(head, servos):
 
 
 def test_missing_ports_and_servos_raise_their_errors(servos, kinectbot):
-    with pytest.raises(PortMissingError) as missing:
-        Head.open("/dev/ttyNOT0")
-    assert missing.value.port_name == "/dev/ttyNOT0"
+    for port in ("/dev/ttyNOT0", Path("/dev/ttyNOT0")):
+        with pytest.raises(PortMissingError) as missing:
+            Head.open(port)
+        assert missing.value.port_name == "/dev/ttyNOT0"
     with pytest.raises(ConfigurationError):
         Head.open("/dev/ttyNOT0", baud_rate=0)
     pair = (

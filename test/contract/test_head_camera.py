@@ -116,8 +116,12 @@ def test_invalid_cameras_and_detectors_are_refused(head):
         head.follow_camera("cat")
     with pytest.raises(FrameError):
         head.follow_camera("face", frame="nowhere")
-    with pytest.raises(TypeError):
-        head.follow_camera("face", None)
+    for what, options in (
+        ("face", {"camera": None}), ("face", {"camera": 1.5}), (None, {}), (print, {}),
+        ("face", {"camera": [], "model": 60.0}), ("face", {"camera": [], "distances": 2.0}),
+    ):  # fmt: skip
+        with pytest.raises(TypeError):
+            head.follow_camera(what, **options)
     head.stop()
     with pytest.raises(RefusedCommandError):
         head.follow_camera("face")
@@ -135,6 +139,8 @@ def unplugged():
         (-1, NoPictureError),  # OpenCV 4 and 5 end the process if there is no camera
         (unplugged(), OSError),
         ([(float("nan"), GREY)], ImageError),
+        ([GREY], ImageError),
+        ([(GREY, 1.0)], ImageError),
     ],
 )
 def test_a_failing_camera_ends_following_with_its_error_and_a_warning(head, camera, error, caplog):
