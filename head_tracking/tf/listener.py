@@ -159,7 +159,8 @@ class TransformListener:
         if stamp < self._latest - CLOCK_JUMP:
             now = self.node.get_clock().now().nanoseconds
             if now < self._latest:  # else the message is late
-                self._log.warning("time jumped back: the transform buffer is cleared")
+                text = "time jumped back: the transform buffer is cleared"
+                self._log.warning(text, throttle_duration_sec=1.0)
                 self._core.clear()
                 self._latest = stamp
         self._latest = max(stamp, self._latest)

@@ -119,6 +119,27 @@ def test_invalid_commands_are_refused_and_move_nothing(bench, person, topic, mes
     assert bench.servos.at_rest() == pytest.approx(before, abs=0.2 * DEGREE)
 
 
+def test_a_flood_of_invalid_commands_is_logged_once_a_second_in_short_lines(person):
+    claim = joint_commands(names=["x" * 9999])
+    claim.header.frame_id = "y" * 9999
+    wrong = {
+        f"{PAN}/command": Float64(data=math.nan),
+        f"{PAN}/speed": Float64(data=math.nan),
+        "joint_claims": claim,
+        "joint_commands": claim,
+    }
+    person.log.clear()
+    begun = time.monotonic()
+    for _ in range(50):
+        for topic, message in wrong.items():
+            person.publish(topic, message)
+        time.sleep(0.01)
+    person.complaint("servo_bus", "refused")
+    lines = [each.msg for each in list(person.log) if "refused" in each.msg]
+    assert len(lines) <= 2 + time.monotonic() - begun
+    assert max(map(len, lines)) <= 500
+
+
 def test_a_stream_of_commands_is_clamped_to_the_limits(bench, person):
     person.publish("joint_commands", joint_commands(3.0, names=JOINTS[1:]))
     wait_for(lambda: abs(person.tilt - 288 * TICK) < DEGREE)

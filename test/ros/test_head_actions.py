@@ -164,7 +164,8 @@ def test_invalid_trajectories_are_aborted_with_their_code(follower):
     assert code((1.0, (0.0, 0.0)), end={JOINTS[0]: -2.0}) == -1
     follower.until_done("stop")
     assert code((1.0, (0.0, 0.0))) == -1
-    follower.logged("a trajectory is rejected: the head is stopped")
+    stopped = "a trajectory is rejected: the head is stopped"
+    follower.complaint("point_head", stopped, of=lambda: code((1.0, (0.0, 0.0))))
 
 
 def test_a_stop_and_resume_while_a_trajectory_is_examined_end_it(follower, monkeypatch):

@@ -64,6 +64,7 @@ _ERRORS = (
 )
 _SECOND = 1_000_000_000  # ns
 _LOG_PERIOD = 5.0  # s
+_LONGEST = 500  # characters of a refusal: names in messages have any length
 _LIMITS_TIME = 1.0  # s that setting limits may take
 _SOMEBODY = "somebody"  # the sender of commands without a name
 
@@ -273,16 +274,14 @@ class ServoBusNode(ClosingNode):
         """Give joints to the sender, whoever owns them."""
         sender, epoch = sender_from(message.header.frame_id)
         known = {joint.joint_name for joint in self.backend.joints}
-        if not sender or not message.name or not set(message.name) <= known:
-            self.get_logger().error(
-                f"joint_claims refused: {sender!r} claims {list(message.name)}; header.frame_id "
-                f"must be the name of the sender, and the joints are {', '.join(sorted(known))}",
-                throttle_duration_sec=1.0,
-            )
-            return
         try:
+            if not sender or not message.name or not set(message.name) <= known:
+                raise ValueError(
+                    f"header.frame_id must be the name of the sender, and the joints are "
+                    f"{', '.join(sorted(known))}; {sender!r} claims {list(message.name)}"
+                )
             self._loop.owners.take_over(sender, message.name, epoch)
-        except StoppedError as error:
+        except (ValueError, StoppedError) as error:
             self._refuse(f"joint_claims of {sender}", error)
 
     def _on_joint_commands(self, message: JointState) -> None:
@@ -301,7 +300,8 @@ class ServoBusNode(ClosingNode):
         return lambda joints: self._loop.owners.claim(sender, joints, LEASE)
 
     def _refuse(self, what: str, error: Exception) -> None:
-        self.get_logger().error(f"{what} refused: {error}", throttle_duration_sec=1.0)
+        text = f"{what} refused: {error}"
+        self.get_logger().error(text[:_LONGEST], throttle_duration_sec=1.0)
 
     def _report(self, subject: str, text: str) -> None:
         """Log why something was not done as requested, at most every 5 s for each subject."""
@@ -313,13 +313,13 @@ class ServoBusNode(ClosingNode):
             epoch = self._loop.owners.check(_SOMEBODY, [joint])
             self.backend.command(joint, Goal(message.data), epoch, self._claim(_SOMEBODY))
         except (DynamixelError, OwnershipError) as error:
-            self.get_logger().error(f"command refused: {error}")
+            self._refuse("command", error)
 
     def _on_speed(self, joint: str, message: Float64) -> None:
         try:
             self.backend.joint(joint).set_default_speed(message.data)
         except DynamixelError as error:
-            self.get_logger().error(f"speed refused: {error}")
+            self._refuse("speed", error)
 
     def _set_limits(self, joint: str, **limits: Any) -> None:
         """Set limits, and wait until the bus applies them."""

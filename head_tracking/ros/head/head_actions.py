@@ -39,6 +39,7 @@ except ImportError:
     TrajectoryMessage = None
 
 _LOG_PERIOD = 0.5  # s
+_LONGEST = 500  # characters of a reason: names in messages have any length
 
 
 class HeadActions:
@@ -87,11 +88,15 @@ class HeadActions:
             control.watch()
             obstacle = control.obstacle
             refusal = self._mistake(request) if obstacle is None else str(obstacle)
-            if refusal:
-                control.reject(refusal)
-                target = target_from_message(request.target)
-                self._log.warning(f"the goal {target} is rejected: {refusal}")
+        if refusal:
+            self._reject(f"the goal {target_from_message(request.target)}", refusal)
         return refusal
+
+    def _reject(self, what: str, reason: str) -> None:
+        """Log and record why a goal or a trajectory is not executed."""
+        reason = reason[:_LONGEST]
+        self._log.warning(f"{what} is rejected: {reason}", throttle_duration_sec=_LOG_PERIOD)
+        self._control.reject(reason)
 
     def _mistake(self, request: Any) -> str:
         target, frames = target_from_message(request.target), self._control.frames
@@ -146,17 +151,14 @@ class HeadActions:
                 )
             self._begin(goal.request.trajectory, goal)
         except TrajectoryError as error:
-            self._log.warning(f"a trajectory is rejected: {error}")
-            self._control.reject(str(error))
+            self._reject("a trajectory", str(error))
             goal.end(MotionEnd.ABORTED, _result(error.code, str(error)))
 
     def _on_trajectory(self, message: Any) -> None:
         try:
             self._begin(message, None)
         except TrajectoryError as error:
-            text = f"a trajectory is rejected: {error}"
-            self._log.warning(text, throttle_duration_sec=_LOG_PERIOD)
-            self._control.reject(str(error))
+            self._reject("a trajectory", str(error))
 
     def _begin(self, message: Any, goal: ActionGoal | None) -> None:
         """Begin a trajectory.

@@ -16,7 +16,7 @@ from head_tracking.control import STOPPED, JointOwners
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.diagnostics import Level, status_message
 from head_tracking.ros.kit.threads import UrgentServices
-from head_tracking.ros.kit.topics import LATCHED
+from head_tracking.ros.kit.topics import LATCHED, LONGEST_NAME
 
 _OWNER = "owner of "
 
@@ -75,6 +75,7 @@ def sender(name: str, epoch: int) -> str:
 
 def sender_from(frame_id: str) -> tuple[str, int | None]:
     """Return sender and epoch of a command; the epoch is None if it gives none."""
+    frame_id = frame_id[:LONGEST_NAME]  # it is kept and published as the owner
     name, _, epoch = frame_id.rpartition("#")
     try:
         return (name, int(epoch)) if name else (frame_id, None)

@@ -8,14 +8,14 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
 from head_tracking.ros.kit.threads import answering
-from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE
+from head_tracking.ros.kit.topics import LATCHED, LONGEST_NAME, OVERRIDABLE
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.tracking import Target
 
 
 def target_from_message(message: PointStamped) -> Target:
     """Return the target of a message; a leading slash of its frame, as in tf1, is removed."""
-    frame_id = message.header.frame_id.removeprefix("/")
+    frame_id = message.header.frame_id[:LONGEST_NAME].removeprefix("/")
     point = message.point
     return Target(stamp_to_ns(message.header.stamp), frame_id, (point.x, point.y, point.z))
 

@@ -1,4 +1,4 @@
-"""Quality of service, and subscriptions of any reliability."""
+"""Quality of service, lengths of names, and subscriptions of any reliability."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 MEASUREMENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """For a subscription to measurements of a publisher of any reliability."""
+
+LONGEST_NAME = 255
+"""Characters of a name in a message that are used: others may send texts of any length."""
 
 OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 """Declares parameters such as `qos_overrides./servo_states.publisher.depth`."""
