@@ -46,19 +46,13 @@ PROGRAM = (
 
 @dataclass
 class Interface:
-    """Topics, services, actions and parameters of a running node.
+    """Topics, services, actions and parameters of a running node."""
 
-    Attributes:
-        name: of the node.
-        summary: first sentence of its class.
-        topics: direction ("publishes", "subscribes to", "services", "actions") -> name -> type.
-        parameters: rows of the parameter table.
-    """
-
-    name: str
-    summary: str
+    name: str  # of the node
+    summary: str  # first sentence of its class
+    # direction ("publishes", "subscribes to", "services", "actions") -> name -> type
     topics: dict[str, dict[str, str]] = field(default_factory=lambda: defaultdict(dict))
-    parameters: list[tuple[str, ...]] = field(default_factory=list)
+    parameters: list[tuple[str, ...]] = field(default_factory=list)  # rows of the parameter table
 
     def add(self, direction: str, found: list[tuple[str, list[str]]]) -> None:
         """Add names with their types; an action is recognised by its service to send goals."""

@@ -38,17 +38,11 @@ class Summary(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Processor time of a program with its children [cores], and memory [MB].
+    """Processor time of a program with its children [cores], and memory [MB]."""
 
-    Attributes:
-        processor: of all processes.
-        memory: of the program itself.
-        largest: memory of its largest process.
-    """
-
-    processor: float
-    memory: float
-    largest: float
+    processor: float  # of all processes
+    memory: float  # of the program itself
+    largest: float  # memory of its largest process
 
 
 def run() -> str:

@@ -93,17 +93,13 @@ def test_packet_that_is_too_long_is_refused(protocol: int) -> None:
 
 
 class ScriptedDevice:
-    """Says one thing whatever is asked, and keeps what was.
-
-    Attributes:
-        answer: what it says.
-    """
+    """Says one thing whatever is asked, and keeps what was."""
 
     adapter = Adapter()
 
     def __init__(self, answer: str) -> None:
         self.sent = ""
-        self.answer = bytes.fromhex(answer)
+        self.answer = bytes.fromhex(answer)  # what it says
         self._rest = b""
 
     def discard_input(self) -> None:
@@ -228,17 +224,12 @@ class SecondMaster:
         line: The line, on whose other side the driver is.
         clock: Its clock.
         gap: From the end of a reply to the next request, s.
-
-    Attributes:
-        speaks: Whether the second master is there.
-        spoken_over: How often the driver spoke over it.
-        heard: Packets of the driver that reached the servos.
     """
 
     def __init__(self, line: SimulatedLine, clock: SimulatedClock, gap: float) -> None:
-        self.speaks = True
-        self.spoken_over = 0
-        self.heard: list[bytes] = []
+        self.speaks = True  # Whether the second master is there
+        self.spoken_over = 0  # How often the driver spoke over it
+        self.heard: list[bytes] = []  # Packets of the driver that reached the servos
         self._line, self._clock = line, clock
         self._first = clock.now
         request, reply = len(_REQUEST) * _BYTE, len(_REPLY) * _BYTE

@@ -27,27 +27,17 @@ SLACK = 25  # ticks by which a motion may overshoot
 
 @dataclass(frozen=True)
 class Case:
-    """A joint and where its relaxed shaft is led by hand.
+    """A joint and where its relaxed shaft is led by hand."""
 
-    Attributes:
-        model: Of its servos.
-        low: Lowest tick of the first servo.
-        high: Highest tick of it.
-        zero: Tick of position 0.
-        second: Lowest tick of the second servo, which turns the other way; None: there is none.
-        start: Where the shaft is led, in ticks of the first servo, beyond a turn, too.
-        goals: As parts of the range.
-        reversed: Whether the first servo is mounted the other way round.
-    """
-
-    model: str
-    low: int
-    high: int
-    zero: int
+    model: str  # Of its servos
+    low: int  # Lowest tick of the first servo
+    high: int  # Highest tick of it
+    zero: int  # Tick of position 0
+    # Lowest tick of the second servo, which turns the other way; None: there is none
     second: int | None
-    start: int
-    goals: tuple[float, ...]
-    reversed: bool = False
+    start: int  # Where the shaft is led, in ticks of the first servo, beyond a turn, too
+    goals: tuple[float, ...]  # As parts of the range
+    reversed: bool = False  # Whether the first servo is mounted the other way round
 
 
 @st.composite

@@ -34,19 +34,15 @@ AWAY = 0.7  # rad
 
 
 class Tracked:
-    """A node that controls a head, its servos, and a target that is seen 50 times a second.
-
-    Attributes:
-        path: the bearing of the target [rad] at a time [s]; None: there is no target.
-        fields: of the latest `~/status`.
-    """
+    """A node that controls a head, its servos, and a target that is seen 50 times a second."""
 
     def __init__(
         self, kind: type[HeadNode], model: RobotModel | None, parameters: dict[str, Any]
     ) -> None:
         self.world = world = World(model)
+        # the bearing of the target [rad] at a time [s]; None: there is no target
         self.path: Callable[[float], float] | None = None
-        self.fields: dict[str, str] = {}
+        self.fields: dict[str, str] = {}  # of the latest `~/status`
         for name in ("head_tracker", "point_head"):
             world.listen(f"/{name}/status", self._on_status)
         self.node = world.make(kind, parameters, loop=world.loop)

@@ -24,22 +24,17 @@ def in_executor(node: Any, call: Callable[[], Any]) -> Any:
 
 
 class Sent:
-    """A goal on its way.
-
-    Attributes:
-        accepted: whether the server took it.
-        feedback: what it said on the way, with the time [s].
-    """
+    """A goal on its way."""
 
     def __init__(self, node: Any, client: ActionClient, goal: Any) -> None:
-        self.feedback: list[tuple[float, Any]] = []
+        self.feedback: list[tuple[float, Any]] = []  # what it said on the way, with the time [s]
         self._node = node
         future = in_executor(
             node, lambda: client.send_goal_async(goal, feedback_callback=self._on_feedback)
         )
         wait_for(future.done)
         self._handle = future.result()
-        self.accepted = self._handle.accepted
+        self.accepted = self._handle.accepted  # whether the server took it
         if self.accepted:
             self._result = in_executor(node, self._handle.get_result_async)
 

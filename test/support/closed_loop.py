@@ -152,47 +152,29 @@ class Mounted:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera and the way of its points to the tracker.
+    """A camera and the way of its points to the tracker."""
 
-    Attributes:
-        points: of the target, a second.
-        delay: mean age of a point when it arrives [s].
-        delay_jitter: standard deviation of that [s]; points may overtake each other.
-        batch: points wait and arrive together, at multiples of this time [s]; 0: at once.
-        noise: standard deviation of the bearing, in both directions [rad].
-        range_noise: standard deviation of the distance, as a ratio.
-        depth_noise: standard deviation of the distance [m].
-        on_head: the camera moves with the head; else points come in the head's base frame.
-        field: width and height of what a camera on the head sees [rad].
-        extrinsic: how far the camera is really turned to the left and up from the model [rad].
-        stamp_error: what stamps are off by [s]; above 0: they are too late.
-        stamp_jitter: standard deviation of that [s].
-        jitter: standard deviation of the times between points, as a ratio.
-        lost: the probability that a point never comes.
-        outage: mean time that lost points are lost in a row [s]; 0: one by one.
-        gaps: from when to when [s] none comes.
-        outliers: the probability that a point is elsewhere.
-        outlier: how far away these are at most, in both directions [rad].
-    """
-
-    points: float = 30.0
-    delay: float = 0.0
-    delay_jitter: float = 0.0
-    batch: float = 0.0
-    noise: float = 0.0
-    range_noise: float = 0.0
-    depth_noise: float = 0.0
+    points: float = 30.0  # of the target, a second
+    delay: float = 0.0  # mean age of a point when it arrives [s]
+    delay_jitter: float = 0.0  # standard deviation of that [s]; points may overtake each other
+    batch: float = 0.0  # points wait and arrive together, at multiples of this time [s]; 0: at once
+    noise: float = 0.0  # standard deviation of the bearing, in both directions [rad]
+    range_noise: float = 0.0  # standard deviation of the distance, as a ratio
+    depth_noise: float = 0.0  # standard deviation of the distance [m]
+    # the camera moves with the head; else points come in the head's base frame
     on_head: bool = False
+    # width and height of what a camera on the head sees [rad]
     field: tuple[float, float] = (math.radians(60.0), math.radians(45.0))
+    # how far the camera is really turned to the left and up from the model [rad]
     extrinsic: tuple[float, float] = (0.0, 0.0)
-    stamp_error: float = 0.0
-    stamp_jitter: float = 0.0
-    jitter: float = 0.0
-    lost: float = 0.0
-    outage: float = 0.0
-    gaps: tuple[tuple[float, float], ...] = ()
-    outliers: float = 0.0
-    outlier: float = 0.15
+    stamp_error: float = 0.0  # what stamps are off by [s]; above 0: they are too late
+    stamp_jitter: float = 0.0  # standard deviation of that [s]
+    jitter: float = 0.0  # standard deviation of the times between points, as a ratio
+    lost: float = 0.0  # the probability that a point never comes
+    outage: float = 0.0  # mean time that lost points are lost in a row [s]; 0: one by one
+    gaps: tuple[tuple[float, float], ...] = ()  # from when to when [s] none comes
+    outliers: float = 0.0  # the probability that a point is elsewhere
+    outlier: float = 0.15  # how far away these are at most, in both directions [rad]
 
     def captures(self, duration: float, rng: random.Random) -> list[float]:
         """Draw the times at which points are seen [s]."""
@@ -217,32 +199,20 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class Conditions(Camera):
-    """What a run is like; the attributes of `Camera` are those of its first camera.
+    """What a run is like; the attributes of `Camera` are those of its first camera."""
 
-    Attributes:
-        duration: [s].
-        rate: commands a second.
-        late: the probability that a cycle is late.
-        lateness: how late such a cycle is, from and to [s].
-        start: pan and tilt at first [rad].
-        base: position x, y [m] and yaw [rad] of the robot at a time [s]; paths are given in the
-            head's base frame as it is where these are 0. None: it never moves.
-        fixed_frame: the frame in which the package keeps targets, if there is a base.
-        more: further cameras.
-        seed: of all that is random.
-        servos: both joints.
-    """
-
-    duration: float = 10.0
-    rate: float = 50.0
-    late: float = 0.0
-    lateness: tuple[float, float] = (0.06, 0.15)
-    start: tuple[float, float] = (0.0, 0.0)
+    duration: float = 10.0  # [s]
+    rate: float = 50.0  # commands a second
+    late: float = 0.0  # the probability that a cycle is late
+    lateness: tuple[float, float] = (0.06, 0.15)  # how late such a cycle is, from and to [s]
+    start: tuple[float, float] = (0.0, 0.0)  # pan and tilt at first [rad]
+    # position x, y [m] and yaw [rad] of the robot at a time [s]; paths are given in the head's base
+    # frame as it is where these are 0. None: it never moves.
     base: Callable[[float], tuple[float, float, float]] | None = None
-    fixed_frame: str = "odom"
-    more: tuple[Camera, ...] = ()
-    seed: int = 1
-    servos: Make = field(default_factory=ax12)
+    fixed_frame: str = "odom"  # the frame in which the package keeps targets, if there is a base
+    more: tuple[Camera, ...] = ()  # further cameras
+    seed: int = 1  # of all that is random
+    servos: Make = field(default_factory=ax12)  # both joints
 
 
 WEBCAM = Conditions(
@@ -260,23 +230,15 @@ WEBCAM = Conditions(
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The result of a run.
+    """The result of a run."""
 
-    Attributes:
-        recording: of the true angles.
-        commands: time [s] and command.
-        goals: what was written, cycle by cycle, in steps of the servo.
-        costs: of each step [s].
-        point_costs: of each point [s].
-        seen: times [s] of the points that any camera saw.
-    """
-
-    recording: Trace
-    commands: list[tuple[float, HeadCommand]] = field(default_factory=list)
+    recording: Trace  # of the true angles
+    commands: list[tuple[float, HeadCommand]] = field(default_factory=list)  # time [s] and command
+    # what was written, cycle by cycle, in steps of the servo
     goals: list[tuple[int, int]] = field(default_factory=list)
-    costs: list[float] = field(default_factory=list)
-    point_costs: list[float] = field(default_factory=list)
-    seen: list[float] = field(default_factory=list)
+    costs: list[float] = field(default_factory=list)  # of each step [s]
+    point_costs: list[float] = field(default_factory=list)  # of each point [s]
+    seen: list[float] = field(default_factory=list)  # times [s] of the points that any camera saw
 
 
 class ClosedLoop:
@@ -292,9 +254,6 @@ class ClosedLoop:
         path: of the target.
         conditions: of the run.
         observe: called after each step with the time [s].
-
-    Attributes:
-        buffer: the robot's transforms as the package knows them.
     """
 
     def __init__(
@@ -310,7 +269,7 @@ class ClosedLoop:
         self._cameras: tuple[Camera, ...] = (c, *c.more)
         self._is_raw = False
         self._inbox: list[tuple[float, int, Target, bool]] = []
-        self.buffer = TransformBuffer()
+        self.buffer = TransformBuffer()  # the robot's transforms as the package knows them
         self.buffer.set_model(kinectbot())
         fixed = BASE_FRAME if c.base is None else c.fixed_frame
         self._placer = TargetPlacer(self.buffer, fixed, 1.0)

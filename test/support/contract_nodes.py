@@ -21,24 +21,17 @@ class BusStandIn(Node):
     Args:
         namespace: of its robot.
         offers: services it has.
-
-    Attributes:
-        calls: the services that were called, oldest first.
-        confirms: joints that confirm that they are relaxed.
-        commands: messages on joint_commands.
-        claims: messages on joint_claims.
-        message: of the servos' diagnostics.
     """
 
     def __init__(
         self, namespace: str = "", offers: tuple[str, ...] = ("stop", "resume", "relax")
     ) -> None:
         super().__init__("servo_bus", namespace=namespace)
-        self.calls: list[str] = []
-        self.confirms = set(JOINTS)
-        self.commands: list[JointState] = []
-        self.claims: list[JointState] = []
-        self.message = "torque on"
+        self.calls: list[str] = []  # the services that were called, oldest first
+        self.confirms = set(JOINTS)  # joints that confirm that they are relaxed
+        self.commands: list[JointState] = []  # messages on joint_commands
+        self.claims: list[JointState] = []  # messages on joint_claims
+        self.message = "torque on"  # of the servos' diagnostics
         self._stopped = self.create_publisher(Bool, "stopped", LATCHED)
         self._control = self.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -102,17 +95,12 @@ class BusStandIn(Node):
 
 
 class ControllerStandIn(Node):
-    """head_tracker or point_head: a switch and a latched topic.
-
-    Attributes:
-        on: whether it is switched on.
-        asked: what `~/enable` was called with.
-    """
+    """head_tracker or point_head: a switch and a latched topic."""
 
     def __init__(self, name: str, on: bool = True, namespace: str = "") -> None:
         super().__init__(name, namespace=namespace)
-        self.on = on
-        self.asked: list[bool] = []
+        self.on = on  # whether it is switched on
+        self.asked: list[bool] = []  # what `~/enable` was called with
         self._enabled = self.create_publisher(Bool, "~/enabled", LATCHED)
         self.create_service(SetBool, "~/enable", self._on_enable)
         self._enabled.publish(Bool(data=on))

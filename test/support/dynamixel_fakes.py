@@ -39,18 +39,14 @@ class FakeServo(SimulatedServo):
 
     Args:
         servo_id: its id.
-
-    Attributes:
-        answers: whether it hears and answers what is sent to it alone.
-        mute: whether it misses each of the next packets that are sent to it alone.
-        ignored: addresses whose writes have no effect.
     """
 
     def __init__(self, servo_id: int) -> None:
         super().__init__(servo_id, boot_time=0.0)
-        self.answers = True
+        self.answers = True  # whether it hears and answers what is sent to it alone
+        # whether it misses each of the next packets that are sent to it alone
         self.mute: deque[bool] = deque()
-        self.ignored: set[int] = set()
+        self.ignored: set[int] = set()  # addresses whose writes have no effect
         self["Goal Position"] = 900  # an old goal that nobody wants any more
         super()._measure()
 
@@ -114,9 +110,6 @@ class FakeRig(Rig):
         joints: by default pan and tilt.
         settings: of the bus.
         connect: whether the bus is connected.
-
-    Attributes:
-        log: what was sent.
     """
 
     def __init__(
@@ -129,7 +122,7 @@ class FakeRig(Rig):
         servos = [FakeServo(joint.id) for joint in joints]
         super().__init__(*servos, joints=joints, settings=settings, connect=False)
         self.pan, self.tilt = servos[0], servos[-1]
-        self.log: list[Request] = []
+        self.log: list[Request] = []  # what was sent
         write = self.bench.line.write
 
         def note(data: bytes) -> None:

@@ -68,17 +68,11 @@ def _recoloured(picture: Texture, looks: Looks) -> Texture:
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody in the scene.
+    """Somebody in the scene."""
 
-    Attributes:
-        looks: colours of skin, hair and clothes.
-        path: of the face's middle, in the scene [m].
-        shown: when this person is there [s]: pairs of begin and end.
-    """
-
-    looks: Looks
-    path: Path
-    shown: Sequence[tuple[float, float]]
+    looks: Looks  # colours of skin, hair and clothes
+    path: Path  # of the face's middle, in the scene [m]
+    shown: Sequence[tuple[float, float]]  # when this person is there [s]: pairs of begin and end
 
     def is_there(self, time: float) -> bool:
         return any(begin <= time < end for begin, end in self.shown)

@@ -73,17 +73,11 @@ def _files(archive: Path) -> Iterator[tuple[str, bytes]]:
 
 @dataclass(frozen=True)
 class Photograph:
-    """An image of 640 by 480 pixels.
+    """An image of 640 by 480 pixels."""
 
-    Attributes:
-        picture: blue, green, red.
-        centre: column and row of the face's middle.
-        size: its width in pixels.
-    """
-
-    picture: Any
-    centre: tuple[float, float]
-    size: float
+    picture: Any  # blue, green, red
+    centre: tuple[float, float]  # column and row of the face's middle
+    size: float  # its width in pixels
 
     def shows(self, box: Any) -> bool:
         """Whether a box is around the face."""

@@ -61,17 +61,11 @@ def turned(point: Point, left: float, up: float) -> Point:
 
 
 class JointsRead(NamedTuple):
-    """The result of a reading.
+    """The result of a reading."""
 
-    Attributes:
-        stamp: the middle of the reading [ns].
-        end: when the reading was complete [ns].
-        positions: of pan and tilt [rad].
-    """
-
-    stamp: int
-    end: int
-    positions: tuple[float, float]
+    stamp: int  # the middle of the reading [ns]
+    end: int  # when the reading was complete [ns]
+    positions: tuple[float, float]  # of pan and tilt [rad]
 
 
 Make: TypeAlias = Callable[[tuple[float, float]], Any]
@@ -80,27 +74,16 @@ Make: TypeAlias = Callable[[tuple[float, float]], Any]
 
 @dataclass(frozen=True, slots=True)
 class PlainServo:
-    """A servo of no make; called with a start position, it makes both joints of a head.
+    """A servo of no make; called with a start position, it makes both joints of a head."""
 
-    Attributes:
-        dead_time: from a command to the start of the motion [s].
-        lag: of the position loop [s].
-        speed: highest [rad/s].
-        acceleration: highest of the shaft [rad/s^2]; a heavy head has little.
-        profile: acceleration of the set-point [rad/s^2], as in X servos; inf: none.
-        dead_band: errors below this are not driven [rad].
-        play: between gear and camera, to either side [rad].
-        resolution: of the encoder [rad].
-    """
-
-    dead_time: float = 0.01
-    lag: float = 0.025
-    speed: float = 6.0
-    acceleration: float = 100.0
-    profile: float = math.inf
-    dead_band: float = 0.002
-    play: float = 0.0
-    resolution: float = 0.0015
+    dead_time: float = 0.01  # from a command to the start of the motion [s]
+    lag: float = 0.025  # of the position loop [s]
+    speed: float = 6.0  # highest [rad/s]
+    acceleration: float = 100.0  # highest of the shaft [rad/s^2]; a heavy head has little
+    profile: float = math.inf  # acceleration of the set-point [rad/s^2], as in X servos; inf: none
+    dead_band: float = 0.002  # errors below this are not driven [rad]
+    play: float = 0.0  # between gear and camera, to either side [rad]
+    resolution: float = 0.0015  # of the encoder [rad]
 
     def __call__(self, start: tuple[float, float]) -> PlainHead:
         return PlainHead((self, self), start)
@@ -138,13 +121,10 @@ class PlainHead:
     Args:
         servos: of pan and tilt.
         start: their positions at first [rad].
-
-    Attributes:
-        goals: the last written ones, in steps of the servos.
     """
 
     def __init__(self, servos: tuple[PlainServo, PlainServo], start: tuple[float, float]) -> None:
-        self.goals: tuple[int, int] | None = None
+        self.goals: tuple[int, int] | None = None  # the last written ones, in steps of the servos
         self._joints = tuple(map(_Joint, servos, start))
 
     def read(self, now: int) -> JointsRead:
@@ -265,17 +245,11 @@ class PlainStream:
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """A joint trajectory controller at 100 Hz that takes one position after the other, late.
+    """A joint trajectory controller at 100 Hz that takes one position after the other, late."""
 
-    Attributes:
-        dead_time: from a message to its effect [s].
-        lag: of the joints behind the controller [s].
-        stream: makes what turns commands into positions.
-    """
-
-    dead_time: float
-    lag: float = 0.02
-    stream: Callable[[], Any] = PlainStream
+    dead_time: float  # from a message to its effect [s]
+    lag: float = 0.02  # of the joints behind the controller [s]
+    stream: Callable[[], Any] = PlainStream  # makes what turns commands into positions
 
     def __call__(self, start: tuple[float, float]) -> PlainHead:
         servo = PlainServo(self.dead_time, self.lag, dead_band=0.0, resolution=0.0005)

@@ -37,17 +37,12 @@ def kinectbot_geometry() -> HeadGeometry:
 
 
 class Seen(NamedTuple):
-    """A head and its views.
+    """A head and its views."""
 
-    Attributes:
-        changes: how it differs from the model, shape (12,).
-        views: for a calibration, in a random order.
-        held_out: others, without noise: pan, tilt [rad], and where the marker is by the true head,
-            in the optical frame, shape (3,) [m].
-    """
-
-    changes: np.ndarray
-    views: list[View]
+    changes: np.ndarray  # how it differs from the model, shape (12,)
+    views: list[View]  # for a calibration, in a random order
+    # others, without noise: pan, tilt [rad], and where the marker is by the true head, in the
+    # optical frame, shape (3,) [m]
     held_out: list[tuple[float, float, np.ndarray]]
 
 

@@ -45,25 +45,15 @@ def seen_surface(scene: Scene, name: str, time: float, camera: Transform) -> Vec
 
 @dataclass
 class View:
-    """A camera on a robot's head that turns to and fro.
+    """A camera on a robot's head that turns to and fro."""
 
-    Attributes:
-        scene: what it looks at.
-        model: carries it.
-        camera: what it is.
-        swing: amplitude of the pan [rad], at 0.2 Hz.
-        depth: "16UC1", "32FC1" or "" for none.
-        noise: of a pixel.
-        seed: of the noise.
-    """
-
-    scene: Scene
-    model: RobotModel
-    camera: Camera
-    swing: float = 0.4
-    depth: str = "16UC1"
-    noise: float = 4.0
-    seed: int = 1
+    scene: Scene  # what it looks at
+    model: RobotModel  # carries it
+    camera: Camera  # what it is
+    swing: float = 0.4  # amplitude of the pan [rad], at 0.2 Hz.
+    depth: str = "16UC1"  # "16UC1", "32FC1" or "" for none
+    noise: float = 4.0  # of a pixel
+    seed: int = 1  # of the noise
 
     def pose(self, time: float) -> Transform:
         """`T_scene_optical`."""
@@ -103,15 +93,10 @@ KINECT = camera_with_view(640, 480, 1.0)
 
 @dataclass
 class Watched:
-    """What a tracker made of some frames.
+    """What a tracker made of some frames."""
 
-    Attributes:
-        sightings: of each frame.
-        misses: how far each sighting's point was from where it should be [m].
-    """
-
-    sightings: list[Sighting | None]
-    misses: list[float]
+    sightings: list[Sighting | None]  # of each frame
+    misses: list[float]  # how far each sighting's point was from where it should be [m]
 
     @property
     def numbers(self) -> list[int]:

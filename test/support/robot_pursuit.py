@@ -27,9 +27,6 @@ class Pursuit:
 
     Args:
         name: of the robot.
-
-    Attributes:
-        errors: angle between camera and target in each cycle [rad].
     """
 
     def __init__(self, name: str) -> None:
@@ -42,7 +39,7 @@ class Pursuit:
         self._rig = Rig(*mounted_servos(self.servos), joints=self.servos)
         self._tracker = Tracker(self.head, LAWS["predictive"](self.head, PERIOD))
         self._begin = 0.0
-        self.errors: list[float] = []
+        self.errors: list[float] = []  # angle between camera and target in each cycle [rad]
 
     def target(self, now: float) -> Vector3:
         """Return where the target is [m], in the base frame of the head, at a time [s]."""

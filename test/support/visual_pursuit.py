@@ -33,19 +33,14 @@ def tutorial_law() -> dict[str, Any]:
 
 @dataclass
 class Pursuit:
-    """What came of a run.
+    """What came of a run."""
 
-    Attributes:
-        errors: angle between the camera's axis and the target, by the servos' true angles [rad].
-        misses: how far the published points were from what they should be [m].
-        images: how many the camera took.
-        picture: the last annotated image.
-    """
-
+    # angle between the camera's axis and the target, by the servos' true angles [rad]
     errors: ErrorStatistics = field(default_factory=ErrorStatistics)
+    # how far the published points were from what they should be [m]
     misses: list[float] = field(default_factory=list)
-    images: int = 0
-    picture: Any = None
+    images: int = 0  # how many the camera took
+    picture: Any = None  # the last annotated image
 
 
 def pursue(

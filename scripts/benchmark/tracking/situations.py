@@ -47,19 +47,12 @@ Make = Callable[[Random, bool], Setup]
 
 @dataclass(frozen=True)
 class Situation:
-    """One row of a table.
+    """One row of a table."""
 
-    Attributes:
-        family: by which it is chosen.
-        name: of the row.
-        make: draws the target and the conditions; told whether it is an exam.
-        without: the row with which errors are compared; empty: none.
-    """
-
-    family: str
-    name: str
-    make: Make
-    without: str = ""
+    family: str  # by which it is chosen
+    name: str  # of the row
+    make: Make  # draws the target and the conditions; told whether it is an exam
+    without: str = ""  # the row with which errors are compared; empty: none
 
     def setup(self, seed: int, exam: bool) -> Setup:
         """Draw the run of a seed; the head begins near its target."""
