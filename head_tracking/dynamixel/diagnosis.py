@@ -39,6 +39,7 @@ _TORQUE_LOST: Final = (
     "its torque is off, but this program has not switched it off: its supply, or another "
     "program; the joint is relaxed until the next command"
 )
+_SWITCHED_ON: Final = "another program has switched its torque on; it is relaxed again"
 
 
 # For the bus and for command line tools
@@ -306,6 +307,8 @@ class Diagnosis:
             for joint in bus.joints.values()
         ]
         self._watches = {each.servo.id: each for _, watches in self._joints for each in watches}
+        self._turns = deque(self._watches.values())  # the one that was asked last comes first
+        self._asks = False
 
     def of(self, servo_id: int) -> dict[Symptom, str]:
         """Return the symptoms of a servo, a sentence each."""
@@ -337,7 +340,7 @@ class Diagnosis:
                     watch.forget_motion()
             if len(watches) > 1:
                 self._find(watches[0], _apart)
-                self._check_pair(joint, watches)
+        self._ask_next()
 
     def _examine(self, watch: _Watch) -> None:
         """Examine a servo that was read in this cycle."""
@@ -466,14 +469,22 @@ class Diagnosis:
             self._bus.note(EventKind.ALARM, joint, text, about=errors)
         watch.reported = errors
 
-    def _check_pair(self, joint: BusJoint, watches: Sequence[_Watch]) -> None:
-        """Ask one of two servos in every second examination whether it has torque.
+    def _ask_next(self) -> None:
+        """Ask a servo in every second examination whether it has torque, if nothing else shows it.
 
-        One without torque is turned by the other, so that no measurement shows it.
+        A relaxed servo may get torque from another program. Of two servos that turn one joint, one
+        may lose its torque: the other turns it.
         """
-        watch = watches[watches[0].cycle // 2 % 2]
-        due = watches[0].cycle % 2 == 0 and joint.on and not joint.busy
-        if due and watch.servo.link is LinkState.PRESENT:
+        self._asks = not (self._asks or self._bus.requests.under_way)
+        for _ in range(len(self._turns) * self._asks):
+            self._turns.rotate(-1)
+            if _is_hidden(self._turns[0]):
+                self._bus.requests.start(self._asking(self._turns[0]))
+                return
+
+    def _asking(self, watch: _Watch) -> Steps[None]:
+        yield 0.0
+        if _is_hidden(watch):
             self._check_torque(watch)
 
     def _check_torque(self, watch: _Watch) -> None:
@@ -490,9 +501,11 @@ class Diagnosis:
             if torque != 1:
                 self._lose_torque(watch)
         elif not joint.resumes:  # until its other servo returns
-            servo.confirmed = not torque
             if torque:
+                if servo.confirmed:
+                    self._report(watch, Symptom.OVERRULED, _SWITCHED_ON)
                 self._bus.cut(joint)
+            servo.confirmed = not torque
         servo.note_torque()
 
     def _lose_torque(self, watch: _Watch) -> None:
@@ -532,6 +545,14 @@ class Diagnosis:
             joint,
             f"no command for {self._settings.command_timeout:.2f} s; it holds its position",
         )
+
+
+def _is_hidden(watch: _Watch) -> bool:
+    """Return whether no measurement shows that the torque of a servo has changed."""
+    joint = watch.joint
+    hidden = len(joint.servos) > 1 or not joint.on
+    free = not (joint.busy or joint.stopped)
+    return hidden and free and watch.servo.link is LinkState.PRESENT
 
 
 def _cause(watch: _Watch, values: Mapping[str, int]) -> Found:

@@ -154,7 +154,7 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     rig.take_log()
     reading = rig.step()
     assert set(reading.states) == {"head_tilt_joint"} and not rig.lost
-    assert rig.log == [("read", 2, 36, 8)]
+    assert {request[1] for request in rig.log} == {2}
     assert rig.pan["Torque Enable"] == 0
     assert rig.bus.statistics().servos[0].health is Health.STOPPED
     assert rig.pan_torque is Torque.OFF_STOPPED

@@ -18,6 +18,7 @@ from head_tracking.dynamixel import (
     Health,
     ReplyTimeoutError,
     ServoError,
+    Symptom,
     Torque,
     TorqueError,
     servo_model,
@@ -333,6 +334,24 @@ def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name: st
     assert rig.torque == [1] and rig.bus.joint("j1").torque is Torque.ON
     rig.go(0.2)
     assert rig.reading.states["j1"].position == pytest.approx(0.2, abs=0.03)
+
+
+@pytest.mark.parametrize("stop", [False, True])
+@pytest.mark.parametrize("name", MODELS)
+def test_torque_that_another_program_switches_on_is_switched_off_and_named(
+    name: str, stop: bool
+) -> None:
+    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2, 3)))
+    rig.go(0.3)
+    if stop:
+        rig.bus.relax_at_once(1.0)
+    rig.servos[1].set_register("Torque Enable", 1)
+    rig.step(15)
+    assert rig.torque == [not stop, 0, 0]
+    assert [s.id for s in rig.bus.statistics().servos if Symptom.OVERRULED in s.symptoms] == [2]
+    assert rig.bus.joint("j2").confirmed
+    rig.step(60)
+    assert not rig.bus.statistics().servos[1].symptoms
 
 
 # Who is there
