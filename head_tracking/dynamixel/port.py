@@ -255,11 +255,11 @@ class DynamixelPort:
         what = f"write of {len(data)} byte(s) at {address}"
         return self._command(instruction_packet(packet, protocol, servo_id, 0, what), acknowledged)
 
-    def reboot(self, servo_id: int, protocol: int = 2) -> None:
-        """Restart a servo of protocol 2.0, or of Feetech, which sends no reply."""
+    def reboot(self, servo_id: int, acknowledged: bool, protocol: int) -> None:
+        """Restart a servo of protocol 2.0 or of Feetech; for `acknowledged` see `write`."""
         packet = encode_packet(protocol, servo_id, Instruction.REBOOT)
         reboot = instruction_packet(packet, protocol, servo_id, 0, "reboot")
-        self._command(reboot, protocol == 2)
+        self._command(reboot, acknowledged)
 
     def sync_write(
         self,

@@ -247,8 +247,9 @@ class Servo:
             self.counters.corrupt += 1
 
     def reboot(self) -> None:
-        """Restart it; it does not answer for a while."""
-        self._try(_TRIES, lambda: self._port.reboot(self.id, self._protocol))
+        """Restart it; it does not answer for a while. Feetech servos never acknowledge that."""
+        acknowledged = self.acknowledges_writes and self._protocol == 2
+        self._try(_TRIES, lambda: self._port.reboot(self.id, acknowledged, self._protocol))
 
     # Steps. All raise what their transactions raise.
 
@@ -402,10 +403,12 @@ class Servo:
                 continue
             yield 0.0
             block = table.block(name)
+            changes_level = name == "Status Return Level"
             try:
                 yield from self.lock_eeprom(False)
+                self.acknowledges_writes &= not changes_level  # it may reply by the new level
                 self.write(block, value)
-                if name == "Status Return Level":
+                if changes_level:
                     self.acknowledges_writes = self.model.acknowledges_writes(value)
                 yield EEPROM_PAUSE * block.length
                 after = self.get(name)

@@ -284,6 +284,22 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
     ) == {2: {}}
 
 
+@pytest.mark.parametrize("name", ["AX-12", "XL-320", "XM430-W350", "STS3215", "SCS0009"])
+def test_a_servo_that_acknowledges_no_writes_is_set_up_and_recovered(name: str) -> None:
+    rig = Rig(SimulatedServo(1, name, boot_time=0.1))
+    for level in (1, 2, 1):
+        settings = EepromSettings(status_return_level=level)
+        run(rig.bus.writing_eeprom("j1", settings), rig.bench.pass_time)
+    rig.go(0.2)
+    rig.servos[0].overload()
+    rig.step(5)
+    assert rig.bus.joint("j1").torque is Torque.OFF_BY_FAULT
+    recovering = submit(rig.bus, rig.bus.recovering(None, 1.0))
+    rig.step(60)
+    assert recovering.result(0.0) == ("j1",)
+    assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
+
+
 def test_what_cannot_be_written_into_the_memory_is_refused(rig: FakeRig) -> None:
     def write(joint: str, settings: EepromSettings) -> None:
         run(rig.bus.writing_eeprom(joint, settings), rig.bench.pass_time)
