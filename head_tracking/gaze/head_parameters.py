@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from head_tracking.gaze.head import PanTiltHead
 from head_tracking.parameters import parameter
-from head_tracking.transforms import RobotModel
+from head_tracking.transforms import RobotModel, RobotModelError
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +88,21 @@ class HeadParameters:
             RobotModelError: the model has no such head.
         """
         axis = self.pointing_axis if axis is None else axis
-        return PanTiltHead(
-            model,
-            self.head_pan_joint,
-            self.head_tilt_joint,
-            frame or self.pointed,
-            axis if any(axis) else None,
-            (self.min_pan, self.max_pan),
-            (self.min_tilt, self.max_tilt),
-        )
+        pan, tilt = self.head_pan_joint, self.head_tilt_joint
+        try:
+            return PanTiltHead(
+                model,
+                pan,
+                tilt,
+                frame or self.pointed,
+                axis if any(axis) else None,
+                (self.min_pan, self.max_pan),
+                (self.min_tilt, self.max_tilt),
+            )
+        except RobotModelError as error:
+            if {pan, tilt} <= model.joints.keys() and (frame or self.pointed in model.links):
+                raise
+            raise RobotModelError(
+                f"{error}; set head_pan_joint, head_tilt_joint and pointing_frame to the names of "
+                "your model, for example in a YAML file beside it"
+            ) from error

@@ -7,6 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from head_tracking.gaze import GazeStatus, PanTiltHead
+from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.transforms import RobotModel, RobotModelError, Rotation, parse_robot_model
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
@@ -250,3 +251,12 @@ def test_a_head_that_cannot_be_is_refused(kinectbot, urdf, joints, frame, axis):
     model = parse_robot_model(urdf) if urdf else kinectbot
     with pytest.raises(RobotModelError):
         PanTiltHead(model, *joints, frame, pointing_axis=axis)
+
+
+def test_a_model_with_other_names_is_refused_with_the_parameters_that_name_its_head(kinectbot):
+    for wrong in ({"head_pan_joint": "yaw"}, {"pointing_frame": "eye"}, {"camera_link": "eye"}):
+        with pytest.raises(RobotModelError, match="set head_pan_joint"):
+            HeadParameters(**wrong).head(kinectbot)
+    with pytest.raises(RobotModelError) as of_a_goal:  # names another frame, not the head
+        HeadParameters().head(kinectbot, "eye")
+    assert "head_pan_joint" not in str(of_a_goal.value)

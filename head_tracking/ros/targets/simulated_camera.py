@@ -156,7 +156,10 @@ class SimulatedCameraNode(ClosingNode):
         try:
             found = self._buffer.lookup_transform(p.scene_frame, p.frame_id)
         except TransformException as error:
-            self.get_logger().warning(f"no image: {error}", throttle_duration_sec=2.0)
+            self.get_logger().warning(
+                f"no image: {error}; see the parameters frame_id and scene_frame",
+                throttle_duration_sec=2.0,
+            )
             return
         is_recent = 0 <= now - found.stamp < _SILENT
         if is_recent and found.stamp == self._measured:
