@@ -60,7 +60,7 @@ class Live:
         self._shown: RobotForBrowser | None = None
         self._slow_due = 0.0
         self._camera_requested = False
-        self._default = ""  # topic of pictures, as long as it exists
+        self._default = ""  # topic of pictures, until it ends or the robot's own exists
         self.texts = {"robot": "", "about": "", "state": ""}
         self.pictures: Mapping[str, tuple[int, bytes]] = {}
         self.failing: dict[str, str] = {}
@@ -120,8 +120,10 @@ class Live:
 
     def latest_picture(self, topic: str = "", *, exact: bool = False) -> Snapshot | None:
         """Return the latest picture of a topic; empty: of the default topic; see `picture`."""
-        topics = self._robot.topics.images()
-        if self._default not in topics:
+        topics, own = self._robot.topics.images(), self._robot.topics.own_image
+        if own in topics:
+            self._default = own
+        elif self._default not in topics:
             self._default = min(topics, key=_rank, default="")
         topic = topic or self._default
         return self._robot.topics.picture(topic, exact=exact) if topic in topics else None

@@ -119,6 +119,7 @@ class OtherTopics:
         graph: tells what belongs to the robot.
 
     Attributes:
+        own_image: topic of the robot's own camera, which `visual_target` uses, too.
         warnings: the last warnings and errors of the log, latest last.
         owners: the node that owns each joint, without its namespace; empty for none.
     """
@@ -133,6 +134,7 @@ class OtherTopics:
         self.warnings: tuple[str, ...] = ()
         self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
         self._images: tuple[str, ...] = ()
+        self.own_image = node.resolve_topic_name("image")
         self._pictures: dict[str, Snapshot] = {}
         self._discovery_due = 0.0
         for name in (*CONTROLLERS, *SENDERS):

@@ -108,11 +108,11 @@ def test_pictures_that_cannot_be_shown_are_named(viewer, stranger):
         wait_for(shown)
 
 
-def test_the_default_picture_stays_when_another_camera_starts(viewer, stranger):
+def test_the_default_picture_stays_until_the_robots_own_camera_starts(viewer, stranger):
     image = Image(encoding="mono8", width=2, height=2, step=2, data=[0] * 4)
 
     def default(*names: str) -> Any:
-        publishers = [stranger.create_publisher(Image, f"/{name}/image", 1) for name in names]
+        publishers = [stranger.create_publisher(Image, name, 1) for name in names]
 
         def shown() -> Any:
             for publisher in publishers:
@@ -123,8 +123,9 @@ def test_the_default_picture_stays_when_another_camera_starts(viewer, stranger):
 
         return wait_for(shown).topic
 
-    assert default("camera") == "/camera/image"
-    assert default("camera", "another") == "/camera/image"
+    assert default("/camera/image") == "/camera/image"
+    assert default("/camera/image", "/another/image") == "/camera/image"
+    assert default("/camera/image", "/another/image", "/image") == "/image"
 
 
 def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer, stranger):
