@@ -113,7 +113,7 @@ class HeadModes:
         nodes = (*CONTROLLERS, *SENDERS)
         self._services.know(SetBool, *(f"{name}/enable" for name in nodes))
         self._services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
-        startable = (*CONTROLLERS, FICTITIOUS, VISUAL, CAMERA)
+        startable = (*CONTROLLERS, FICTITIOUS, VISUAL)
         self._services.know(Trigger, *(f"node_starter/{name}" for name in startable))
         self._targets = node.create_publisher(PointStamped, "target_point", 10)
         self._selections = node.create_publisher(PointStamped, f"{VISUAL}/select_point", 10)

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
-from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.calibrating import CameraCalibration
-from head_tracking.page.head_modes import CAMERA, FOUND_IN_PICTURES
+from head_tracking.page.head_modes import FOUND_IN_PICTURES
 from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
 from head_tracking.page.robot_shapes import RobotForBrowser, number
@@ -59,7 +56,6 @@ class Live:
         self._model: RobotModel | None = None
         self._shown: RobotForBrowser | None = None
         self._slow_due = 0.0
-        self._camera_requested = False
         self._default = ""  # topic of pictures, until it ends or the robot's own exists
         self.texts = {"robot": "", "about": "", "state": ""}
         self.pictures: Mapping[str, tuple[int, bytes]] = {}
@@ -185,7 +181,6 @@ class Live:
 
     def _slow(self) -> dict[str, Any]:
         robot, live = self._robot, self.observation
-        self._start_camera()
         status, outcome, health = robot.status(live), robot.stop.outcome, robot.topics.health()
         servos = robot.joints.servos()
         model = self._model
@@ -222,19 +217,6 @@ class Live:
             "recorder": robot.recorder.status,
             "calibration": self.calibration.progress._asdict(),
         }
-
-    def _start_camera(self) -> None:
-        """Start the simulated camera once, where there are no pictures."""
-        modes = self._robot.modes
-        if self._robot.topics.images():
-            self._camera_requested = False
-        elif not self._camera_requested and modes.can_start(CAMERA):
-            self._camera_requested = True
-            threading.Thread(target=self._request_camera, daemon=True).start()
-
-    def _request_camera(self) -> None:
-        with suppress(HeadTrackingError):  # the page shows that there is no picture
-            self._robot.modes.start(CAMERA)
 
     def _encode_all(self, topics: Collection[str]) -> None:
         """Encode a picture of each topic; one that fails costs no other."""

@@ -29,8 +29,8 @@ from head_tracking.run.node_sets import (
     FEEDS_BUFFER,
     MODES,
     PAGE,
+    STARTED_ON_REQUEST,
     NodeSpec,
-    started_on_request,
 )
 from head_tracking.run.options import Run, parse_arguments
 from head_tracking.run.run_monitor import RunMonitor
@@ -79,7 +79,6 @@ class Composition:
         self.loop = ControlLoop(self.buffer.core, owners)
         self.simulated: SimulatedJoints | None = None
         self._threads, self._start_elsewhere = threads, start_elsewhere
-        self._on_request = started_on_request(simulated=plan.options.sim)
         self._starting = threading.Lock()
         self._available: dict[str, Any] = {
             "buffer": self.buffer,
@@ -110,8 +109,8 @@ class Composition:
     def _offer_starts(self, node: ClosingNode) -> None:
         """Offer the service `node_starter/NAME` for each node that the page can start."""
         services = UrgentServices(node)
-        for name, spec in self._on_request.items():
-            services.offer(f"node_starter/{name}", partial(self._start, spec))
+        for spec in STARTED_ON_REQUEST:
+            services.offer(f"node_starter/{spec.name}", partial(self._start, spec))
         node.closing.callback(services.close)
         services.start()
 

@@ -96,8 +96,5 @@ CAMERA = simulated_camera("everything", rate=15.0)
 """What the page shows of a simulated head whose target needs no camera."""
 
 
-def started_on_request(*, simulated: bool) -> Mapping[str, NodeSpec]:
-    """Return the nodes that the page can start; a camera only if the head is simulated."""
-    targets = (*TARGETS["fictitious"], *TARGETS["face"])
-    specs = (*MODES.values(), *targets, *([CAMERA] if simulated else []))
-    return {spec.name: spec for spec in specs}
+STARTED_ON_REQUEST = (*MODES.values(), *TARGETS["fictitious"], *TARGETS["face"])
+"""The nodes that the page can start."""

@@ -11,6 +11,7 @@ from head_tracking.calibration import Calibration, gathering
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.ros.kit.diagnostics import Level, Part
+from head_tracking.run.node_sets import CAMERA
 
 pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
 
@@ -24,8 +25,7 @@ def robot(make_module_robot) -> Robot:
 def seen(robot) -> Any:
     """The robot as the page sees it, with a camera in front of a marker."""
     seen = view(robot.threads, alone=False).robot
-    wait_for(lambda: seen.modes.can_start("simulated_camera"))
-    seen.modes.start("simulated_camera")
+    robot.threads.start(CAMERA.make({"buffer": robot.composition.buffer}))
     wait_for(lambda: seen.modes.value("simulated_camera", "scene") is not None)
     seen.modes.set_value("simulated_camera", "scene", "still marker")
     wait_for(lambda: seen.topics.picture("/image") is not None)

@@ -17,11 +17,10 @@ from head_tracking.page.path import ClosedPath
 from head_tracking.page.status import Word
 from head_tracking.page.viewer import ViewerNode
 from head_tracking.ros.kit.target_point import target_from_message
+from head_tracking.run.node_sets import CAMERA
 from head_tracking.run.options import parse_arguments
 from head_tracking.tracking import Target
 from head_tracking.transforms import Rotation, Transform
-
-NAME = "simulated_camera"
 
 
 @pytest.fixture(scope="module")
@@ -159,12 +158,9 @@ def magenta(picture: Any) -> int:
 
 def test_the_page_shows_the_target_as_the_camera_sees_it_and_subscribes_only_then(robot, seen):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
-    assert NAME not in robot.composition.nodes
-    wait_for(lambda: seen.modes.can_start(NAME))
     seen.modes.look_at("base_link", (1.0, 0.0, 0.5))
-    seen.modes.start(NAME)
-    wait_for(lambda: "/image" in seen.topics.images() and not seen.modes.can_start(NAME))
-    seen.modes.start(NAME)
+    robot.threads.start(CAMERA.make({"buffer": robot.composition.buffer}))
+    wait_for(lambda: "/image" in seen.topics.images())
     assert robot.node.count_subscribers("/image/compressed") == 0
 
     def ball() -> bool:
@@ -182,7 +178,6 @@ def test_the_page_shows_the_target_as_the_camera_sees_it_and_subscribes_only_the
 def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     assert Mode.FACE in seen.modes.possible()
-    seen.modes.start(NAME)
     selected, place = robot.hear("visual_target/select_point", PointStamped), (0.3, 0.1, 2.0)
     with pytest.raises(HeadTrackingError):
         seen.modes.select(Target(1, "camera_optical_frame", place))
