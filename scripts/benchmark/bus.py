@@ -7,7 +7,6 @@ changes in the load of the machine affect all of them.
 from __future__ import annotations
 
 import gc
-import json
 import math
 import os
 import signal
@@ -20,8 +19,10 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
 from frame import row, table
+from simulated_run import own_bench
 
 from head_tracking.dynamixel import (
     DynamixelError,
@@ -32,10 +33,10 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.reading import ReadGroup
 
-SERVER = Path(__file__).parent / "paced_bus.py"
-TIMED = Path(__file__).parent / "timed_run.py"
+SERVER = Path(__file__).parent / "servos.py"
 WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
 ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
+RUN = 30.0  # s
 JOINTS = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
 
 
@@ -137,15 +138,16 @@ def contenders() -> dict[str, Any]:
 
 
 @contextmanager
-def served(return_delay: int, *mortal: int) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """The port of a paced bus, and its process: SIGUSR1 silences the servos with `mortal` ids."""
-    command = [sys.executable, str(SERVER), str(return_delay), *map(str, mortal)]
+def served(return_delay: int) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """The port of servos in another process, and that process; see `servos.py`."""
+    command = [sys.executable, str(SERVER), str(return_delay)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
             yield process.stdout.readline().strip(), process
         finally:
             process.terminate()
+            process.communicate()
 
 
 @contextmanager
@@ -239,7 +241,7 @@ def silent_servo() -> str:
     """Measure the delay of one servo when the other falls silent."""
     firsts, others, rates = [], [], []
     for _ in range(9):
-        with served(0, 2) as (port_name, server):
+        with served(0) as (port_name, server):
             driver = ServoBus(DynamixelPort(port_name), JOINTS)
             driver.connect()
             usual = []
@@ -286,24 +288,19 @@ def processor_row(costs: dict[str, Cost]) -> str:
 
 
 def in_a_run() -> str:
-    """Measure the duration of a cycle in a run with page, camera and detector."""
-    times: dict[str, list[float]] = {}
+    """Return what the bus of a run reports, with and without page, camera and detector."""
+    figures = []
     runs = {
         "with page, camera and detector": ("--target", "face", "--viewer"),
         "without": ("--target", "none"),
     }
-    for name, arguments in runs.items():
-        done = subprocess.run(
-            [sys.executable, str(TIMED), "--sim", "--duration", "30", *arguments],
-            stdout=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
-        lists = [line for line in done.stdout.splitlines() if line.startswith("[")]
-        times[name] = json.loads(lists[-1])[WARM_UP:]
-    figures = "; ".join(
-        f"{name} median {1e3 * each[9]:.1f} ms, p95 {1e3 * each[18]:.1f} ms"
-        for name, took in times.items()
-        for each in (statistics.quantiles(took, n=20),)
-    )
-    return row("a cycle of the bus in `head_tracking --sim`", f"**{figures}**", "", "p95 3 ms")
+    for name, words in runs.items():
+        with own_bench() as bench:
+            bench.start("head_tracking", "--sim", *words, "--ros-args", "-p", "viewer:port:=0")
+            heard = bench.person.hear("/diagnostics", DiagnosticArray)
+            time.sleep(RUN)
+            entries = (status for message in heard for status in message.status)
+            told = {each.key: each.value for status in entries for each in status.values}
+        longest, left_out = told["longest cycle (ms)"], told["cycles left out"]
+        figures.append(f"{name} longest {longest} ms, {left_out} of {told['cycles']} left out")
+    return row("cycles of the bus in `head_tracking --sim`", f"**{'; '.join(figures)}**", "", "0")

@@ -171,7 +171,7 @@ def _measure(*arguments: str) -> Cost:
 @contextmanager
 def _servos() -> Iterator[tuple[str, dict[str, Any]]]:
     """Run servos in a process of their own; yield the port, and a dict filled at the end."""
-    program = [sys.executable, str(HERE / "reacting_servos.py")]
+    program = [sys.executable, str(HERE / "servos.py"), "0"]
     times: dict[str, Any] = {}
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

@@ -1,38 +1,48 @@
-"""Two simulated AX-12 in a process of their own, which measure how fast their readings are used.
+"""Two simulated AX-12 on a line of 1 Mbit/s, in a process of their own, which also measure.
 
-It prints the port to open, and after SIGTERM one line of JSON:
+Usage: servos.py [RETURN_DELAY_US]; prints the port to open. SIGUSR1 takes the power from servo 2.
+After SIGTERM it prints one line of JSON:
 "first": time of the first packet by CLOCK_MONOTONIC [ns];
 "next": times from the last byte of a reading to the next packet of goals [s].
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
+import os
 import select
 import signal
+import sys
 import time
+from contextlib import suppress
 
 from head_tracking.simulation import SerialLine, SimulatedBus, SimulatedServo
 from head_tracking.simulation.port import PseudoTerminal
 
 _GOALS = b"\xff\xff\xfe", 0x83  # header of a broadcast; the instruction sync write
+_IDLE, _EXACT = 20_000_000, 1_000_000  # ns: longest sleep; before an answer is due there is none
+_PR_SET_TIMERSLACK = 29
 
 
 def main() -> None:
     """Serve the servos until SIGTERM."""
-    servos = [SimulatedServo(number, position=512) for number in (1, 2)]
-    for servo in servos:
-        servo.set_register("Return Delay Time", 0)
-    bus = SimulatedBus(servos)
-    line = SerialLine(bus)
-    terminal = PseudoTerminal()
+    bus = SimulatedBus([SimulatedServo(number, position=512) for number in (1, 2)])
+    for servo in bus:
+        servo.set_register("Return Delay Time", int(*sys.argv[1:]) // 2)
     ending: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, _: ending.append(number))
+    signal.signal(signal.SIGUSR1, lambda *_: bus[2].power_off())
+    ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
+    with suppress(OSError):
+        os.nice(-19)  # keep the timing on a busy machine
+    line, terminal = SerialLine(bus, paced=True), PseudoTerminal()
     print(terminal.name, flush=True)
     first = answered = 0
     times = []
     while not ending:
-        ready = select.select([terminal.descriptor], (), (), 0.02)[0]
+        left = _IDLE if line.due is None else line.due - time.monotonic_ns() - _EXACT
+        ready = select.select([terminal.descriptor], (), (), max(0, left) * 1e-9)[0]
         now = time.monotonic_ns()
         if ready:
             first = first or now
@@ -40,8 +50,8 @@ def main() -> None:
             start = data.find(_GOALS[0])
             if start >= 0 and data[start + 4 : start + 5] == bytes((_GOALS[1],)):
                 times.append((now - answered) * 1e-9)
-            line.send(data, now, 0)
-        else:
+            line.send(data, now, 1_000_000)
+        elif line.due is None:
             bus.advance(now)
         if answer := line.receive(now):
             terminal.write(answer)
