@@ -140,7 +140,7 @@ class Calibration:
         )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
-        """Write a YAML file, atomically.
+        """Write a YAML file, atomically unless its folder is read-only.
 
         Raises:
             CalibrationFileError: it cannot be written; an earlier file is as before.
@@ -166,8 +166,11 @@ class Calibration:
             if path.exists() and not path.is_file():  # a device, such as /dev/stdout
                 path.write_text(text)
                 return
-            draft.write_text(text)
-            draft.replace(path)
+            try:
+                draft.write_text(text)
+                draft.replace(path)
+            except PermissionError:  # the folder is read-only; the file may not be
+                path.write_text(text)
         except OSError as error:
             raise CalibrationFileError(
                 path,

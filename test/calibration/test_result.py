@@ -74,6 +74,21 @@ def test_a_file_that_is_not_written_leaves_the_earlier_one_and_no_draft(file, pr
     assert list(file.parent.iterdir()) == [file]
 
 
+def test_a_file_in_a_read_only_folder_is_written(file, monkeypatch):
+    """Else the motion of 90 s was in vain."""
+    calibration, write = Calibration.load(file), Path.write_text
+
+    def refuse_drafts(path, text):
+        if path != file:
+            raise PermissionError(13, "Permission denied")
+        return write(path, text)
+
+    file.write_text("")
+    monkeypatch.setattr(Path, "write_text", refuse_drafts)
+    calibration.save(file)
+    assert Calibration.load(file) == calibration
+
+
 def test_a_device_is_written_and_not_replaced(file):
     pipe = file.with_name("pipe")
     os.mkfifo(pipe)
