@@ -62,6 +62,7 @@ class Reason(StrEnum):
     NOT_INSTALLED = "not installed"
     NO_PICTURE = "no picture"
     FEW_VIEWS = "few views"
+    TWO_MARKERS = "two markers"
     MOVED = "moved"
     INCONSISTENT = "inconsistent"
     BLURRED = "blurred"

@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from head_tracking.calibration.geometry import Array
+from head_tracking.calibration.solver import CalibrationError, Reason
 from head_tracking.parameters import ParameterError
 from head_tracking.vision.candidate import Frame, ellipse_mask
 from head_tracking.vision.faces import FaceDetector, FaceParameters
@@ -22,6 +23,10 @@ from head_tracking.vision.opencv import cv2
 
 TARGETS: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
 """By name: maximum motion between two images of a still one [px]; a corner is located best."""
+
+SMALLEST_MARKER: Final = 0.005
+LARGEST_MARKER: Final = 2.0
+"""Allowed edges of a marker [m]; larger numbers are millimetres."""
 
 Observe: TypeAlias = Callable[[Frame], dict[int, Array]]
 """Returns the visible markers or points by their number: corners (4, 2), or a point (1, 2) [px]."""
@@ -54,9 +59,11 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
         return _FaceView()
     if target == "room":
         return _Room()
-    if marker is None or marker.marker_size <= 0.0:
+    size = 0.0 if marker is None else marker.marker_size
+    if marker is None or not SMALLEST_MARKER <= size <= LARGEST_MARKER:
         raise ParameterError(
-            "marker_size is not above 0; set it to the edge of the black square [m]"
+            f"marker_size is {size}; set it to the edge of the black square, {SMALLEST_MARKER:g} "
+            f"to {LARGEST_MARKER:g} m"
         )
     if marker.dictionary not in DICTIONARIES:
         raise ParameterError(
@@ -66,10 +73,7 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
         raise ParameterError(
             f"marker_id is {marker.marker_id}; {marker.dictionary} has the numbers 0 to {count - 1}"
         )
-    detector = MarkerDetector(marker)
-    return lambda frame: {
-        int(each.label): np.asarray(each.points, float) for each in detector.detect(frame, [])
-    }
+    return _Markers(marker)
 
 
 def what_to_show(target: str, marker: MarkerParameters | None) -> str:
@@ -80,6 +84,37 @@ def what_to_show(target: str, marker: MarkerParameters | None) -> str:
         return "a face, with the camera upright"
     number = "of any number" if marker.marker_id < 0 else f"with the number {marker.marker_id}"
     return f"a marker {number} of the family {marker.dictionary}"
+
+
+class _Markers:
+    """Finds markers that differ in their numbers.
+
+    Args:
+        marker: family, number and size.
+    """
+
+    def __init__(self, marker: MarkerParameters) -> None:
+        self._detector = MarkerDetector(marker)
+
+    def __call__(self, frame: Frame) -> dict[int, Array]:
+        """Return the corners of each marker, shape (4, 2) [px].
+
+        Raises:
+            CalibrationError: two markers have the same number.
+        """
+        found: dict[int, Array] = {}
+        for each in self._detector.detect(frame, []):
+            number, corners = int(each.label), np.asarray(each.points, float)
+            before = found.get(number, corners)
+            # a marker may be detected twice, by its outline and by its border
+            if np.linalg.norm(np.mean(corners - before, axis=0)) > 0.5 * each.box.width:
+                raise CalibrationError(
+                    Reason.TWO_MARKERS,
+                    f"an image has two markers with the number {number}: remove or cover one of "
+                    "them, or print it with another number",
+                )
+            found[number] = corners
+        return found
 
 
 class _FaceView:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from head_tracking.calibration import Calibration, summary
+from head_tracking.calibration.targets import LARGEST_MARKER, SMALLEST_MARKER, TARGETS
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import between, exit_code, writable_file
 from head_tracking.exceptions import HeadTrackingError
@@ -123,11 +124,12 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--focal-length", action="store_true", help="measure the angle of view as well")
     add(
-        "--target", choices=("marker", "face", "room"), default="marker",
+        "--target", choices=TARGETS, default="marker",
         help="what to look at (%(default)s)",
     )  # fmt: skip
     add(
-        "--marker-size", type=between(0.005, 2.0, "m"), default=0.16, metavar="M",
+        "--marker-size", type=between(SMALLEST_MARKER, LARGEST_MARKER, "m"), default=0.16,
+        metavar="M",
         help="edge of the marker's black square [m] (%(default)s)",
     )  # fmt: skip
     add(

@@ -25,6 +25,7 @@ from head_tracking.configuration.simulated import mounted_servos
 from head_tracking.exceptions import FrameError, SupersededError, UnreachableError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
+from head_tracking.scene.drawings import marker as drawn_marker
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedPort
 from head_tracking.transforms import (
@@ -271,15 +272,27 @@ def test_narrow_limits_are_used_and_what_they_hide_is_named(quick):
         assert not observable or abs(value) < 3.5 * deviation
 
 
+def repeat_now(picture):
+    while True:
+        time.sleep(0.05)
+        yield time.time(), picture
+
+
 def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused(monkeypatch):
     """A camera with a clock of its own is named, or the error would say that nothing is visible."""
     images = [(time.time(), np.zeros((240, 320, 3), np.uint8)) for _ in range(100)]
+    twins = np.full((240, 320, 3), 255, np.uint8)
+    twins[40:140, 30:130] = twins[40:140, 180:280] = cv2.resize(
+        drawn_marker("4X4_50", 7)[:, :, :3], (100, 100)
+    )
     early = [(stamp - 1e6, picture) for stamp, picture in images]
     other = camera_with_view(640, 480, math.radians(60.0))
     with Head.simulated() as head:
         for given, marker, model in (
             (images, MarkerParameters("5", -1, 0.16), None),
             (images, MarkerParameters("4X4_50", 50, 0.16), None),
+            (images, MarkerParameters("4X4_50", -1, 160.0), None),  # mm
+            (images, MarkerParameters("4X4_50", -1, math.nan), None),
             (images, MARKER, other),
             (early, MARKER, None),
         ):
@@ -288,6 +301,9 @@ def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused(mon
         with pytest.raises(CalibrationError) as refusal:
             head.calibrate([], marker=MARKER)
         assert refusal.value.reason is Reason.NO_PICTURE
+        with pytest.raises(CalibrationError) as refusal:
+            head.calibrate(repeat_now(twins), marker=MARKER)
+        assert refusal.value.reason is Reason.TWO_MARKERS
         monkeypatch.setitem(sys.modules, "scipy", None)
         with pytest.raises(CalibrationError) as refusal:
             head.calibrate([], marker=MARKER)
