@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
+from textwrap import shorten
 from typing import Any, Final, NamedTuple
 
 import yaml
@@ -150,7 +151,7 @@ def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
     if content is None:
         return
     if not isinstance(content, Mapping):
-        raise _FormatError(f"{content!r} is not a node with ros__parameters")
+        raise _FormatError(f"{shorten(repr(content), 60)} is not a node with ros__parameters")
     for key, value in content.items():
         if key != _PARAMETERS:
             yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
@@ -158,7 +159,7 @@ def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
             for name, given in _flat("", value):
                 yield Given(file, nodes, name, given)
         else:
-            raise _FormatError(f"the ros__parameters of {nodes} are {value!r}")
+            raise _FormatError(f"the ros__parameters of {nodes} are {shorten(repr(value), 60)}")
 
 
 def _flat(prefix: str, content: Any) -> Iterator[tuple[str, Any]]:

@@ -7,7 +7,7 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
-from head_tracking.parameter_files import ParameterFileError
+from head_tracking.parameter_files import ParameterFileError, read
 from head_tracking.parameters import ParameterError
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.kit.node_parameters import (
@@ -76,6 +76,22 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
     node.destroy_node()
     for word in [str(tmp_path / "mine.yaml"), *words]:
         assert word in str(error.value)
+
+
+def test_a_parameter_without_a_node_is_refused_with_the_node_that_has_it(started):
+    tracker, other = started("", "-p", "law:=position")(), Node("other")
+    with pytest.raises(UnknownParametersError, match="-p head_tracker:law:=position"):
+        check_parameters([tracker, other])
+    tracker.destroy_node()
+    other.destroy_node()
+
+
+def test_a_file_of_another_kind_is_named_without_its_contents(tmp_path):
+    file = tmp_path / "robot.urdf"
+    file.write_text(f"<robot>{'<link/>' * 1000}</robot>")
+    with pytest.raises(ParameterFileError) as error:
+        read(str(file))
+    assert len(str(error.value)) < 400
 
 
 @pytest.mark.parametrize(

@@ -105,11 +105,17 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
     """
     known = set(NODES)  # one file may configure nodes of several processes
     problems: list[str] = []
+    nodes = list(nodes)
     for node in nodes:
         known.add(node.get_name())
         full_name = node.get_fully_qualified_name()
         own = [given for given in _given if given.is_for(full_name)]
         problems += unknown_parameters(own, node._parameters, full_name)
+    for given in _given:
+        owners = [node for node in nodes if given.name in node._parameters]
+        if given.nodes == _ALL and given.file == COMMAND_LINE and 0 < len(owners) < len(nodes):
+            rule = f"{owners[0].get_name()}:{given.name}:={given.value}"
+            problems.append(f"name the node: -p {rule}")
     if names:
         problems += unknown_nodes(_given, known)
     if problems:
