@@ -13,17 +13,18 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
-import yaml
 from program_names import NODES
+from rig import PYTHONPATH
 from ros_domain import own_domain
 
 from head_tracking.configuration import configured_head
 from head_tracking.configuration.simulated import mounted_servos
+from head_tracking.parameter_files import read
 from head_tracking.run.options import parse_arguments
 from head_tracking.share import robot_parameters
 from head_tracking.simulation import SimulatedPort
@@ -55,44 +56,39 @@ def cannot_run(code: str) -> bool:
     return NEEDS.match(code) is not None
 
 
-@contextmanager
-def servos(code: str, robot: str) -> Iterator[str]:
-    """Serve simulated servos of a robot, and name their port in the code."""
-    if PORT not in code:
-        yield code
-        return
-    configured = configured_head(robot_parameters(robot)).servos
-    with SimulatedPort(mounted_servos(configured), paced=True) as simulated:
-        yield code.replace(PORT, simulated.port_name)
-
-
-def run(command: list[str], folder: Path, domain: str) -> None:
+def run(script: str, folder: Path, code: str) -> None:
+    """Run a script in a folder, with servos of the robot of a block if it names their port."""
     (folder / "urdf").symlink_to(ROOT / "urdf")
-    programs = folder / "bin"
-    programs.mkdir()
     for name in ("head_tracking", "ros2"):
-        (programs / name).write_text(
+        program = folder / name
+        program.write_text(
             f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {STAND_IN} {name} "$@"\n'
         )
-        (programs / name).chmod(0o755)
-    environment = os.environ | {
-        "PATH": f"{programs}:{os.environ['PATH']}",
-        "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.getenv("PYTHONPATH")])),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": domain,
-        "HOME": str(folder),
-    }
-    answer = subprocess.run(
-        ["env", "--default-signal", *command],
-        check=False,
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=PATIENCE,
-    )
+        program.chmod(0o755)
+    with ExitStack() as stack:
+        environment = os.environ | {
+            "PATH": f"{folder}:{os.environ['PATH']}",
+            "PYTHONPATH": PYTHONPATH,
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": stack.enter_context(own_domain()),
+            "HOME": str(folder),
+        }
+        if PORT in code:
+            named = re.search(r'robot[= ]"?([a-z]\w+)', code)
+            robot = configured_head(robot_parameters(named[1] if named else "kinectbot"))
+            port = stack.enter_context(SimulatedPort(mounted_servos(robot.servos), paced=True))
+            environment["PORT"] = port.port_name
+        answer = subprocess.run(
+            ["env", "--default-signal", "bash", "-c", script],
+            check=False,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=PATIENCE,
+        )
     assert answer.returncode == 0, answer.stdout
 
 
@@ -100,12 +96,6 @@ def lines(code: str) -> Iterator[str]:
     """Yield the lines of a block without comments."""
     for line in code.replace("\\\n", " ").splitlines():
         yield line.partition(" #")[0].rstrip()
-
-
-def robot_of(code: str) -> str:
-    """Return the name of the robot that a block is for."""
-    named = re.search(r'robot[= ]"?([a-z]\w+)', code)
-    return named[1] if named else "kinectbot"
 
 
 def steps(line: str) -> set[str]:
@@ -136,35 +126,20 @@ def blocks_with_news() -> Iterator[pytest.param]:
         yield pytest.param(code, new, id=block.id)
 
 
-def commands(new: list[str]) -> Iterator[str]:
-    """Yield the commands of a block; those in the background end with it."""
-    yield "trap 'kill $(jobs -p) 2>/dev/null || true; wait || true' EXIT"
-    for words in new:
-        if LONG.match(words) and words.endswith("&"):
-            yield f"timeout --kill-after 20 {PATIENCE} {words}"  # the shell lets it ignore SIGINT
-        elif LONG.match(words):
-            # beside other work simulated servos may answer late, and doctor counts that
-            yield f"until {words}; do sleep 1; done" if " doctor " in words else words
-        else:
-            yield words
-
-
 @pytest.mark.parametrize("code", blocks("python"))
 def test_python(code: str, tmp_path: Path) -> None:
     if cannot_run(code):
         ast.parse(code)
         return
-    with ExitStack() as stack:
-        domain = stack.enter_context(own_domain())
-        code = stack.enter_context(servos(code, robot_of(code)))
-        (tmp_path / "program.py").write_text(code)
-        end = "timeout --signal TERM --kill-after 20 4" if "rclpy.spin" in code else ""
-        command = f"{end} {sys.executable} {tmp_path}/program.py || (({bool(end):d} && $? == 124))"
-        run(["bash", "-c", command], tmp_path, domain)
+    program = tmp_path / "program.py"
+    program.write_text(f"import os\n{code}".replace(f'"{PORT}"', 'os.environ["PORT"]'))
+    end = "timeout --signal TERM --kill-after 20 4" if "rclpy.spin" in code else ""
+    run(f"{end} {sys.executable} {program} || (({bool(end):d} && $? == 124))", tmp_path, code)
 
 
 @pytest.mark.parametrize(("code", "new"), blocks_with_news())
 def test_commands(code: str, new: list[str], tmp_path: Path) -> None:
+    """What begins in the background ends with the block."""
     if cannot_run(code):
         subprocess.run(["bash", "-n"], input=code, text=True, check=True, timeout=PATIENCE)
         return
@@ -172,40 +147,26 @@ def test_commands(code: str, new: list[str], tmp_path: Path) -> None:
         words = LONG.sub("", line)
         if words.startswith("-"):
             parse_arguments(shlex.split(words))
-    with ExitStack() as stack:
-        domain = stack.enter_context(own_domain())
-        script = "\n".join(("set -eo pipefail", *commands(new))).replace("/tmp/", f"{tmp_path}/")
-        script = stack.enter_context(servos(script, robot_of(code)))
-        run(["bash", "-c", script.replace("./scripts/run", "head_tracking")], tmp_path, domain)
+    # beside other work simulated servos may answer late, and doctor counts that
+    tried = (f"until {line}; do sleep 1; done" if " doctor " in line else line for line in new)
+    end = "trap 'kill $(jobs -p) 2>/dev/null || true; wait || true' EXIT"
+    script = "\n".join(("set -eo pipefail", end, *tried)).replace("/tmp/", f"{tmp_path}/")
+    script = script.replace("./scripts/run", "head_tracking").replace(PORT, '"$PORT"')
+    run(script, tmp_path, code)
 
 
-@pytest.fixture(scope="module")
-def known() -> set[str]:
-    """The names of all parameters."""
+def test_parameters_have_names_that_nodes_know(tmp_path: Path) -> None:
     text = (ROOT / "docs/reference/parameters.md").read_text()
-    return set(re.findall(r"^\| `(\S+)`", text, re.M))
-
-
-def test_commands_set_parameters_that_nodes_know(known: set[str]) -> None:
+    known = set(re.findall(r"^\| `(\S+)`", text, re.M))
+    file = tmp_path / "parameters.yaml"
+    for block in blocks("yaml"):
+        file.write_text(block.values[0])
+        names = (re.sub(r"^\w+_controller", "<controller>", each.name) for each in read(str(file)))
+        assert known.issuperset(names)
     for block in blocks("bash"):
         for given in re.findall(r"-p (?:\w+:)?([\w.]+):=", str(block.values[0])):
-            name = re.sub(r"^\w+_controller\.", "<controller>.", given)
-            usual = re.sub(r"^(hand|face)\.", "visual_target.", name)  # a source of the mux
-            assert usual in known
-
-
-@pytest.mark.parametrize("code", blocks("yaml"))
-def test_parameters_have_names_that_nodes_know(code: str, known: set[str]) -> None:
-    def names(values: dict[str, object], prefix: str = "") -> Iterator[str]:
-        for name, value in values.items():
-            if isinstance(value, dict):
-                yield from names(value, f"{prefix}{name}.")
-            else:
-                yield prefix + name
-
-    for node in yaml.safe_load(code).values():
-        for name in names(node["ros__parameters"]):
-            assert re.sub(r"^\w+_controller\.", "<controller>.", name) in known
+            name = re.sub(r"^\w+_controller", "<controller>", given)
+            assert re.sub(r"^(hand|face)\.", "visual_target.", name) in known  # a source of the mux
 
 
 @pytest.mark.parametrize("code", blocks("xml"))
