@@ -4,8 +4,6 @@ Every node is started once, without other nodes; its topics, services, actions a
 read from the running node. Only the table of meanings is written by hand.
 """
 
-from __future__ import annotations
-
 import ast
 import os
 import re

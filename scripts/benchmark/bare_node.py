@@ -3,8 +3,6 @@
 It publishes two messages and receives one of them, with an EventsExecutor, until SIGTERM.
 """
 
-from __future__ import annotations
-
 import signal
 
 import rclpy

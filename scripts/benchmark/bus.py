@@ -4,8 +4,6 @@ This driver, dynamixel_sdk and rustypot take turns on one simulated bus in anoth
 changes in the load of the machine affect all of them.
 """
 
-from __future__ import annotations
-
 import gc
 import math
 import os

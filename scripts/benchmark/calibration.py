@@ -1,7 +1,5 @@
 """Calibration of random heads: pointing errors, coverage of the intervals; late cameras."""
 
-from __future__ import annotations
-
 import math
 import time
 from itertools import product

@@ -1,7 +1,5 @@
 """Killed processes of a run."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

@@ -1,7 +1,5 @@
 """Detection rate and processor time of the network and the cascade, on photographs."""
 
-from __future__ import annotations
-
 import time
 from statistics import mean, median
 from typing import Any

@@ -1,7 +1,5 @@
 """Alternating rounds, medians and tables for benchmarks."""
 
-from __future__ import annotations
-
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence

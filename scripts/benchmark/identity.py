@@ -1,7 +1,5 @@
 """Identity of the followed person among rendered people who leave, return and cross."""
 
-from __future__ import annotations
-
 from frame import table
 from people import crossed, replaced, returned
 

@@ -1,7 +1,5 @@
 """Benchmarks of head_tracking; each writes one table of docs/benchmarks.md."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from pathlib import Path

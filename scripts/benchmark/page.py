@@ -1,7 +1,5 @@
 """The page in Chromium: time from STOP to its answer; processor time and memory over time."""
 
-from __future__ import annotations
-
 import os
 import re
 import statistics

@@ -1,7 +1,5 @@
 """By how much the tutorials' formula misses, and what exact pointing costs."""
 
-from __future__ import annotations
-
 import math
 import random
 import time

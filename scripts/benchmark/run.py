@@ -3,8 +3,6 @@
 Everything that is compared is measured in alternating rounds; the tables have medians.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -6,8 +6,6 @@ After SIGTERM it prints one line of JSON:
 "next": times from the last byte of a reading to the next packet of goals [s].
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

@@ -1,7 +1,5 @@
 """A simulated run with a page, and the figures of processes."""
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile

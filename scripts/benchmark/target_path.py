@@ -4,8 +4,6 @@ A head_tracker node follows a moving target for two seconds. Then it receives on
 the loop runs one more cycle. Only functions of this package are counted.
 """
 
-from __future__ import annotations
-
 import collections
 import math
 import sys

@@ -1,7 +1,5 @@
 """The transform buffer beside tf2, in alternating rounds; each figure is a median."""
 
-from __future__ import annotations
-
 import json
 import platform
 import random

@@ -1,7 +1,5 @@
 """Visual targets: processor time, position errors, closed loops, false detections."""
 
-from __future__ import annotations
-
 import math
 import time
 from pathlib import Path

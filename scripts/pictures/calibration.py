@@ -1,7 +1,5 @@
 """Draw calibration.png: images of a calibration, and the errors of its views before and after."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,5 @@
 """Record docs/pictures/viewer.webp: the page while the head follows a face, in real time."""
 
-from __future__ import annotations
-
 import base64
 import io
 import itertools

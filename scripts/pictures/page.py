@@ -1,7 +1,5 @@
 """Takes the pictures of the page for docs/pictures/, in Debian's chromium: viewer*.png."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

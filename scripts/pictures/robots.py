@@ -1,7 +1,5 @@
 """Draw robots.png: every robot that comes with the package, on one sheet."""
 
-from __future__ import annotations
-
 import io
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a visitor of the page of a run waits for, in Debian's chromium."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """doctor: a red case for each check, and what doctor must not do."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """head_setup: prints its steps and asks before it runs them."""
 
-from __future__ import annotations
-
 import configparser
 import os
 import sys

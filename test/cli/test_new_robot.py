@@ -1,7 +1,5 @@
 """new-robot on simulated servos: from unknown servos to a head that points."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The tool `servo` on simulated servos, in simulated time."""
 
-from __future__ import annotations
-
 import errno
 import subprocess
 import sys

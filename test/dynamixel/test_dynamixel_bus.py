@@ -1,7 +1,5 @@
 """Connecting, reading, commands and torque: the bus on a fake port, in passed-in time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Hundreds of cycles on a simulated bus that is never well."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator

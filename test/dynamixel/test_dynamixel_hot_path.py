@@ -1,7 +1,5 @@
 """What a cycle without trouble costs, in calls of Python functions of the driver."""
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from types import FrameType

@@ -1,7 +1,5 @@
 """Packets of both protocols, damaged replies, and another program on the line."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import pytest

@@ -1,7 +1,5 @@
 """Every model: its table, and every register of it through driver and simulator."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Faults are named: which, how soon, and none that is not there."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Two servos on one joint, which a stiff bracket joins: they never push against each other."""
 
-from __future__ import annotations
-
 import pytest
 from simulated_device import Rig
 

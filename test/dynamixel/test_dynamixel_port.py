@@ -1,7 +1,5 @@
 """The real port on a pty, and the latency timer and the name of its adapter."""
 
-from __future__ import annotations
-
 import errno
 import os
 import threading

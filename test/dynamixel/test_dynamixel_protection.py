@@ -1,7 +1,5 @@
 """Faults, heat, watchdogs, timeouts; joints stopped, started and changed while running."""
 
-from __future__ import annotations
-
 import pytest
 from dynamixel_fakes import (
     PAN,

@@ -1,7 +1,5 @@
 """What is called relaxed is relaxed: at the end of a run, and without a running bus."""
 
-from __future__ import annotations
-
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeRig, submit, writes
 from simulated_device import Bench, Rig

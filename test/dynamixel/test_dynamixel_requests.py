@@ -1,7 +1,5 @@
 """Requests, goals, STOP and resume in any order: nothing made before a STOP acts after it."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future

@@ -1,7 +1,5 @@
 """Nobody loses control of a servo: black boxes, simulated servos on a simulated line."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import pytest

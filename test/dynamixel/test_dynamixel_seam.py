@@ -1,7 +1,5 @@
 """Torque comes on only where no way to a goal crosses the seam of the encoder's scale."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pytest

@@ -1,7 +1,5 @@
 """The thread that owns a bus, and several buses as one backend of a loop."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Packets of Feetech servos, as the maker's page prints them (ftservo-wiki 9522ce1, ft-scs.md)."""
 
-from __future__ import annotations
-
 import pytest
 
 from head_tracking.dynamixel import servo_model

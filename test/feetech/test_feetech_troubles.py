@@ -1,7 +1,5 @@
 """What users of Feetech servos have met, and what becomes of it here."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Who may use the page: each way in, with each thing that can be wrong."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page's server over HTTP and its websocket, with a robot whose answers a test decides."""
 
-from __future__ import annotations
-
 import json
 import re
 import threading

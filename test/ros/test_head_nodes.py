@@ -1,7 +1,5 @@
 """The nodes that control a head, in simulated time, and the summary of a run."""
 
-from __future__ import annotations
-
 import math
 import re
 import time

@@ -1,7 +1,5 @@
 """Programs of others talk to simulated servos: they know nothing of this package."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType

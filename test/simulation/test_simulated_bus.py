@@ -1,7 +1,5 @@
 """What simulated servos on a bus answer: published packets (e-manual), and group reads."""
 
-from __future__ import annotations
-
 import pytest
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 from waiting import wait_for

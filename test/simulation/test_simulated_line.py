@@ -1,7 +1,5 @@
 """Times on the wire, in simulated time."""
 
-from __future__ import annotations
-
 import pytest
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
 

@@ -1,7 +1,5 @@
 """How the simulated servo moves. Time is passed in: nothing here waits."""
 
-from __future__ import annotations
-
 import math
 from operator import attrgetter
 

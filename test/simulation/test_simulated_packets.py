@@ -1,7 +1,5 @@
 """The parser by which servos hear packets of both protocols."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """The simulated bus behind a real pty."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Instructions, registers, modes and errors of the simulated servos of both protocols."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

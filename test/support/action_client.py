@@ -1,7 +1,5 @@
 """A stock client of an action, as a person in another process would have it."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

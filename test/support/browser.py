@@ -1,7 +1,5 @@
 """Debian's Chromium without a window, driven by Playwright."""
 
-from __future__ import annotations
-
 import importlib.util
 import io
 import os

@@ -1,7 +1,5 @@
 """Small nodes that speak as a servo bus and controllers do, and fail as those should not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue

@@ -1,7 +1,5 @@
 """A program that listens for transforms and ends in the way that its argument names."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

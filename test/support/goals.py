@@ -1,7 +1,5 @@
 """Goals of PointHead for a head in simulated time, and what came of them."""
 
-from __future__ import annotations
-
 import math
 import random
 from typing import Any

@@ -1,7 +1,5 @@
 """Pictures in the encodings of sensor_msgs/Image, made without the code under test."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

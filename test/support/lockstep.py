@@ -5,8 +5,6 @@ delay, timers and the clock follow the simulated time, and the servos are simula
 registers are read and written 50 times a second.
 """
 
-from __future__ import annotations
-
 import heapq
 import itertools
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Rendered people who leave, are replaced by others, come back and cross, and who is followed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

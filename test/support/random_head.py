@@ -1,7 +1,5 @@
 """Heads whose cameras sit elsewhere than the model says, and what these see of a marker."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Messages whose values are as bad as their types allow."""
 
-from __future__ import annotations
-
 import math
 import random
 from typing import Any, TypeVar

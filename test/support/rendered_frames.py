@@ -1,7 +1,5 @@
 """Frames of a scene, as detectors get them, with the truth about it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

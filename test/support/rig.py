@@ -1,7 +1,5 @@
 """A head as a user meets it: executables, ROS names, and simulated servos behind a port."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

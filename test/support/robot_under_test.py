@@ -1,7 +1,5 @@
 """Robots that run over real ROS topics and a simulated bus, all in this process."""
 
-from __future__ import annotations
-
 import gc
 from contextlib import ExitStack, closing
 from dataclasses import replace

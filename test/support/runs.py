@@ -1,7 +1,5 @@
 """Targets and trackers of the closed-loop tests."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """A driver's port on a simulated bus in simulated time: no pty, no thread, no waiting."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable
 from typing import Any

@@ -5,8 +5,6 @@ to where the tree ends, or where nothing is known of that time, and then from th
 there. Matrices; nothing is remembered from one lookup to the next.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

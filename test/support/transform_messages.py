@@ -1,7 +1,5 @@
 """Transforms as messages."""
 
-from __future__ import annotations
-
 from geometry_msgs.msg import TransformStamped
 
 

@@ -1,7 +1,5 @@
 """The node of the page in a test; modules that import this are skipped without NiceGUI."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A head that follows what its simulated camera sees, in simulated time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

@@ -5,8 +5,6 @@ parents, gaps, equal stamps, stamps of zero, frames that stop being static, and 
 of the cache. Where tf2 itself is installed the same sequences are given to it too.
 """
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

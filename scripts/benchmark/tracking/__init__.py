@@ -6,8 +6,6 @@ Points go to the tracker as on a robot: cameras move with the head and see 60 x 
 head loses, it does not see.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 from collections.abc import Sequence

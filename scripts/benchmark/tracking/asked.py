@@ -1,7 +1,5 @@
 """What is asked of tracking, beside what was measured: a row for each family that was run."""
 
-from __future__ import annotations
-
 import statistics
 from collections import defaultdict
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Runs a controller in a situation and scores it; many of them on all processors."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence

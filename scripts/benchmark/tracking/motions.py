@@ -1,7 +1,5 @@
 """Where targets go: curves of the first editions, and people by minimum-jerk moves."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Callable

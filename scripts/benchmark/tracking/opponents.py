@@ -1,7 +1,5 @@
 """Simple laws as others write them; they share only the plant's geometry with the judge."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

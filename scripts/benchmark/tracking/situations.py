@@ -4,8 +4,6 @@ Helpers and developers use any seeds. An exam draws from wider ranges, and its s
 while something is being tuned.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
