@@ -1,6 +1,8 @@
-"""The simple laws; a law is added by an entry in LAWS: its parameters come with it."""
+"""The simple laws and the constants of the documents; a law is added by an entry in LAWS."""
 
+import re
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
@@ -56,3 +58,17 @@ def test_inside_the_threshold_the_joint_stays_where_it_stopped(law):
     # it sags by less than the threshold: the goal does not follow the sag
     assert law.step((0.2, 0.2), (0.191, 0.191)).pan == 0.195
     assert law.step((0.2, 0.2), (0.1, 0.191)).pan == pytest.approx(0.6)
+
+
+ROOT = Path(__file__).parents[2]
+PARTS = re.split(r"^`(\w+\.py)`$", (ROOT / "docs/explain/estimator.md").read_text(), flags=re.M)
+TABLES = dict(zip(PARTS[1::2], PARTS[2::2], strict=True))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_constant_is_listed_with_its_value_and_origin(name):
+    (file,) = (ROOT / "head_tracking").rglob(f"*/{name}")
+    rows = set(re.findall(r"^\| (`.*`) \| (.*?) \| .* \| [tbdp] \|$", TABLES[name], re.M))
+    found = re.findall(r"^(_?[A-Z][A-Z_, ]*) = (\d[\de., +*/-]*?)(?=  #|$)", file.read_text(), re.M)
+    assert rows >= {(", ".join(f"`{each}`" for each in names.split(", ")), value)
+                    for names, value in found}  # fmt: skip

@@ -1,7 +1,12 @@
+"""The states of a target: seen, lost, searched for."""
+
+from itertools import pairwise
+
 import pytest
 
 from head_tracking.gaze import Gaze, GazeStatus
 from head_tracking.tracking import TargetState, TargetStateMachine, TargetStateParameters
+from head_tracking.tracking.search import Sweep
 
 REACHED = Gaze(0.0, 0.0, GazeStatus.REACHED, 0.0)
 HERE, THERE = (0.5, 0.2), (0.3, 0.1)
@@ -92,3 +97,24 @@ def test_why_targets_are_refused_stands_behind_the_reason_until_one_is_taken(mak
     assert "something else" in life.reason
     life.seen(4.1, new=False)
     assert life.reason == "a new target has come"
+
+
+def walk(sweep, steps, start=(0.0, 0.0)):
+    """A head that jumps to wherever it is sent."""
+    position, corners = start, []
+    for _ in range(steps):
+        goal = sweep.goal(position)
+        if not corners or corners[-1] != goal:
+            corners.append(goal)
+        position = goal
+    return corners
+
+
+def test_the_whole_field_is_swept_row_by_row(head):
+    corners = walk(Sweep(head), 40)
+    pans, tilts = {pan for pan, _ in corners}, {tilt for _, tilt in corners}
+    assert pans == {head.pan_limits.lower, head.pan_limits.upper}
+    rows = sorted(tilts)
+    assert rows[0] - head.tilt_limits.lower <= 0.36
+    assert head.tilt_limits.upper - rows[-1] <= 0.36
+    assert all(b - a <= 0.71 for a, b in pairwise(rows))

@@ -1,12 +1,23 @@
+"""Robot models and the buffer beside plain references: yourdfpy, and joints one by one."""
+
 import io
 import random
+from dataclasses import astuple
 
 import numpy as np
 import pytest
 import yourdfpy
 from random_trees import random_urdf
 
-from head_tracking.transforms import LookupException, RobotModel, parse_robot_model
+from head_tracking.transforms import (
+    JointState,
+    JointStates,
+    LookupException,
+    RobotModel,
+    Transform,
+    TransformBuffer,
+    parse_robot_model,
+)
 
 
 def yourdfpy_model(model: RobotModel) -> yourdfpy.URDF:
@@ -48,3 +59,89 @@ def test_unknown_links_and_missing_positions_are_named(kinectbot):
         kinectbot.transform("base_link", "nose_link", {})
     with pytest.raises(LookupException):
         kinectbot.transform("base_link", "camera_link", {"head_tilt_joint": 0.0})
+
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lookups_in_a_moving_robot_are_those_of_its_model(seed):
+    """Each joint is measured at times of its own; a link carries a frame of another program."""
+    rnd = random.Random(seed)
+    model = parse_robot_model(random_urdf(seed))
+    buffer, histories = TransformBuffer(), {}
+    buffer.set_model(model)
+    for joint in model.independent_joints:
+        stamps = [0, *sorted(rnd.sample(range(1, 80), 20)), 80]
+        history = [(SECOND + s * SECOND // 10, rnd.uniform(-1.5, 1.5)) for s in stamps]
+        histories[joint] = np.array(history).T
+        for stamp, position in rnd.sample(history, len(history)):
+            buffer.set_joint_positions(stamp, {joint: position})
+    hand, tool = rnd.choice(model.links), Transform.from_xyz_rpy((1, 2, 3), (0.1, 0.2, 0.3))
+    for stamp in (SECOND, 9 * SECOND):
+        buffer.set_transform(stamp, hand, "tool", tool)
+    carried = dict.fromkeys(model.links, Transform.identity()) | {"tool": tool}
+    frames = {link: link for link in model.links} | {"tool": hand}
+    for _ in range(200):
+        target, source = rnd.choice(list(frames)), rnd.choice(list(frames))
+        stamp = rnd.choice(
+            [rnd.randrange(SECOND, 9 * SECOND), rnd.randrange(10, 90) * SECOND // 10]
+        )
+        joints = {joint: np.interp(stamp, *known) for joint, known in histories.items()}
+        found = buffer.lookup_transform(target, source, stamp).transform
+        between = model.transform(frames[target], frames[source], joints)
+        expected = (carried[target].inverse() @ between @ carried[source]).as_matrix()
+        assert np.allclose(found.as_matrix(), expected, atol=1e-6)
+        points = np.array([(0.3, -0.2, 0.5), (-1.0, 0.7, 2.0)])
+        there = points @ expected[:3, :3].T + expected[:3, 3]
+        one = buffer.transform_point(points[0], target, source, stamp)
+        assert np.allclose(one, there[0], atol=1e-6)
+        many = buffer.transform_points(points, target, source, stamp)
+        assert np.allclose(many, there, atol=1e-6)
+        elsewhere = {joint: rnd.uniform(-1.5, 1.5) for joint in histories}
+        found = buffer.lookup_transform(target, source, stamp, joint_positions=elsewhere).transform
+        between = model.transform(frames[target], frames[source], elsewhere)
+        expected = (carried[target].inverse() @ between @ carried[source]).as_matrix()
+        assert np.allclose(found.as_matrix(), expected, atol=1e-6)
+
+
+CHAIN = """
+<robot name="chain">
+  <link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+  <joint name="third" type="continuous"><parent link="c"/><child link="d"/>
+    <mimic joint="second" multiplier="3" offset="1"/></joint>
+  <joint name="second" type="continuous"><parent link="b"/><child link="c"/>
+    <mimic joint="first" multiplier="2"/></joint>
+  <joint name="first" type="continuous"><parent link="a"/><child link="b"/></joint>
+</robot>"""
+
+
+def is_same(one, other):
+    """Compare two states; since Python 3.13 a dataclass with NaN is not equal to itself."""
+    return astuple(one) == pytest.approx(astuple(other), nan_ok=True)
+
+
+@pytest.fixture
+def model():
+    return parse_robot_model(CHAIN)
+
+
+def test_what_follows_a_measured_joint_is_added_in_any_order(model):
+    assert model.independent_joints == ("first",)
+    turned, _, _ = model.transform("a", "d", {"first": 0.1}).rotation.as_rpy()
+    assert turned == pytest.approx(0.1 + 0.2 + 1.6)
+    states = JointStates(model, {}).complete({"first": JointState(0.5, 1.0, 0.2)})
+    assert is_same(states["first"], JointState(0.5, 1.0, 0.2))
+    assert is_same(states["second"], JointState(1.0, 2.0))
+    assert is_same(states["third"], JointState(4.0, 6.0))
+
+
+def test_a_stated_default_stands_until_it_is_measured(model):
+    states = JointStates(model, {"first": 0.25})
+    assert is_same(states.complete({})["third"], JointState(2.5))
+    assert is_same(states.complete({"first": JointState(0.5)})["first"], JointState(0.5))
+
+
+def test_a_measured_follower_is_believed(model):
+    states = JointStates(model, {}).complete({"first": JointState(0.5), "second": JointState(0.9)})
+    assert is_same(states["second"], JointState(0.9))

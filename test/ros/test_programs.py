@@ -1,0 +1,190 @@
+"""Programs with ROS: they announce themselves, and however they end, they end."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from ros_domain import own_domain
+from std_srvs.srv import Trigger
+from waiting import PATIENCE, wait_for
+
+from head_tracking.ros.kit.spinning import start_ros
+from head_tracking.ros.kit.stop_signal import ENDING
+from head_tracking.ros.kit.threads import UrgentServices, Worker
+
+PROGRAM = Path(__file__).parents[1] / "support" / "exit_paths.py"
+
+HANGING = """
+import sys, time
+from head_tracking.ros.kit.stop_signal import StopSignal
+from head_tracking.run import child
+child._END_TIMEOUT = 1
+with StopSignal() as stop:
+    child.SupervisorLink(int(sys.argv[1]), stop)
+    time.sleep(120)
+"""
+
+# what the program does before its end, and whether that is an error of its own
+WAYS = [
+    ("own", 0),
+    ("node error", 1),
+    ("node shutdown destroy", 0),
+    ("own drop", 0),
+    ("node unregister shutdown", 0),
+    ("own wait", 0),
+    ("node busy", 0),
+    ("node interrupt sleeping", -2),
+    ("node spin", 0),
+]
+
+
+@pytest.mark.parametrize(("way", "code"), WAYS, ids=[way for way, _ in WAYS])
+def test_a_program_ends(way, code):
+    ended = subprocess.run(
+        [sys.executable, str(PROGRAM), way],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert ended.returncode == code, ended.stderr
+    assert ended.stderr.count("Traceback") == (code != 0), ended.stderr
+
+
+def test_a_process_that_hangs_ends_after_its_supervisor():
+    supervisor, channel = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    hanging = subprocess.Popen(
+        [sys.executable, "-c", HANGING, str(channel.fileno())], pass_fds=[channel.fileno()]
+    )
+    try:
+        channel.close()
+        supervisor.close()
+        assert hanging.wait(PATIENCE) == -signal.SIGALRM
+    finally:
+        hanging.kill()
+
+
+INTERRUPTED = """
+import signal, sys
+from head_tracking.ros.kit.stop_signal import StopSignal
+
+def interrupt(frame, event, argument):
+    global left
+    left -= event == "line"
+    if left == 0:
+        signal.raise_signal(signal.SIGINT)
+    return interrupt
+
+for line in range(1, 60):  # of `wait` and of what it calls
+    with StopSignal() as stop:
+        left = line
+        wait = stop.wait
+        sys.settrace(interrupt)
+        while not wait(0.001):
+            pass
+        sys.settrace(None)
+        assert stop() and wait(5.0)
+print("ended")
+"""
+
+
+def test_a_signal_is_noticed_in_every_line_of_the_wait_for_it():
+    command = [sys.executable, "-c", INTERRUPTED]
+    assert subprocess.check_output(command, text=True, timeout=PATIENCE) == "ended\n"
+
+
+def test_a_process_of_a_run_that_still_imports_ends_at_once():
+    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    command = [sys.executable, "-m", "head_tracking.run.child", "control", str(theirs.fileno())]
+    with ours, theirs:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+        process = subprocess.Popen([*command, "--sim"], pass_fds=[theirs.fileno()])
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE) == 0
+        theirs.close()
+        assert ours.recv(100) == b""  # what has run reports its end
+
+
+ANNOUNCED = """
+import sys
+from rclpy.node import Node
+from head_tracking.ros.kit.spinning import start_ros
+start_ros(["program"])
+node = Node("announced")
+sys.stdin.read()
+"""
+NUMBER = 31  # of a process in its domain; it is said to the first 32 on the machine
+INITIAL = 6  # announcements that Fast DDS makes within half a second
+
+
+def test_a_program_says_often_that_it_is_there():
+    with own_domain() as domain, socket.socket(type=socket.SOCK_DGRAM) as hears:
+        hears.bind(("127.0.0.1", 7400 + 250 * int(domain) + 10 + 2 * NUMBER))
+        hears.settimeout(PATIENCE)
+        settings = {
+            "ROS_DOMAIN_ID": domain,
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+            "FASTRTPS_DEFAULT_PROFILES_FILE": "",
+            "FASTDDS_DEFAULT_PROFILES_FILE": "",
+        }
+        command = [sys.executable, "-c", ANNOUNCED]
+        with subprocess.Popen(command, env=os.environ | settings, stdin=subprocess.PIPE):
+            heard = []
+            while len(heard) < INITIAL + 4:
+                assert hears.recv(1 << 16).startswith(b"RTPS")
+                heard.append(time.monotonic())
+    assert heard[-1] - heard[-4] < 6.0  # s; by default it is 9
+
+
+def test_a_users_own_settings_of_fast_dds_are_left_alone(monkeypatch, tmp_path):
+    mine = tmp_path / "mine.xml"
+    mine.write_text("<?xml version='1.0'?><dds><profiles/></dds>")
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(mine))
+    monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE", raising=False)
+    start_ros(["program"])
+    rclpy.try_shutdown()
+    assert os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(mine)
+    assert "FASTDDS_DEFAULT_PROFILES_FILE" not in os.environ
+
+
+def test_an_error_of_a_worker_ends_the_node_by_its_next_offer():
+    def work(_):
+        raise KeyError("broken")
+
+    def offered():
+        try:
+            worker.offer(1)
+        except KeyError:
+            return True
+        return False
+
+    with closing(Worker("work", work)) as worker:
+        wait_for(offered)
+
+
+def test_an_error_of_an_urgent_service_is_an_answer_without_success(threads):
+    def fail(request):
+        raise RuntimeError
+
+    person, bus = Node("person"), Node("bus")
+    threads.start(person)
+    with closing(UrgentServices(bus)) as services:
+        services.offer("fail", fail)
+        services.start()
+        client = person.create_client(Trigger, "fail")
+        wait_for(client.service_is_ready)
+        for _ in range(2):
+            future = client.call_async(Trigger.Request())
+            wait_for(future.done)
+            assert not future.result().success
+    bus.destroy_node()
