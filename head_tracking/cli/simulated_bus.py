@@ -28,6 +28,7 @@ from head_tracking.simulation import (
 )
 
 _PATIENCE = 3600.0  # s
+_APART = 31  # ticks
 _model = read_by(servo_model, ConfigurationError)
 
 
@@ -40,11 +41,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _simulate(options: argparse.Namespace, stop: StopSignal) -> None:
     random = Random(options.seed)
-    ids = options.ids or (() if options.servo else (1, 2))
-    servos = [(options.model, number) for number in ids] + (options.servo or [])
+    usual = options.ids or (() if options.servo else (1, 2))
+    servos = [(options.model, number) for number in usual] + (options.servo or [])
     kinds = [Fault[name.upper()] for name in options.kinds]
     faults = Faults(random, options.faults / 100.0, kinds)
-    simulated = [_servo(model, number, options, random) for model, number in servos]
+    ids = [number for _, number in servos]
+    simulated = [
+        _servo(model, number, ids[:k].count(number), options, random)
+        for k, (model, number) in enumerate(servos)
+    ]
     with SimulatedPort(
         SimulatedBus(simulated, faults=faults, echo=options.echo),
         link=options.link,
@@ -107,11 +112,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _servo(
-    model: ServoModel, number: int, options: argparse.Namespace, random: Random
+    model: ServoModel, number: int, twins: int, options: argparse.Namespace, random: Random
 ) -> SimulatedServo:
+    """Return a servo; one of several with the same id is elsewhere: their answers differ."""
     servo = SimulatedServo(
         number,
         model,
+        position=model.center + _APART * twins,
         start_delay=0.03 if options.realistic else 0.0,
         position_noise=0.3 if options.realistic else 0.0,
         eeprom_time=0.006 if options.realistic else 0.0,

@@ -122,18 +122,19 @@ def _found(port: DynamixelPort, servo_id: int, protocol: int, tries: int) -> Fou
     """Read identity and state of a servo; return None if it does not answer pings."""
     if not answers(port, servo_id, protocol, tries):
         return None
-    rate, model, is_corrupt = port.baud_rate, "answers no reads", False
+    rate, model, is_corrupt = port.baud_rate, "", False
     try:
         number = model_number(port, servo_id, protocol)
         model = model_name(number)
         servo = Servo(port, servo_id, servo_model_by_number(number))
         rate = servo.model.baud_rates.get(servo.get("Baud Rate"), rate)
         servo.read_feedback(3)
-    except CorruptReplyError:
-        is_corrupt = True
-        model = "corrupt answers" if model == "answers no reads" else model
-    except (CommunicationError, ConfigurationError):
+    except ConfigurationError:
         pass
+    except CommunicationError as error:
+        # two answers at once may destroy the beginning of each other, which looks like silence
+        is_corrupt = bool(model) or isinstance(error, CorruptReplyError)
+        model = model or ("corrupt answers" if is_corrupt else "answers no reads")
     return FoundServo(rate, servo_id, protocol, model, is_corrupt)
 
 
