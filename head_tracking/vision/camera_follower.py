@@ -166,8 +166,11 @@ class CameraFollower:
         except Exception as error:  # a source or a detector may raise anything
             self.error = error
             if not isinstance(error, RefusedCommandError | SupersededError):
+                is_ours = isinstance(error, HeadTrackingError)
                 logging.getLogger(__name__).warning(
-                    "the camera is not followed any more: %s", error
+                    "the camera is not followed any more: %s",
+                    error if is_ours else repr(error),
+                    exc_info=not is_ours,
                 )
 
     def _process(self, stamp: float, picture: Pixels) -> None:

@@ -15,7 +15,7 @@ from head_tracking import (
     SupersededError,
     TargetState,
 )
-from head_tracking.vision import ImageError, NoPictureError
+from head_tracking.vision import Detector, ImageError, NoPictureError
 
 pytest.importorskip("cv2")
 GREY = np.full((240, 320, 3), 128, np.uint8)
@@ -148,6 +148,17 @@ def test_a_failing_camera_ends_following_with_its_error_and_a_warning(head, came
     assert following.wait(PATIENCE)
     assert isinstance(following.error, error)
     assert sum("camera" in record.name for record in caplog.records) == 1
+
+
+def test_an_error_in_a_detector_is_logged_with_its_kind_and_its_traceback(head, caplog):
+    class Wrong(Detector):
+        def detect(self, frame, hints):
+            return {}["missing"]
+
+    following = head.follow_camera(Wrong(None), grey_images())
+    assert following.wait(PATIENCE)
+    (record,) = (record for record in caplog.records if "camera" in record.name)
+    assert "KeyError" in record.getMessage() and record.exc_info
 
 
 def test_an_invalid_picture_ends_following_and_calibration_with_an_error(head):
