@@ -35,13 +35,7 @@ CYCLES = int(os.environ.get("HEAD_TRACKING_CYCLES", "300"))
 
 
 class Ordeal(Rig):
-    """Servos of which something goes wrong with each packet, at a rate.
-
-    Args:
-        models: of the servos.
-        kinds: what goes wrong.
-        seed: when.
-    """
+    """Servos of which something goes wrong with each packet, at a rate."""
 
     def __init__(self, models: list[str], kinds: tuple[Fault, ...], seed: int = 1) -> None:
         self.faults = Faults(Random(seed), 0.0, kinds, pause=(0.1, 0.5))

@@ -37,26 +37,17 @@ PAN, TILT = "head_pan_joint", "head_tilt_joint"
 
 
 class Head(Rig):
-    """A head that follows a swinging goal; noise on encoders, supply and line.
-
-    Args:
-        model: of its servos.
-        seed: of all that is random.
-        pair: whether two servos drive the pan joint.
-        loss: share of what is sent either way that is damaged or lost.
-        delay: from a goal to the begin of the motion [s].
-        options: see `Rig`.
-    """
+    """A head that follows a swinging goal; noise on encoders, supply and line."""
 
     def __init__(
         self,
-        model: ServoModel = AX,
-        seed: int = 1,
+        model: ServoModel = AX,  # of its servos
+        seed: int = 1,  # of all that is random
         *,
-        pair: bool = False,
-        loss: float = 0.0,
-        delay: float = 0.03,
-        **options: Any,
+        pair: bool = False,  # whether two servos drive the pan joint
+        loss: float = 0.0,  # share of what is sent either way that is damaged or lost
+        delay: float = 0.03,  # from a goal to the begin of the motion [s]
+        **options: Any,  # see `Rig`
     ) -> None:
         self.random = Random(seed)
         self.faults = Faults(Random(seed), loss, [Fault.CORRUPT, Fault.DROP])

@@ -74,11 +74,7 @@ def test_torque_stays_off_whenever_a_stop_overtakes_a_cycle(by_goal: bool) -> No
 
 
 class Interleavings:
-    """One bus, and requests that are made now and delivered later.
-
-    Args:
-        seed: Of the order.
-    """
+    """One bus, and requests that are made now and delivered later."""
 
     def __init__(self, seed: int) -> None:
         self.random = Random(seed)

@@ -62,19 +62,13 @@ def read(data: bytes) -> Recording:
 
 
 def bag(
-    messages: list[tuple[float, str, Any]],
-    base: str = "/",
+    messages: list[tuple[float, str, Any]],  # time [s], topic and fields of each, in any order
+    base: str = "/",  # of the topics
+    # a topic of another program, and its schema; None: it is JSON without one
     foreign: tuple[str, str | None] | None = None,
-    **options: Any,
+    **options: Any,  # of the library
 ) -> bytes:
-    """A file by the format's own library, as other programs write it.
-
-    Args:
-        messages: time [s], topic and fields of each, in any order.
-        base: of the topics.
-        foreign: a topic of another program, and its schema; None: it is JSON without one.
-        options: of the library.
-    """
+    """A file by the format's own library, as other programs write it."""
     stream = io.BytesIO()
     with mcap_ros2.writer.Writer(stream, **options) as writer:
         if foreign is not None:

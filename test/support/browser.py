@@ -62,21 +62,13 @@ def open_browser() -> Iterator[Any]:
 
 
 def open_page(
-    browser: Any,
-    port: int,
-    width: int = 900,
-    height: int = 700,
-    **context: Any,
+    browser: Any,  # opens it
+    port: int,  # where the page is
+    width: int = 900,  # of the window [pixels]
+    height: int = 700,  # of the window [pixels]
+    **context: Any,  # options of Playwright's new_page
 ) -> Any:
-    """Return the page, once the robot is there.
-
-    Args:
-        browser: opens it.
-        port: where the page is.
-        width: of the window [pixels].
-        height: of the window [pixels].
-        context: options of Playwright's new_page.
-    """
+    """Return the page, once the robot is there."""
     page = browser.new_page(viewport={"width": width, "height": height}, **context)
     page.set_default_timeout(1e3 * PATIENCE)
     page.add_init_script("localStorage.setItem('head-welcomed', '1')")
@@ -100,13 +92,7 @@ def open_tab(page: Any, name: str) -> None:
 
 
 def choose(page: Any, menu: str, option: str) -> None:
-    """Choose from a menu, once it offers that.
-
-    Args:
-        page: has the menu.
-        menu: its id.
-        option: the value.
-    """
+    """Choose a value from the menu with an id, once it offers that."""
     page.locator(f"#{menu} option[value={option!r}]").wait_for(state="attached")
     page.locator(f"#{menu}").select_option(option)
 

@@ -63,16 +63,12 @@ TILT = JointConfiguration("head_tilt_joint", 2, controller="head_tilt_controller
 
 
 class SimulatedHead:
-    """Pan and tilt on AX-12 servos. Time is passed in, as integer ns.
-
-    Args:
-        start: pan and tilt at first [rad].
-        modify: is handed both servos, to make them others than an AX-12 usually is.
-    """
+    """Pan and tilt on AX-12 servos. Time is passed in, as integer ns."""
 
     def __init__(
         self,
-        start: tuple[float, float] = (0.0, 0.0),
+        start: tuple[float, float] = (0.0, 0.0),  # pan and tilt at first [rad]
+        # is handed both servos, to make them others than an AX-12 usually is
         modify: Callable[[SimulatedServo], object] = lambda servo: None,
     ) -> None:
         self._joints = (PAN, TILT)
@@ -249,17 +245,13 @@ class ClosedLoop:
     `joints_read(stamp, positions)`; `base_moved(now, (x, y, yaw))`; `command(now)`; and
     `camera_saw(stamp, point, now, on_head=)` with what a camera measured, in its own or the head's
     base frame.
-
-    Args:
-        path: of the target.
-        conditions: of the run.
-        observe: called after each step with the time [s].
     """
 
     def __init__(
         self,
-        path: Path,
-        conditions: Conditions,
+        path: Path,  # of the target
+        conditions: Conditions,  # of the run
+        # called after each step with the time [s]
         observe: Callable[[float], None] = lambda now: None,
     ) -> None:
         c = conditions

@@ -14,12 +14,7 @@ JOINTS = ("head_pan_joint", "head_tilt_joint")
 
 
 class BusStandIn(Node):
-    """Offers `stop`, `resume`, `relax`; says who owns the joints, and whether it is stopped.
-
-    Args:
-        namespace: of its robot.
-        offers: services it has.
-    """
+    """Offers `stop`, `resume`, `relax`; says who owns the joints, and whether it is stopped."""
 
     def __init__(
         self, namespace: str = "", offers: tuple[str, ...] = ("stop", "resume", "relax")

@@ -35,11 +35,7 @@ _SECOND = 1_000_000_000  # ns
 
 
 class FakeServo(SimulatedServo):
-    """An AX-12 that stands still: its registers hold what a test or a packet has set.
-
-    Args:
-        servo_id: its id.
-    """
+    """An AX-12 that stands still: its registers hold what a test or a packet has set."""
 
     def __init__(self, servo_id: int) -> None:
         super().__init__(servo_id, boot_time=0.0)
@@ -104,19 +100,13 @@ def decoded(data: bytes) -> Request:
 
 
 class FakeRig(Rig):
-    """Joints on fake servos.
-
-    Args:
-        joints: by default pan and tilt.
-        settings: of the bus.
-        connect: whether the bus is connected.
-    """
+    """Joints on fake servos."""
 
     def __init__(
         self,
-        *joints: JointConfiguration,
-        settings: BusSettings | None = None,
-        connect: bool = True,
+        *joints: JointConfiguration,  # by default pan and tilt
+        settings: BusSettings | None = None,  # of the bus
+        connect: bool = True,  # whether the bus is connected
     ) -> None:
         joints = joints or (PAN, TILT)
         servos = [FakeServo(joint.id) for joint in joints]

@@ -95,13 +95,7 @@ class PointedHead:
         return pan, tilt
 
     def look_at(self, point: Vector3, frame: str = "", **wishes: Any) -> HeldGoal:
-        """Sends a goal of PointHead and waits until it is over.
-
-        Args:
-            point: to look at [m].
-            frame: that it is given in; empty: the head's base.
-            wishes: see `point_goal`.
-        """
+        """Sends a goal of PointHead and waits until it is over; no frame: the head's base."""
         goal = HeldGoal(point_goal(*point, frame or self.head.base_frame, **wishes))
         self.node.actions.point(goal)
         end = self.world.seconds + PATIENCE

@@ -95,14 +95,7 @@ COLOURLESS = {"mono8", "mono16", "8UC1", "16UC1"}
 def raw(
     encoding: str, numbers: np.ndarray, *, big_endian: bool = False, padding: int = 0
 ) -> RawImage:
-    """An image message's fields.
-
-    Args:
-        encoding: what the numbers mean.
-        numbers: shape (height, width) or (height, width, channels).
-        big_endian: the order of bytes.
-        padding: bytes of rubbish after each row.
-    """
+    """An image message's fields, with bytes of rubbish after each row."""
     height, width = numbers.shape[:2]
     ordered = numbers.astype(numbers.dtype.newbyteorder(">" if big_endian else "<"))
     rows = np.frombuffer(ordered.tobytes(), np.uint8).reshape(height, -1)

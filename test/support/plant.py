@@ -116,12 +116,7 @@ class Pair:
 
 
 class PlainHead:
-    """Pan and tilt by their equations; times in ns.
-
-    Args:
-        servos: of pan and tilt.
-        start: their positions at first [rad].
-    """
+    """Pan and tilt by their equations; times in ns."""
 
     def __init__(self, servos: tuple[PlainServo, PlainServo], start: tuple[float, float]) -> None:
         self.goals: tuple[int, int] | None = None  # the last written ones, in steps of the servos
@@ -201,12 +196,7 @@ class _Joint:
 
 
 class Deaf:
-    """Servos that hear no command for a while, as between two plugs or before their torque is on.
-
-    Args:
-        servos: as they are.
-        seconds: how long from the first command on.
-    """
+    """Servos that hear no command for some seconds, as before their torque is on."""
 
     def __init__(self, servos: Any, seconds: float) -> None:
         self._servos, self._deaf = servos, round(seconds * 1e9)

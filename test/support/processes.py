@@ -4,12 +4,7 @@ from pathlib import Path
 
 
 def child(pid: int, name: str) -> int:
-    """Return the process id of control, vision or page; 0 if there is none.
-
-    Args:
-        pid: of the supervisor.
-        name: of the process.
-    """
+    """Return the process id of control, vision or page; 0 if there is none."""
     for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         try:
             words = Path(f"/proc/{word}/cmdline").read_bytes().split(b"\0")

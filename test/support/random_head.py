@@ -45,23 +45,14 @@ class Seen(NamedTuple):
 
 
 def random_head(
-    geometry: HeadGeometry,
-    seed: int,
-    noise: float,
-    zeros: float = 0.0,
-    play: float = 0.0,
-    points: int = 0,
+    geometry: HeadGeometry,  # of the model
+    seed: int,  # chooses them
+    noise: float,  # of a corner [px]
+    zeros: float = 0.0,  # deviation of the joints' zeros [rad]
+    play: float = 0.0,  # of both joints, between encoder and camera, from side to side [rad]
+    points: int = 0,  # show so many points 1 to 4 m away instead of a marker
 ) -> Seen:
-    """Draw a head that is about 5 degrees and 10 mm wrong, and a marker 1 to 3 m away.
-
-    Args:
-        geometry: of the model.
-        seed: chooses them.
-        noise: of a corner [px].
-        zeros: deviation of the joints' zeros [rad].
-        play: of both joints, between encoder and camera, from side to side [rad].
-        points: show so many points 1 to 4 m away instead of a marker.
-    """
+    """Draw a head that is about 5 degrees and 10 mm wrong, and a marker 1 to 3 m away."""
     rng = np.random.default_rng(seed)
     changes = np.zeros(12)
     changes[:3], changes[3:6] = rng.normal(0.0, math.radians(5.0), 3), rng.normal(0.0, 0.01, 3)

@@ -104,24 +104,16 @@ class Watched:
 
 
 def watch(
-    tracker: VisualTracker,
-    view: View,
-    name: str,
-    count: int,
+    tracker: VisualTracker,  # looks for something
+    view: View,  # gives the frames
+    name: str,  # the thing that it should find
+    count: int,  # how many frames
     *,
+    # width of a rectangle [pixels] that is drawn around the thing at first; 0: none
     select: float = 0.0,
-    centre: bool = False,
+    centre: bool = False,  # the point should be the middle of the thing, not its surface
 ) -> Watched:
-    """Shows frames to a tracker.
-
-    Args:
-        tracker: looks for something.
-        view: gives the frames.
-        name: the thing that it should find.
-        count: how many frames.
-        select: width of a rectangle [pixels] that is drawn around the thing at first; 0: none.
-        centre: the point should be the middle of the thing, not its surface.
-    """
+    """Shows frames to a tracker."""
     result = Watched([], [])
     for i, (time, frame, pose) in enumerate(view.frames(count)):
         if select and i == 0:

@@ -55,25 +55,17 @@ def command(name: str) -> list[str]:
 
 
 class Program:
-    """An executable that runs.
-
-    Args:
-        name: of the executable.
-        arguments: of its command line.
-        domain: of ROS.
-        own_group: it gets a process group of its own, which `kill` kills.
-        environment: over this process's and the defaults; None: without the variable.
-        stdout: where its output goes; None: to `output`.
-    """
+    """An executable that runs."""
 
     def __init__(
         self,
-        name: str,
-        *arguments: str,
-        domain: str,
-        own_group: bool = False,
+        name: str,  # of the executable
+        *arguments: str,  # of its command line
+        domain: str,  # of ROS
+        own_group: bool = False,  # it gets a process group of its own, which `kill` kills
+        # over this process's and the defaults; None: without the variable
         environment: dict[str, str | None] | None = None,
-        stdout: Any = None,
+        stdout: Any = None,  # where its output goes; None: to `output`
     ) -> None:
         self._name, self._own_group = " ".join((name, *arguments)), own_group
         given = os.environ | {
@@ -137,11 +129,7 @@ class Program:
 
 
 class Servos:
-    """Two AX-12 with the ids 1 (pan) and 2 (tilt) behind a port; they belong to no program.
-
-    Args:
-        link: the port's name.
-    """
+    """Two AX-12 with the ids 1 (pan) and 2 (tilt) behind a port; they belong to no program."""
 
     def __init__(self, link: Path) -> None:
         self.port = SimulatedPort([SimulatedServo(1), SimulatedServo(2)], link=link)
@@ -193,12 +181,7 @@ def swing_until_learned(head: Head, value: str) -> None:
 
 
 class Talker:
-    """Sees and asks only by ROS names, with a node that somebody spins.
-
-    Args:
-        node: of this process.
-        namespace: of the robot that is talked to.
-    """
+    """Sees and asks only by ROS names, with a node of this process that somebody spins."""
 
     def __init__(self, node: Node, namespace: str = "") -> None:
         self._namespace = namespace
@@ -277,12 +260,9 @@ class Talker:
         return {joint: owner.strip() for joint, _, owner in (line.partition(":") for line in lines)}
 
     def complaint(self, node: str, *facts: str, of: Callable[[], object] = lambda: None) -> str:
-        """Wait for a warning or an error of a node that names these facts; its words.
+        """Wait for a warning or an error of a node, whose name ends so, that names these facts.
 
-        Args:
-            node: its name ends so.
-            facts: what the words contain.
-            of: what causes it; done again and again, for what repeats is logged once a second.
+        What causes it, `of`, is done again and again, for what repeats is logged once a second.
         """
 
         def found() -> str:
@@ -383,12 +363,7 @@ class Talker:
 
 
 class Person(Talker):
-    """Somebody at a terminal with ROS tools.
-
-    Args:
-        domain: of ROS.
-        namespace: of the robot that is talked to.
-    """
+    """Somebody at a terminal with ROS tools."""
 
     def __init__(self, domain: str, namespace: str = "") -> None:
         self._context = rclpy.Context()
@@ -429,11 +404,7 @@ def assert_described(person: Person, node: str) -> None:
 
 
 class Bench:
-    """A ROS domain of its own, with the programs, servos and persons in it.
-
-    Args:
-        folder: for files.
-    """
+    """A ROS domain of its own, with the programs, servos and persons in it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

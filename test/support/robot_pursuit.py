@@ -23,11 +23,7 @@ _GROWS = 2.0  # s in which the swing grows, from rest
 
 
 class Pursuit:
-    """A target swings before a robot, and the head follows it.
-
-    Args:
-        name: of the robot.
-    """
+    """A target swings before a robot, and the head follows it."""
 
     def __init__(self, name: str) -> None:
         configured = configured_head(robot_parameters(name))

@@ -64,20 +64,14 @@ def joint_of(
 
 
 class Bench:
-    """Servos and the port that they are on.
-
-    Args:
-        servos: the servos, or a bus.
-        baud_rate: of line and port [bit/s].
-        latency: of the adapter [s].
-        reply_timeout: of the port [s]; None: it learns how long replies take.
-    """
+    """Servos and the port that they are on."""
 
     def __init__(
         self,
-        servos: SimulatedBus | Iterable[SimulatedServo],
-        baud_rate: int = 1_000_000,
-        latency: float = 0.0,
+        servos: SimulatedBus | Iterable[SimulatedServo],  # the servos, or a bus
+        baud_rate: int = 1_000_000,  # of line and port [bit/s]
+        latency: float = 0.0,  # of the adapter [s]
+        # of the port [s]; None: it learns how long replies take
         reply_timeout: float | None = None,
     ) -> None:
         self.bus = servos if isinstance(servos, SimulatedBus) else SimulatedBus(servos)
@@ -143,13 +137,6 @@ class Bench:
 class Rig:
     """Servos, their bus, and simulated time.
 
-    Args:
-        servos: the servos, or one simulated bus.
-        joints: of the bus; by default one for each id, with half the range of its servo.
-        connect: whether the bus is connected.
-        settings: of the bus.
-        options: of the `Bench`.
-
     Attributes:
         reading: the last one.
         events: of all readings, without those that are repeated.
@@ -157,11 +144,12 @@ class Rig:
 
     def __init__(
         self,
-        *servos: SimulatedServo | SimulatedBus,
+        *servos: SimulatedServo | SimulatedBus,  # the servos, or one simulated bus
+        # of the bus; by default one for each id, with half the range of its servo
         joints: Iterable[JointConfiguration] = (),
-        connect: bool = True,
-        settings: BusSettings | None = None,
-        **options: Any,
+        connect: bool = True,  # whether the bus is connected
+        settings: BusSettings | None = None,  # of the bus
+        **options: Any,  # of the `Bench`
     ) -> None:
         self.bench = Bench(servos[0] if isinstance(servos[0], SimulatedBus) else servos, **options)
         self.servos = tuple(self.bench.bus)

@@ -42,26 +42,16 @@ class Pursuit:
 
 
 def pursue(
-    scene: str,
-    followed: str,
-    target: dict[str, Any],
-    tracker: dict[str, Any],
+    scene: str,  # of the simulated camera
+    followed: str,  # the name of the thing in it that should be followed
+    target: dict[str, Any],  # parameters of visual_target
+    tracker: dict[str, Any],  # parameters of head_tracker
     *,
-    duration: float = 20.0,
-    camera: dict[str, Any] | None = None,
-    hide: tuple[float, float] | None = None,
+    duration: float = 20.0,  # [s]
+    camera: dict[str, Any] | None = None,  # parameters of simulated_camera
+    hide: tuple[float, float] | None = None,  # from and until when [s] all things are out of sight
 ) -> Pursuit:
-    """Runs camera, target and tracker of kinectbot together.
-
-    Args:
-        scene: of the simulated camera.
-        followed: the name of the thing in it that should be followed.
-        target: parameters of visual_target.
-        tracker: parameters of head_tracker.
-        duration: [s].
-        camera: parameters of simulated_camera.
-        hide: from and until when [s] all things are out of sight.
-    """
+    """Runs camera, target and tracker of kinectbot together."""
     model = load_robot_model(robot_file("kinectbot"))
     world, result = World(model), Pursuit()
     head = PanTiltHead(model, PAN.joint_name, TILT.joint_name, CAMERA)

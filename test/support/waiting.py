@@ -44,12 +44,7 @@ def join(*threads: threading.Thread) -> None:
 
 @contextmanager
 def repeating(*works: Callable[[], object], period: float = 0.0) -> Iterator[None]:
-    """Call functions again and again, each in a thread of its own.
-
-    Args:
-        works: the functions.
-        period: between two calls [s].
-    """
+    """Call functions again and again, each in a thread of its own, with a pause [s]."""
     ending = threading.Event()
 
     def repeat(work: Callable[[], object]) -> None:

@@ -104,20 +104,15 @@ class Person:
 
     Moves between places are minimum-jerk (Flash and Hogan 1985); a face also sways by some
     millimetres. Use it as a `Path`.
-
-    Args:
-        rng: draws everything.
-        duration: [s].
-        acts: what the person may do, each as often as it is named.
-        exam: draw from wider ranges than in development.
     """
 
     def __init__(
         self,
-        rng: Random,
-        duration: float,
+        rng: Random,  # draws everything
+        duration: float,  # [s]
+        # what the person may do, each as often as it is named
         acts: str = "move move move pass sit turns near",
-        exam: bool = False,
+        exam: bool = False,  # draw from wider ranges than in development
     ) -> None:
         self._rng, self._wide = rng, 1.25 if exam else 1.0
         self._starts: list[float] = []
