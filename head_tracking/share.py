@@ -1,9 +1,10 @@
-"""The files of the package: urdf/, config/, and the state that persists between runs."""
+"""The files of the package: urdf/, config/, the state that persists, and how files are written."""
 
 from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -51,6 +52,24 @@ def state_folder(name: str) -> Path:
         home = "/tmp"
     folder = os.environ.get("XDG_STATE_HOME") or Path(home, ".local", "state")
     return Path(folder) / PACKAGE / name
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write a file, atomically: if that fails, an earlier file is as before, and OSError is raised.
+
+    A device, such as /dev/stdout, is written, not replaced; so is a file in a read-only folder.
+    """
+    draft = path.with_name(f".{path.name}.draft")
+    try:
+        if path.exists() and not path.is_file():
+            raise PermissionError
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(path)
+    except PermissionError:
+        path.write_text(text, encoding="utf-8")
+    finally:
+        with suppress(OSError):
+            draft.unlink()
 
 
 def robot_names() -> list[str]:

@@ -38,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     "feetech": set(),
     "simulation": set(),  # an error of the driver must not be repeated in the simulator
     "configuration": {"dynamixel", "gaze", "parameters", "parameter_files", "simulation"},
-    "calibration": {"gaze", "parameters", "transforms", "vision"},
+    "calibration": {"gaze", "parameters", "share", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}
     | {"calibration", "configuration", "parameters", "signals", "vision"},

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -22,6 +21,7 @@ from head_tracking.calibration.geometry import (
     Residuals,
 )
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.share import write_file
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
 
 _TIME: Final = "%Y-%m-%dT%H:%M:%S"
@@ -161,25 +161,14 @@ class Calibration:
             **{name: getattr(self, name) for name in _NUMBERS},
         }
         text = _HEADER + yaml.safe_dump(document, sort_keys=False)
-        draft = path.with_name(f".{path.name}.draft")
         try:
-            if path.exists() and not path.is_file():  # a device, such as /dev/stdout
-                path.write_text(text)
-                return
-            try:
-                draft.write_text(text)
-                draft.replace(path)
-            except PermissionError:  # the folder is read-only; the file may not be
-                path.write_text(text)
+            write_file(path, text)
         except OSError as error:
             raise CalibrationFileError(
                 path,
                 f"it cannot be written ({error.strerror}); give a file in a writable folder, on a "
                 "disk with free space",
             ) from error
-        finally:
-            with suppress(OSError):
-                draft.unlink()
 
     def apply(self, model: RobotModel) -> RobotModel:
         """Return a robot model, with its URDF, changed by this calibration.

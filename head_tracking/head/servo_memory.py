@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -12,7 +11,7 @@ from typing import Final
 
 import yaml
 
-from head_tracking.share import state_folder
+from head_tracking.share import state_folder, write_file
 from head_tracking.tracking import ServoValues
 
 _KEPT: Final = "delay", "deviation", "dead_band"
@@ -38,12 +37,9 @@ class ServoMemory:
         """Keep values, by joint; where files cannot be written, nothing is kept."""
         for joint in self._servos.keys() & values.keys():
             text = yaml.safe_dump({name: float(getattr(values[joint], name)) for name in _KEPT})
-            file = self._file(joint)
-            half = file.with_suffix(f".{os.getpid()}")
             with suppress(OSError):
                 self._folder.mkdir(parents=True, exist_ok=True)
-                half.write_text(text)
-                half.replace(file)
+                write_file(self._file(joint), text)
 
     def forget(self) -> None:
         """Delete what is kept."""

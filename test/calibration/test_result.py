@@ -78,10 +78,10 @@ def test_a_file_in_a_read_only_folder_is_written(file, monkeypatch):
     """Else the motion of 90 s was in vain."""
     calibration, write = Calibration.load(file), Path.write_text
 
-    def refuse_drafts(path, text):
+    def refuse_drafts(path, text, **options):
         if path != file:
             raise PermissionError(13, "Permission denied")
-        return write(path, text)
+        return write(path, text, **options)
 
     file.write_text("")
     monkeypatch.setattr(Path, "write_text", refuse_drafts)

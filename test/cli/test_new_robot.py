@@ -150,6 +150,13 @@ def test_nothing_is_overwritten(user: User, name: str) -> None:
     assert len(user.files) == 1
 
 
+def test_a_full_disk_leaves_no_file(user: User) -> None:
+    (user.folder / ".my_head.yaml.draft").symlink_to("/dev/full")
+    user.poses = [dict(pose) for pose in BY_HAND[1:]]
+    assert user.run(*GIVEN, "--yes") == FAILED
+    assert user.files == []
+
+
 def test_torque_off_needs_confirmation(user: User) -> None:
     user.bench.bus[5].set_register("Torque Enable", 1)
     user.answers = "\n\n\nn\n"

@@ -473,6 +473,16 @@ def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) 
         assert [motor[key] for key in ("init", "min", "max")] == pytest.approx(ticks, abs=error)
 
 
+def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench: Tool, tmp_path: Path) -> None:
+    file = tmp_path / "head.yaml"
+    file.write_text("precious")
+    file.with_name(f".{file.name}.draft").symlink_to("/dev/full")
+    bench.answers = "y\n"
+    bench.move_by_hand(1, 520, 200, 850)
+    assert bench.run("calibrate", "head_pan:1", "--output", str(file)) == FAILED
+    assert [each.read_text() for each in tmp_path.iterdir()] == ["precious"]
+
+
 @pytest.mark.parametrize(
     ("servo_id", "poses"), [(1, (512, 512, 520)), (1, (100, 300, 800)), (7, (2048, 3500, 4500))]
 )

@@ -16,6 +16,7 @@ from head_tracking.dynamixel.configuration import ServoCalibration
 from head_tracking.dynamixel.exceptions import CommunicationError, ConfigurationError
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
+from head_tracking.share import write_file
 
 _READINGS = 9
 _SMALLEST_RANGE = 0.1  # rad
@@ -60,7 +61,7 @@ def calibrate(
     if output is None:
         terminal.show(text)
     else:
-        output.write_text(text)
+        write_file(output, text)
         terminal.print(f"written: {output}")
 
 
