@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
-from frame import row, table
+from frame import report, row, table
 from simulated_run import own_bench
 
 from head_tracking.dynamixel import (
@@ -184,8 +184,11 @@ def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
         for _ in range(LOADED_ROUNDS if loaded else ROUNDS):
             for name, contender in contenders().items():
                 for _ in range(3):  # a contender may give up on a machine that is busy
-                    with suppress(OSError, RuntimeError, DynamixelError):
+                    try:
                         cost = median_cycle(contender, port_name, loaded)
+                    except (OSError, RuntimeError, DynamixelError) as error:
+                        report(f"{name} gave up: {error}")
+                    else:
                         costs.setdefault(name, []).append(cost)
                         break
     return {
@@ -212,6 +215,7 @@ def _rows() -> Iterator[str]:
         {
             name: f"{cost.wall:.0f} us ({cost.wall / quiet[name].wall:.2f}x unloaded)"
             for name, cost in rounds(0, loaded=True).items()
+            if name in quiet
         },
         "1.1x unloaded",
     )
@@ -228,10 +232,9 @@ def _wall_row(return_delay: int, costs: dict[str, Cost], wanted: str) -> str:
 
 
 def _row(work: str, figures: dict[str, str], wanted: str) -> str:
-    mine = [f"{name} **{figures[name]}**" for name in ("port", "whole bus") if name in figures]
-    others = [
-        f"{name} {text}" for name, text in figures.items() if name not in ("port", "whole bus")
-    ]
+    own = ("port", "whole bus")
+    mine = [f"{name} **{figures.get(name, 'gave up in every round')}**" for name in own]
+    others = [f"{name} {text}" for name, text in figures.items() if name not in own]
     return row(work, "; ".join(mine), "; ".join(others), wanted)
 
 
