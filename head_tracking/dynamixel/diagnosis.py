@@ -25,6 +25,7 @@ from head_tracking.dynamixel.state import EventKind, ServoState, Symptom
 
 _GONE: Final = 1.0  # s without a symptom until it is cleared
 _AGAIN: Final = 1.0  # s between two examinations of a servo
+_ASK: Final = 100_000_000  # ns between questions for the torque of a servo
 _MOVES: Final = 0.3  # rad/s
 _DRIVES: Final = 0.15  # of full torque
 _LONGEST_READ: Final = 64  # bytes
@@ -308,7 +309,7 @@ class Diagnosis:
         ]
         self._watches = {each.servo.id: each for _, watches in self._joints for each in watches}
         self._turns = deque(self._watches.values())  # the one that was asked last comes first
-        self._asks = False
+        self._ask_at = 0  # ns
 
     def of(self, servo_id: int) -> dict[Symptom, str]:
         """Return the symptoms of a servo, a sentence each."""
@@ -340,7 +341,7 @@ class Diagnosis:
                     watch.forget_motion()
             if len(watches) > 1:
                 self._find(watches[0], _apart)
-        self._ask_next()
+        self._ask_next(now)
 
     def _examine(self, watch: _Watch) -> None:
         """Examine a servo that was read in this cycle."""
@@ -469,22 +470,22 @@ class Diagnosis:
             self._bus.note(EventKind.ALARM, joint, text, about=errors)
         watch.reported = errors
 
-    def _ask_next(self) -> None:
-        """Ask a servo in every second examination whether it has torque, if nothing else shows it.
+    def _ask_next(self, now: int) -> None:
+        """Ask servos in turn whether they have torque.
 
-        A relaxed servo may get torque from another program. Of two servos that turn one joint, one
-        may lose its torque: the other turns it.
+        Another program, or a short loss of power, may have switched it. No measurement shows that
+        while a joint is at rest or relaxed, or while the other servo of a joint turns it.
         """
-        self._asks = not (self._asks or self._bus.requests.under_way)
-        for _ in range(len(self._turns) * self._asks):
-            self._turns.rotate(-1)
-            if _is_hidden(self._turns[0]):
-                self._bus.requests.start(self._asking(self._turns[0]))
-                return
+        if now < self._ask_at or self._bus.requests.under_way:
+            return
+        self._ask_at = now + _ASK
+        self._turns.rotate(-1)
+        self._bus.requests.start(self._asking(self._turns[0]))
 
     def _asking(self, watch: _Watch) -> Steps[None]:
         yield 0.0
-        if _is_hidden(watch):
+        free = not (watch.joint.busy or watch.joint.stopped)
+        if free and watch.servo.link is LinkState.PRESENT:
             self._check_torque(watch)
 
     def _check_torque(self, watch: _Watch) -> None:
@@ -545,14 +546,6 @@ class Diagnosis:
             joint,
             f"no command for {self._settings.command_timeout:.2f} s; it holds its position",
         )
-
-
-def _is_hidden(watch: _Watch) -> bool:
-    """Return whether no measurement shows that the torque of a servo has changed."""
-    joint = watch.joint
-    hidden = len(joint.servos) > 1 or not joint.on
-    free = not (joint.busy or joint.stopped)
-    return hidden and free and watch.servo.link is LinkState.PRESENT
 
 
 def _cause(watch: _Watch, values: Mapping[str, int]) -> Found:

@@ -221,7 +221,7 @@ def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(
     pair = Pair(name)
     pair.send(0.9)
     pair.servos[relaxed].set_register("Torque Enable", 0)
-    pair.step(6)
+    pair.step(15)
     assert pair.powered != 1  # a goal switches the torque of some models on
     assert (EventKind.TORQUE_LOST in pair.kinds) == (pair.powered == 0)
     pair.send(0.2)

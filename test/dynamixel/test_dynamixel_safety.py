@@ -352,6 +352,16 @@ def test_torque_that_another_program_switches_on_is_switched_off_and_named(
     assert not rig.bus.statistics().servos[1].symptoms
 
 
+def test_torque_that_another_program_switches_off_is_reported_though_nothing_moves() -> None:
+    rig = Rig(*(SimulatedServo(i, "XM430-W350") for i in (1, 2)))
+    rig.go(0.3)
+    rig.servos[0].set_register("Torque Enable", 0)
+    rig.step(20)
+    assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
+    assert EventKind.TORQUE_LOST in rig.kinds
+    assert rig.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.03)
+
+
 # Who is there
 
 
