@@ -130,6 +130,19 @@ def changed(
     return dataclasses.replace(values, **accepted) if accepted else values  # type: ignore[type-var]
 
 
+def verified(values: P) -> P:
+    """Return parameters whose values are allowed; a constructor does not check them.
+
+    Args:
+        values: as for `changed`.
+
+    Raises:
+        ParameterError: values are not allowed; the message has all of them.
+    """
+    given = {field.name: getattr(values, field.name) for field in dataclasses.fields(values)}  # type: ignore[arg-type]
+    return changed(type(values)(), given)
+
+
 def allowed(info: ParameterInfo) -> str:
     """Return the range of a number as text, with its unit."""
     unit = f" {info.unit}" if info.unit else ""

@@ -9,12 +9,11 @@ import numpy as np
 
 from head_tracking.calibration.geometry import Array
 from head_tracking.calibration.solver import CalibrationError, Reason
-from head_tracking.parameters import ParameterError
+from head_tracking.parameters import ParameterError, verified
 from head_tracking.vision.candidate import Frame, ellipse_mask
 from head_tracking.vision.faces import FaceDetector, FaceParameters
 from head_tracking.vision.images import Pixels
 from head_tracking.vision.markers import (
-    DICTIONARIES,
     MarkerDetector,
     MarkerParameters,
     marker_family,
@@ -59,15 +58,11 @@ def observer(target: str, marker: MarkerParameters | None) -> Observe:
         return _FaceView()
     if target == "room":
         return _Room()
-    size = 0.0 if marker is None else marker.marker_size
-    if marker is None or not SMALLEST_MARKER <= size <= LARGEST_MARKER:
+    marker = verified(marker or MarkerParameters())
+    if not SMALLEST_MARKER <= marker.marker_size <= LARGEST_MARKER:
         raise ParameterError(
-            f"marker_size is {size}; set it to the edge of the black square, {SMALLEST_MARKER:g} "
-            f"to {LARGEST_MARKER:g} m"
-        )
-    if marker.dictionary not in DICTIONARIES:
-        raise ParameterError(
-            f"dictionary {marker.dictionary!r}: allowed are {', '.join(DICTIONARIES)}"
+            f"marker_size is {marker.marker_size}; set it to the edge of the black square, "
+            f"{SMALLEST_MARKER:g} to {LARGEST_MARKER:g} m"
         )
     if marker.marker_id >= (count := len(marker_family(marker.dictionary).bytesList)):
         raise ParameterError(

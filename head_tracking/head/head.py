@@ -387,7 +387,7 @@ class Head:
             RefusedCommandError: the head is stopped, relaxed or closed.
             TypeError: an argument is no camera, no detector, no `Camera` or no
                 `DistanceParameters`.
-            ValueError: there is no such detector.
+            ValueError: there is no such detector, or a distance is not allowed.
         """
         from head_tracking.vision import CameraFollower, checked_pictures, find_detector
 

@@ -236,6 +236,14 @@ def camera_with_view(width: int, height: int, horizontal_view: float) -> Camera:
         width: width of the images [pixels].
         height: height of the images [pixels].
         horizontal_view: horizontal field of view [rad].
+
+    Raises:
+        CameraError: the field of view is not possible.
     """
+    if not 0.0 < horizontal_view < math.pi:
+        raise CameraError(
+            f"the horizontal field of view is {horizontal_view} rad; allowed are 0 to pi: convert "
+            "degrees with math.radians"
+        )
     focal = width / 2 / math.tan(horizontal_view / 2)
     return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)

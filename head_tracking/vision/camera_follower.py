@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from head_tracking.exceptions import HeadTrackingError, RefusedCommandError, SupersededError
+from head_tracking.parameters import verified
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.candidate import Detector, Frame
@@ -138,7 +139,9 @@ class CameraFollower:
         self.sighting: Sighting | None = None
         self.error: Exception | None = None
         self._tracker = VisualTracker(
-            detector, distances or DistanceParameters(distance=2.0), IdentityParameters()
+            detector,
+            verified(distances or DistanceParameters(distance=2.0)),
+            IdentityParameters(),
         )
         self._source, self._follow, self._pose, self._camera = source, follow, pose, camera
         self._ending = False

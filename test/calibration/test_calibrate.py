@@ -293,6 +293,8 @@ def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused(mon
             (images, MarkerParameters("4X4_50", 50, 0.16), None),
             (images, MarkerParameters("4X4_50", -1, 160.0), None),  # mm
             (images, MarkerParameters("4X4_50", -1, math.nan), None),
+            (images, MarkerParameters("4X4_50", "7", 0.16), None),
+            (images, None, None),
             (images, MARKER, other),
             (early, MARKER, None),
         ):

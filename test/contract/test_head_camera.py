@@ -15,7 +15,7 @@ from head_tracking import (
     SupersededError,
     TargetState,
 )
-from head_tracking.vision import Detector, ImageError, NoPictureError
+from head_tracking.vision import Detector, DistanceParameters, ImageError, NoPictureError
 
 pytest.importorskip("cv2")
 GREY = np.full((240, 320, 3), 128, np.uint8)
@@ -114,6 +114,8 @@ def test_a_camera_without_a_face_does_not_move_the_head(head, servos):
 def test_invalid_cameras_and_detectors_are_refused(head):
     with pytest.raises(ValueError):
         head.follow_camera("cat")
+    with pytest.raises(ValueError, match="distance is -1"):
+        head.follow_camera("face", [], distances=DistanceParameters(distance=-1.0))
     with pytest.raises(FrameError):
         head.follow_camera("face", frame="nowhere")
     for what, options in (

@@ -120,3 +120,10 @@ def test_points_outside_the_distortion_model_are_not_projected(x):
     camera = Camera.from_calibration((640, 480), K, (-0.4, 0.0, 0.0, 0.0, 0.0))
     pixel = camera.pixel((x, 0.0, 1.0))
     assert pixel is None or not 0 <= pixel[0] < 640
+
+
+@pytest.mark.parametrize("view", [60, 3.2, 0.0, -1.0, math.nan])
+def test_a_field_of_view_in_degrees_is_refused(view):
+    """It would be a mirrored camera, and the head would turn away from its target."""
+    with pytest.raises(CameraError, match="radians"):
+        camera_with_view(640, 480, view)
