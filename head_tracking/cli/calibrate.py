@@ -58,6 +58,10 @@ def _calibrate(options: argparse.Namespace) -> None:
             Terminal(assume_yes=options.yes).confirm(
                 "The head will look around. Is its range free of obstacles?"
             )
+            if options.sim and options.target != "room":  # as the user turns a real head
+                from head_tracking.scene.scenes import STILL
+
+                head.look_at(STILL)
             calibration = head.calibrate(
                 source,
                 target=options.target,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -95,6 +96,9 @@ def _people(distance: float, **swing: float) -> dict[str, Thing]:
     }
 
 
+STILL: Final = (1.5, 0.2, 0.7)
+"""Where the marker and the face are that stand still [m]."""
+
 _THINGS: Mapping[str, Callable[[np.random.Generator], dict[str, Thing]]] = {
     "empty": lambda rng: {},
     TARGET: lambda rng: {},
@@ -102,8 +106,8 @@ _THINGS: Mapping[str, Callable[[np.random.Generator], dict[str, Thing]]] = {
     "faces": lambda rng: _people(1.5, phase=np.pi),
     "ball": lambda rng: {"ball": Ball(0.08, ORANGE, _moving())},
     "marker": lambda rng: {"marker": marker_board(_moving())},
-    "still marker": lambda rng: {"marker": marker_board(lambda _: (1.5, 0.2, 0.7))},
-    "still face": lambda rng: {"face": face(lambda _: (1.5, 0.2, 0.7))},
+    "still marker": lambda rng: {"marker": marker_board(lambda _: STILL)},
+    "still face": lambda rng: {"face": face(lambda _: STILL)},
     "picture": lambda rng: {"picture": Board(pattern(rng), 0.35, _moving())},
     "everything": lambda rng: {
         **_people(1.9, phase=2.0),

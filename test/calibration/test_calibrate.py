@@ -83,6 +83,13 @@ def test_a_wrong_mounting_is_corrected(quick, monkeypatch, tmp_path, target, vie
     assert red.sum() > 2 * green.sum()
 
 
+def test_a_simulated_head_on_a_table_is_turned_to_the_marker_first(quick, unsolved, tmp_path):
+    file = tmp_path / "calibration.yaml"
+    words = ["camera", "--sim", "--robot", "two_ax_12", "--yes", "--output", str(file)]
+    assert calibrate.main(words) == DONE
+    assert Calibration.load(file).robot == "two_ax_12"
+
+
 @pytest.mark.parametrize(("command", "step"), [("stop", "direction 3"), ("relax", "computing")])
 def test_a_head_that_is_stopped_or_relaxed_is_not_calibrated(quick, unsolved, step, command):
     with Head.simulated() as head:
