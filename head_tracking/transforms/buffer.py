@@ -178,13 +178,19 @@ class TransformBuffer:
 
         Raises:
             InvalidArgumentException: a name is empty, both names are equal, a number is not finite,
-                the quaternion is not of unit length, or the model has the frame in another parent.
+                the quaternion is not of unit length, or the model has the frame in another parent
+                or above this one.
         """
         stamp = _nanoseconds(stamp)
         parent, child = parent.removeprefix("/"), child.removeprefix("/")
         transform = _checked(parent, child, transform)
         with self._lock:
-            edge = self._edges.get(child)
+            edge, model = self._edges.get(child), self._model
+            if model is not None and child == model.root and parent in model.links:
+                raise InvalidArgumentException(
+                    f"{child!r} in {parent!r} is refused: {child!r} is the root of the robot "
+                    "model, which has the other one below it; exchange them"
+                )
             if edge is not None and self._is_known_by_model(edge):
                 if edge.parent != parent:
                     raise InvalidArgumentException(

@@ -57,6 +57,14 @@ def test_the_model_keeps_its_frames_from_being_overwritten(buffer):
     assert buffer.lookup_transform("base_link", "camera_link") == before
 
 
+def test_the_root_of_the_model_is_not_put_below_its_own_links(buffer):
+    """Parent and child exchanged would be a loop that nothing ends."""
+    with pytest.raises(InvalidArgumentException, match="exchange"):
+        buffer.set_transform(SECOND, "camera_link", "base_link", moved(5))
+    assert buffer.set_transform(SECOND, "odom", "base_link", moved(5))
+    assert buffer.can_transform("odom", "camera_link")
+
+
 def test_frames_that_joints_move_are_found_also_after_they_were_attached_elsewhere(buffer):
     def carried() -> set[str]:
         names = ("base_link", "camera_link", "nowhere", "tool", "ball")
