@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from head_tracking.vision.identity import IdentityParameters
 from head_tracking.vision.images import ImageError, Picture, Pixels
 from head_tracking.vision.opencv import cv2
 from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
+
+_USUAL_RATE, _FASTEST_RATE = 30.0, 240.0  # images a second, of a file that does not tell
 
 DEFAULT_VIEW = math.radians(60.0)
 """Horizontal field of view of many webcams [rad]."""
@@ -42,26 +45,37 @@ class NoPictureError(HeadTrackingError):
 def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
     """Yield the images of a camera with their times of arrival [s, as time.time()].
 
+    Those of a file come at its own rate, and then end.
+
     Args:
         camera: number, device, file or URL, as for OpenCV's VideoCapture.
 
     Raises:
-        NoPictureError: the camera delivers no image, or no more.
+        NoPictureError: the camera delivers no image, or no more; the file has none.
         OpenCVMissingError: OpenCV is not installed.
     """
     if isinstance(camera, int) and camera < 0:  # OpenCV crashes at -1 if there is no camera
         raise NoPictureError(camera)
     capture = cv2.VideoCapture(camera)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the latest image, if the driver supports it
+    is_file = isinstance(camera, str) and Path(camera).is_file()
+    rate = capture.get(cv2.CAP_PROP_FPS)
+    period = 1.0 / (rate if 1.0 <= rate <= _FASTEST_RATE else _USUAL_RATE)
+    due, has_ended = time.monotonic(), False
     try:
         while capture.grab():
+            if is_file:
+                due += period
+                time.sleep(max(0.0, due - time.monotonic()))
             stamp = time.time()
             good, picture = capture.retrieve()
             if good:
                 yield stamp, picture
+                has_ended = is_file
     finally:
         capture.release()
-    raise NoPictureError(camera)
+    if not has_ended:
+        raise NoPictureError(camera)
 
 
 def checked_pictures(

@@ -1,8 +1,9 @@
+import cv2
 import numpy as np
 import pytest
 from image_encodings import COLOURLESS, ENCODERS, RawImage, raw
 
-from head_tracking.vision import Box, DepthImage, ImageError, decode_depth, decode_picture
+from head_tracking.vision import Box, DepthImage, ImageError, decode_depth, decode_picture, pictures
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +89,15 @@ def test_an_image_of_one_pixel_is_an_image(encoding):
     assert picture.size == (1, 1)
     assert picture.gray.shape == (1, 1)
     assert picture.hsv.shape == (1, 1, 3)
+
+
+def test_the_images_of_a_file_come_at_its_rate_and_end(tmp_path):
+    """Else what it shows would move many times as fast, and the head with it."""
+    file = str(tmp_path / "film.avi")
+    writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*"MJPG"), 20, (64, 48))
+    for grey in range(10):
+        writer.write(np.full((48, 64, 3), grey, np.uint8))
+    writer.release()
+    stamps = [stamp for stamp, _ in pictures(file)]
+    assert len(stamps) == 10
+    assert stamps[-1] - stamps[0] > 0.4
