@@ -14,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from head_tracking.dynamixel import Torque
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.transforms import JointState, JointStates
 
@@ -81,17 +82,21 @@ class JointPanel:
         self._is_published_by_others = publishers > (self._states is not None)
 
     def servos(self) -> tuple[JointServo, ...]:
-        """Return the servos whose torque can be switched, by their diagnostics."""
+        """Return the servos whose torque can be switched, by their diagnostics.
+
+        Of a bus that is silent they have no values: it may have ended, which ROS notices late.
+        """
         base, services = self._robot.graph.namespace.rstrip("/"), self._robot.graph.services
         found = {}
         for values in (one.values for one in self._robot.topics.health()):
             controller, joint = values.get("controller"), values.get("joint", "")
             if f"{base}/{controller}{_TORQUE}" not in services or controller is None:
                 continue
-            torque = Torque(values["torque"]) if values.get("torque") in _TORQUES else None
+            known = {} if values.get(FAULT) == FaultName.SILENT else dict(values)
+            torque = Torque(known["torque"]) if known.get("torque") in _TORQUES else None
             is_on = None if torque is None else torque is Torque.ON
             refuses = torque is not None and torque.refuses
-            found[controller] = JointServo(controller, joint, is_on, refuses, dict(values))
+            found[controller] = JointServo(controller, joint, is_on, refuses, known)
         return tuple(found.values())
 
     def move(self, positions: Mapping[str, float]) -> None:

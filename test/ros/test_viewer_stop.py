@@ -347,6 +347,9 @@ def test_with_servos_the_page_never_publishes_the_joints_itself(seen, monkeypatc
     bus = BusStandIn()
     wait_for(lambda: bus.diagnose() or seen.joints.servos())
     assert not seen.joints.free
+    assert all(one.torque for one in seen.joints.servos())
+    wait_for(lambda: all(one.torque is None for one in seen.joints.servos()))  # it is silent
+    assert all("torque" not in one.values for one in seen.joints.servos())
     bus.destroy_node()
     wait_for(lambda: not seen.joints.servos())
     wait_for(lambda: seen.silent_joints() == JOINTS)

@@ -63,6 +63,7 @@ export class Joints {
       box.onchange = () => { hold(box); box.blur(); command("torque", { controller, on: box.checked }); };
     }, (label, { torque }) => {
       const box = label.firstChild;
+      box.indeterminate = torque === null;
       if (torque !== null && !isHeld(box)) box.checked = torque;
     }, ({ controller }) => controller);
   }
