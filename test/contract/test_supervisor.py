@@ -21,6 +21,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from waiting import wait_for
 
+from head_tracking.dynamixel import servo_model
+from head_tracking.simulation import SimulatedPort, SimulatedServo
+
 needs_opencv = pytest.mark.skipif(
     find_spec("cv2") is None, reason="needs OpenCV: pip install -r requirements/vision.txt"
 )
@@ -75,6 +78,32 @@ def test_the_servos_are_relaxed_and_all_processes_end_when_the_supervisor_is_kil
     run.process.kill()
     wait_for(lambda: has_ended(control))
     assert bench.servos.torque == [0, 0]
+
+
+def test_servos_with_a_bus_watchdog_stop_when_control_and_supervisor_are_killed_at_once(bench):
+    """Nobody is left who could relax them: they stop on their way, with torque on."""
+    model = "XM430-W350"
+    values = {"motor.model": model, "motor.init": 2048, "motor.min": 1024, "motor.max": 3072}
+    rules = [
+        f"servo_bus:{name}_controller.{key}:={value}"
+        for name in ("head_pan", "head_tilt")
+        for key, value in {**values, "joint_speed": 0.2}.items()
+    ]
+    with SimulatedPort([SimulatedServo(i, servo_model(model)) for i in (1, 2)]) as port:
+        words = "--port", port.port_name, "--target", "none", "--without", "head"
+        rules = [word for rule in rules for word in ("-p", rule)]
+        run = bench.start("head_tracking", *words, "--ros-args", *rules)
+        bench.person.wait_for_joints()
+        wait_for(lambda: bench.person.command("head_pan_controller", 1.4) or bench.person.pan > 0.1)
+        os.kill(child(run.process.pid, "control"), signal.SIGKILL)
+        run.process.kill()
+
+        def state():
+            names = "Bus Watchdog", "Torque Enable", "Moving"
+            return port.use(lambda bus: [bus[1].register(name) for name in names])
+
+        wait_for(lambda: state() == [255, 1, 0])  # 255: it has tripped
+        assert port.use(lambda bus: bus[1].true_ticks) < 2048 + 600  # the goal is 2048 + 913
 
 
 def restarted(run, name, pid):
