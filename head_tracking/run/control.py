@@ -94,8 +94,8 @@ class Composition:
                 if all(other.name != FEEDS_BUFFER for other in plan.nodes):
                     TransformListener(self.buffer, servo_bus, frame_prefix=prefix_of(servo_bus))
 
-    def _start(self, spec: NodeSpec, _: Trigger.Request | None = None) -> str:
-        """Start a node, unless it runs; return the answer to a request for that."""
+    def _start(self, spec: NodeSpec) -> None:
+        """Start a node, unless it runs."""
         with self._starting:
             if spec.process == PAGE:  # the supervisor has started it
                 self._offer_starts(self.nodes["servo_bus"])
@@ -104,13 +104,19 @@ class Composition:
             elif spec.name not in self.nodes:
                 self.nodes[spec.name] = spec.make(self._available)
                 self._threads.start(self.nodes[spec.name])
+
+    def _start_on_request(self, spec: NodeSpec, _: Trigger.Request) -> str:
+        try:
+            self._start(spec)
+        except EndRequestedError:
+            raise HeadTrackingError("the run ends") from None
         return f"{spec.name} is running"
 
     def _offer_starts(self, node: ClosingNode) -> None:
         """Offer the service `node_starter/NAME` for each node that the page can start."""
         services = UrgentServices(node)
         for spec in STARTED_ON_REQUEST:
-            services.offer(f"node_starter/{spec.name}", partial(self._start, spec))
+            services.offer(f"node_starter/{spec.name}", partial(self._start_on_request, spec))
         node.closing.callback(services.close)
         services.start()
 
