@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -20,6 +22,7 @@ from head_tracking.ros.kit.topics import EVERY_CHANGE, LATCHED
 
 ANSWER = 0.45  # s after which who asks for STOP hears what is known
 _RETRY = 0.25  # s between attempts
+_LATE = 1.0  # s without confirmation
 _POLL = 0.01  # s
 _SERVICES = "stop", "resume"
 
@@ -35,11 +38,12 @@ class Stop:
 
     Attributes:
         count: number of STOPs, of this page and of others; each ends what was begun before it.
+        late: number of STOPs of this page that were not confirmed in time.
         stopped: whether the bus has published that it ignores commands until `resume`.
     """
 
     def __init__(self, beside: Node) -> None:
-        self.count, self.stopped = 0, False
+        self.count, self.late, self.stopped = 0, 0, False
         self._own = NodeThread.beside(beside, f"{beside.get_name()}_stop")
         node = self._own.node
         self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
@@ -142,7 +146,10 @@ class Stop:
 
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
+        late_at = time.monotonic() + _LATE
         while not attempt.ended.done() and self._own.node.context.ok():
+            if time.monotonic() > late_at:
+                self.late, late_at = self.late + 1, math.inf
             client = self._ready("stop")
             if client is None:
                 attempt.wait(_POLL)  # until it is discovered

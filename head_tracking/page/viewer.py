@@ -46,6 +46,11 @@ class ViewerNode(ClosingNode):
         self.settled = {"port": self.page.port, "token": self.page.token}
         self._log_address(page.host, local=is_loopback(page.host))
 
+    @property
+    def late_stops(self) -> int:
+        """How many STOPs of the page were not confirmed in time."""
+        return self.robot.stop.late
+
     def create_subscription(
         self, kind: Any, topic: str, callback: Callable[..., object], *others: Any, **options: Any
     ) -> Any:

@@ -21,10 +21,12 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
     Args:
         arguments: ROS arguments.
         stop: ends the process.
-        link: receives the nodes to start, and reports the result of each start.
+        link: receives the nodes to start, and reports the result of each start, and each STOP that
+            control has not carried out in time.
     """
     resources: dict[str, Buffer] = {}
     running: dict[str, tuple[Any, bool]] = {}
+    late_stops = 0
 
     def start(spec: NodeSpec, threads: NodeThreads) -> None:
         if spec.name in running:  # it was late, and was requested again
@@ -53,10 +55,14 @@ def run_nodes(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) 
         link.send(node=name, problem="", enabled=enabled, parameters=settled)
 
     def update(threads: NodeThreads) -> None:
+        nonlocal late_stops
         while not link.messages.empty():
             start(NodeSpec(**link.messages.get()), threads)
         for name, (node, before) in list(running.items()):
             if hasattr(node, "output") and node.output.on != before:
                 report(name, node, node.output.on)
+            if getattr(node, "late_stops", 0) > late_stops:
+                late_stops = node.late_stops
+                link.send(stop=True)
 
     return run_ros(lambda threads: threads.wait(stop, update=lambda: update(threads)), arguments)

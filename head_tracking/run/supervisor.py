@@ -283,7 +283,7 @@ class Supervisor:
 
     def _press(self, key: str) -> None:
         """Pass a key to control; plan to kill it if it hangs and does not carry out STOP."""
-        if not key or self._stop_by < math.inf:
+        if not key or not self._is_ready or self._stop_by < math.inf:
             return  # more messages to a process that hangs would block this one
         if key == STOP:
             self._stop_by = time.monotonic() + _STOP_TIMEOUT
@@ -314,6 +314,8 @@ class Supervisor:
                     problem = f"the {process.name} process {event}"
                     self._control.send(node=node, problem=problem)
                 process.plan_restart(event)
+        elif "stop" in message:
+            self._press(STOP)
         elif process is not self._control:
             process.on_report(**message)
             self._control.send(**message)

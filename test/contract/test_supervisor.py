@@ -1,6 +1,7 @@
 """Killed processes of a run: the servos are relaxed, or the process is restarted."""
 
 import errno
+import json
 import os
 import random
 import re
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +21,7 @@ from processes import child, has_ended
 from rig import LATCHED, PYTHONPATH
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
 
 from head_tracking.dynamixel import servo_model
 from head_tracking.simulation import SimulatedPort, SimulatedServo
@@ -104,6 +106,23 @@ def test_servos_with_a_bus_watchdog_stop_when_control_and_supervisor_are_killed_
 
         wait_for(lambda: state() == [255, 1, 0])  # 255: it has tripped
         assert port.use(lambda bus: bus[1].true_ticks) < 2048 + 600  # the goal is 2048 + 913
+
+
+@pytest.mark.skipif(find_spec("nicegui") is None, reason="needs NiceGUI")
+def test_stop_on_the_page_relaxes_the_servos_of_a_control_process_that_hangs(bench):
+    words = "--target", "smooth", "--viewer", "--on-crash", "hold"
+    run = bench.run(*words, ros=("-p", "viewer:port:=0"))
+    address = re.search(r"http://\S+", run.read_until("the robot is at http"))
+    wait_for(lambda: bench.servos.torque == [1, 1])
+    os.kill(child(run.process.pid, "control"), signal.SIGSTOP)
+    stop = urllib.request.Request(
+        f"{address[0]}/head/stop", b"", {"X-Head-Tracking": "page"}, method="POST"
+    )
+    with urllib.request.urlopen(stop, timeout=PATIENCE) as answer:
+        assert json.load(answer)["done"] is False
+    assert run.end() == 1, run.output
+    assert "SIGKILL" in run.output
+    assert bench.servos.torque == [0, 0]
 
 
 def restarted(run, name, pid):
