@@ -30,6 +30,7 @@ from head_tracking.run.node_sets import (
     MODES,
     PAGE,
     STARTED_ON_REQUEST,
+    VIEWER,
     NodeSpec,
 )
 from head_tracking.run.options import Run, parse_arguments
@@ -142,6 +143,7 @@ class ControlProcess:
         self._starting: dict[str, futures.Future[str]] = {}
         self._reported_servos: list[Any] = []
         self._hint: list[str] = []
+        self._page = ["the page starts"] if VIEWER in plan.nodes else []
         self._head: Composition | None = None
 
     def run(self, threads: NodeThreads, kept: KeptStop | None) -> None:
@@ -174,7 +176,7 @@ class ControlProcess:
                 claim.check()
             self._report_servos(head.nodes["servo_bus"])
             stopped = ["STOPPED"] if head.loop.owners.stopped else []
-            self._status.show([*stopped, *monitor.update(), *self._hint])
+            self._status.show([*stopped, *self._page, *monitor.update(), *self._hint])
 
         self._link.send(ready=True)
         try:
@@ -227,6 +229,8 @@ class ControlProcess:
         while True:
             message = self._link.messages.get()
             if "node" in message:
+                if message["node"] == VIEWER.name:  # it serves now, or cannot start
+                    self._page = []
                 if (started := self._starting.pop(message["node"], None)) is not None:
                     started.set_result(message["problem"])
             elif "keys" in message:

@@ -226,8 +226,14 @@ def test_a_node_that_is_requested_while_it_starts_does_not_end_the_run(bench):
     vision = wait_for(lambda: child(run.process.pid, "vision"))
     os.kill(vision, signal.SIGSTOP)
     threading.Timer(3.0, os.kill, (vision, signal.SIGCONT)).start()
+    page = wait_for(lambda: child(run.process.pid, "page"))
+    os.kill(page, signal.SIGSTOP)
+    run.read_until("the page starts")
+    os.kill(page, signal.SIGCONT)
     assert bench.person.call("node_starter/visual_target").success
     wait_for(lambda: bench.person.state("head_tracker") in ("acquiring", "tracking"))
+    run.read_until("the robot is at http")
+    wait_for(lambda: run.last_line.startswith("error"))
     assert run.end(signal.SIGINT) == 0, run.output
     assert "bus cycles" in run.output
     assert "Traceback" not in run.output
