@@ -272,7 +272,7 @@ class HeadModes:
         """Disable the controllers of the head, and wait until they have released the joints."""
         self.set_mode(Mode.OFF)
         _wait(
-            lambda: not set(self._topics.owners.values()) & set(CONTROLLERS),
+            lambda: not set(self._stop.owners.values()) & set(CONTROLLERS),
             "The controller of the head has not released the joints.",
         )
 

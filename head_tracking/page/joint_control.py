@@ -120,7 +120,7 @@ class JointPanel:
         if self._robot.modes.mode() is not Mode.OFF:
             self._robot.modes.release()
             self._robot.stop.permit(stops)
-        owners = self._robot.topics.owners
+        owners = self._robot.stop.owners
         for joint in positions:
             if owners.get(joint, "") not in ("", self._node.get_name()):
                 raise HeadTrackingError(f"{joint} is owned by {owners[joint]}, which keeps it.")

@@ -27,7 +27,6 @@ from head_tracking.page.head_modes import CONTROLLERS, SENDERS
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part, health_from_message
 from head_tracking.ros.kit.images import camera_of
-from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.others import Graph
 from head_tracking.ros.kit.threads import PolledNode
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
@@ -121,7 +120,6 @@ class OtherTopics:
     Attributes:
         own_image: topic of the robot's own camera, which `visual_target` uses, too.
         warnings: the last warnings and errors of the log, latest last.
-        owners: the node that owns each joint, without its namespace; empty for none.
     """
 
     def __init__(self, node: Node, polled: PolledNode, graph: Graph) -> None:
@@ -141,8 +139,6 @@ class OtherTopics:
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
         for name in CONTROLLERS:
             self._subscribe(node, DiagnosticStatus, f"{name}/status", LATCHED)
-        self.owners: Mapping[str, str] = {}
-        node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         node.create_subscription(Log, "/rosout", self._on_log, _LOG)
 
@@ -284,10 +280,6 @@ class OtherTopics:
                 if camera is not None and (camera.width, camera.height) == picture[-2:]:
                     return camera
         return None
-
-    def _on_control(self, message: DiagnosticStatus) -> None:
-        owners = control_from_message(message).owners.items()
-        self.owners = {joint: owner.rpartition("/")[2] for joint, owner in owners}
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now, nodes, known = time.monotonic(), set(self._graph.nodes), self._diagnostics

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Mapping
 from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -40,10 +41,12 @@ class Stop:
         count: number of STOPs, of this page and of others; each ends what was begun before it.
         late: number of STOPs of this page that were not confirmed in time.
         stopped: whether the bus has published that it ignores commands until `resume`.
+        owners: the node that owns each joint, without its namespace; empty for none.
     """
 
     def __init__(self, beside: Node) -> None:
         self.count, self.late, self.stopped = 0, 0, False
+        self.owners: Mapping[str, str] = {}
         self._own = NodeThread.beside(beside, f"{beside.get_name()}_stop")
         node = self._own.node
         self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
@@ -132,6 +135,8 @@ class Stop:
     def _on_control(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # it is malformed
             control = control_from_message(message)
+            owners = control.owners.items()
+            self.owners = {joint: owner.rpartition("/")[2] for joint, owner in owners}
             for service, clients in self._clients.items() if control.node else ():
                 name = control.service(service)
                 if all(each.service_name != name for each in clients):

@@ -274,7 +274,7 @@ def test_joints_moved_by_hand_are_commanded_in_the_pages_name_when_they_are_let_
     wait_for(lambda: bus.commands)
     assert bus.commands[-1].header.frame_id == "/viewer"
     bus.own("/somebody")
-    wait_for(lambda: "somebody" in robot.topics.owners.values())
+    wait_for(lambda: "somebody" in robot.stop.owners.values())
     with pytest.raises(HeadTrackingError, match="somebody"):
         robot.joints.move({"head_pan_joint": 0.3})
 
