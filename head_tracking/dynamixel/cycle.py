@@ -65,6 +65,7 @@ class Cycle:
         self._diagnose_at = 0  # ns
         self._longest_step = 0  # of this cycle, ns
         self._connected = self._unusual = False  # in this cycle
+        self._without_steps = False  # whether procedures had no time in the last cycle
         self._plan: list[tuple[ReadGroup, Members]] = []
         self._planned = -1  # version of the plan
 
@@ -106,8 +107,9 @@ class Cycle:
                     self.diagnosis.examine(start)
                 if self._planned != self._version.number:
                     self._make_plan()
-                if self._incomplete:
+                if self._incomplete and not self._without_steps:
                     self._extra_time += self._poll_one_lost()
+                self._without_steps = False
                 self._connected = True
         except PortLostError as cause:
             self._lose_port(cause)
@@ -249,6 +251,7 @@ class Cycle:
         """
         self._longest_step = self._extra_time
         if 2 * self._extra_time > self._read_time:
+            self._without_steps = True
             return
         until = self._monotonic() - self._extra_time + self._read_time
         if self._advance(sys.maxsize):
@@ -264,6 +267,7 @@ class Cycle:
         if request is None:
             return False
         self._requests.advance(request)
+        self._without_steps = False
         self._longest_step = max(self._longest_step, self._monotonic() - before)
         return True
 
@@ -311,7 +315,8 @@ class Cycle:
     def _poll_one_lost(self) -> int:
         """Ask one lost servo that is due; return how long that took, ns.
 
-        One in each cycle, because a silent servo costs the others a timeout.
+        One in each cycle, because a silent servo costs the others a timeout, except after a cycle
+        in which that left no time for procedures.
         """
         now = self._monotonic()
         for joint, servo in self._each_servo():

@@ -288,6 +288,20 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
     assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
 
 
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("name", MODELS)
+def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(
+    name: str, count: int
+) -> None:
+    servos = [SimulatedServo(i, servo_model(name)) for i in range(1, count + 1)]
+    rig = Rig(*servos, latency=0.016, baud_rate=57_600)
+    servos[-1].power_off()
+    rig.step(40)
+    on = submit(rig.bus, rig.bus.switching_torque(["j1"], True))
+    rig.step(60)
+    assert on.exception(0.0) is None
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
     servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
