@@ -32,9 +32,7 @@ _LONGEST_READ: Final = 64  # bytes
 _NEAR: Final = 0.1  # rad; closer to its goal a servo may be slow
 _FAR: Final = 0.3  # rad
 _ARRIVED: Final = 5.0  # ticks
-_CAUSES: Final = (
-    "Torque Enable", "Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog",
-)  # fmt: skip
+_CAUSES: Final = ("Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog")
 """Registers with causes, besides modes and position limits."""
 _TORQUE_LOST: Final = (
     "its torque is off, but this program has not switched it off: its supply, or another "
@@ -381,6 +379,8 @@ class Diagnosis:
 
     def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
         joint, servo = watch.joint, watch.servo
+        self._check_torque(watch)
+        yield 0.0
         for last in (False, True):
             try:
                 wanted = (*_CAUSES, *servo.model.modes, *servo.model.position_limits)
@@ -395,9 +395,6 @@ class Diagnosis:
             symptom, why = _cause(watch, values) or (suspicion, text)
             if symptom is not Symptom.OVERRULED or last:
                 break  # a goal that was written late is not another program's
-        if symptom is Symptom.TORQUE_LOST:
-            self._lose_torque(watch)
-            return
         self._report(watch, symptom, why)
         if symptom is Symptom.MODE:
             self._bus.cut(joint)
@@ -500,7 +497,8 @@ class Diagnosis:
             return  # the next cycle asks again
         if joint.on:
             if torque != 1:
-                self._lose_torque(watch)
+                self._bus.cut(joint)
+                self._report(watch, Symptom.TORQUE_LOST, _TORQUE_LOST)
         elif not joint.resumes:  # until its other servo returns
             if torque:
                 if servo.confirmed:
@@ -508,11 +506,6 @@ class Diagnosis:
                 self._bus.cut(joint)
             servo.confirmed = not torque
         servo.note_torque()
-
-    def _lose_torque(self, watch: _Watch) -> None:
-        """Relax the whole joint of a servo whose torque was found off."""
-        self._bus.cut(watch.joint)
-        self._report(watch, Symptom.TORQUE_LOST, _TORQUE_LOST)
 
     def _judge_heat(self, joint: BusJoint) -> None:
         limits = self._settings.temperature
@@ -551,8 +544,6 @@ class Diagnosis:
 def _cause(watch: _Watch, values: Mapping[str, int]) -> Found:
     """Return the symptom and a sentence, if the registers show a cause."""
     servo = watch.servo
-    if not values["Torque Enable"]:
-        return Symptom.TORQUE_LOST, _TORQUE_LOST
     if any(wrong_mode(servo, values)):
         return Symptom.MODE, (
             "it is not in position mode any more: another program has changed its settings; the "
