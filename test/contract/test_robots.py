@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from rig import DEGREE
-from robot_pursuit import Pursuit
+from robot_pursuit import pursue
 
 from head_tracking import Head, HeadState
 from head_tracking.configuration import configured_head
@@ -99,5 +99,4 @@ def servo_models(name):
 @pytest.mark.parametrize("name", {servo_models(name): name for name in ROBOTS}.values())
 def test_the_simulated_head_keeps_a_moving_target(name):
     """In simulated time: servos, bus and tracker of the robot, a target at 0.5 Hz."""
-    pursuit = Pursuit(name).run(3.0)
-    assert pursuit.rms < 1.5 * DEGREE
+    assert pursue(name, 3.0) < 1.5 * DEGREE
