@@ -75,12 +75,14 @@ def sender(name: str, epoch: int) -> str:
 
 def sender_from(frame_id: str) -> tuple[str, int | None]:
     """Return sender and epoch of a command; the epoch is None if it gives none."""
-    frame_id = frame_id[:LONGEST_NAME]  # it is kept and published as the owner
-    name, _, epoch = frame_id.rpartition("#")
+    name, _, text = frame_id.rpartition("#")
     try:
-        return (name, int(epoch)) if name else (frame_id, None)
+        epoch = int(text) if name else None
     except ValueError:
-        return frame_id, None
+        epoch = None
+    if epoch is None:
+        name = frame_id
+    return name[:LONGEST_NAME], epoch  # the name is kept and published as the owner
 
 
 def stop_report(problems: Mapping[str, str]) -> str:
