@@ -52,15 +52,6 @@ def test_a_thread_that_is_interrupted_between_two_looks_has_seen_no_jump(clocks)
         assert watch.check(simulated=False) == ""
 
 
-@pytest.mark.parametrize("speed", [0.1, 5.0])
-def test_simulated_time_in_pieces_is_no_jump(clocks, watch, speed):
-    for _ in range(30):
-        clocks.now += 0.1 * speed
-        for _ in range(5):
-            clocks.steady += 0.02
-            assert watch.check(simulated=True) == ""
-
-
 class Rig(IdealHead):
     """A tracker as `Head` wires it, on a clock that can be set."""
 
