@@ -24,7 +24,7 @@ for name in sys.argv[1:]:
 
 def test_programs_have_help():
     """All in one process, because each would load the same libraries."""
-    names = sorted(PROGRAMS - {"relax"})
+    names = sorted(PROGRAMS - {"relax"} | {"head_tracker"})
     done = subprocess.run(
         [sys.executable, "-c", HELP, *names],
         env=os.environ | {"PYTHONPATH": PYTHONPATH},
@@ -37,6 +37,8 @@ def test_programs_have_help():
     for name in names:
         assert any(line.startswith(f"usage: {name}") for line in lines), name
         assert f"code of {name}: 0" in lines, done.stdout
+    assert "Keeps the head on" in done.stdout
+    assert "docs/reference/parameters.md" in done.stdout
 
 
 def run_without(package, words, **environment):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import math
 import os
 import re
@@ -228,7 +229,13 @@ def run_node(make: Callable[[], Node]) -> int:
     Raises:
         SystemExit: there is an argument that is none of ROS.
     """
-    parser = argparse.ArgumentParser(usage="%(prog)s [--ros-args ...]")
+    parser = argparse.ArgumentParser(
+        usage="%(prog)s [--ros-args ...]",
+        description=(inspect.getdoc(make) or "").split("\n\n", 1)[0],
+        epilog="--ros-args: -p PARAMETER:=VALUE and --params-file FILE set parameters, "
+        "-r NAME:=NEW renames topics and services; all names: docs/reference/nodes.md and "
+        "docs/reference/parameters.md",
+    )
     parser.parse_args(without_ros_arguments(sys.argv[1:]))
 
     def work(threads: NodeThreads) -> None:
