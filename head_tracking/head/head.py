@@ -23,6 +23,7 @@ from head_tracking.dynamixel import (
     BusStoppedError,
     DynamixelPort,
     JointConfiguration,
+    PortBusyError,
     ServoBus,
     StoppedError,
     TorqueError,
@@ -101,6 +102,7 @@ AX_12_PAIR = configured_head(()).servos
 _RATE = 50.0  # cycles per second
 _TIMEOUT = 2.0  # s
 _FASTEST = 12.0  # rad/s
+_open_ports: set[str] = set()  # of this program
 _LATEST = 1e11  # s since 1970; larger numbers are milliseconds or nanoseconds
 
 
@@ -184,7 +186,14 @@ class Head:
             self._check_control,
             self._fail,
         )
-        self._servos.connect()
+        self._port = port
+        try:
+            self._servos.connect()
+        except PortBusyError as error:
+            if port in _open_ports:  # as in a notebook whose cell is run again
+                error.args = (f"cannot open {port}: a Head of this program has it; close that one",)
+            raise
+        _open_ports.add(port)
         self._loop.attach(self._servos)
         self._control = HeadControl(
             self._loop,
@@ -552,6 +561,7 @@ class Head:
             atexit.unregister(self.close)
             self._control.release(Blocked.CLOSED)
             problems = self._servos.close()
+            _open_ports.discard(self._port)
             if self._control.lock.acquire(timeout=_TIMEOUT):  # else a callback that hangs has it
                 self._control.disable(Blocked.CLOSED)
                 self._control.save()

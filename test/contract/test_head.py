@@ -35,6 +35,7 @@ from head_tracking import (
 from head_tracking.dynamixel import (
     ConfigurationError,
     DynamixelError,
+    PortBusyError,
     PortMissingError,
     ServoNotFoundError,
     TorqueError,
@@ -347,6 +348,15 @@ def test_a_newer_command_of_another_thread_supersedes_the_older(head, servos):
             older.result(PATIENCE)
     assert superseded.value.miss > 0.5
     assert servos.true[0] < -0.7
+
+
+def test_a_port_that_this_program_has_open_is_named_as_that(servos, kinectbot):
+    """As in a notebook whose cell is run again."""
+    with Head(servos.name, kinectbot) as head:
+        with pytest.raises(PortBusyError, match="a Head of this program"):
+            Head(servos.name, kinectbot)
+        assert head.state is HeadState.HOLDING
+    Head(servos.name, kinectbot).close()
 
 
 def test_missing_ports_and_servos_raise_their_errors(servos, kinectbot):
