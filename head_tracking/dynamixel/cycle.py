@@ -12,6 +12,7 @@ cycle without anything unusual skips all code for unusual cases.
 
 from __future__ import annotations
 
+import math
 import sys
 from contextlib import suppress
 from typing import Final
@@ -59,7 +60,8 @@ class Cycle:
         self._rest = bus.settings.temperature.rest
         self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
-        self._last = 0
+        self._last = 0  # start of the last cycle, ns
+        self._usual_gap = math.inf  # between two cycles: long with many servos on a slow line, ns
         self._read_time = 0  # of this cycle, without the next one, ns
         self._extra_time = 0  # for unusual cases and lost servos, ns
         self._diagnose_at = 0  # ns
@@ -72,7 +74,7 @@ class Cycle:
     def begin(self) -> None:
         """Begin, once the servos have been found."""
         self._search_at = None
-        self._last = self._monotonic()
+        self._last, self._usual_gap = self._monotonic(), math.inf
         self._make_plan()
         self.diagnosis.report_swapped()
 
@@ -92,9 +94,10 @@ class Cycle:
             self._bus.obey_stop()
         try:
             if (self._search_at is None and self._port.is_open) or self._find_port():
-                if start - self._last > _RESTART:
-                    self._after_gap(start - self._last)
-                self._last = start
+                gap = start - self._last
+                if gap > max(_RESTART, 2.0 * self._usual_gap):
+                    self._after_gap(gap)
+                self._last, self._usual_gap = start, min(1.2 * self._usual_gap, gap)
                 if self._planned != self._version.number:
                     self._make_plan()
                 self._unusual = self._read(stamp, states)

@@ -302,6 +302,18 @@ def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(
     assert on.exception(0.0) is None
 
 
+def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> None:
+    servos = [SimulatedServo(i, boot_time=0.1) for i in range(1, 15)]
+    rig = Rig(*servos, latency=0.016)
+    assert rig.go(0.3, 30).states["j1"].position == pytest.approx(0.3, abs=0.03)
+    for happens in (servos[0].power_off, servos[0].power_on):  # while the bus stands still
+        happens()
+        rig.bench.pass_time(0.5)
+        rig.bench.bus.advance(rig.bench.now())
+    rig.step(3)
+    assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
     servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
