@@ -379,8 +379,7 @@ class Diagnosis:
 
     def _examining(self, watch: _Watch, suspicion: Symptom, text: str) -> Steps[None]:
         joint, servo = watch.joint, watch.servo
-        self._check_torque(watch)
-        yield 0.0
+        yield from self._asking(watch)
         for last in (False, True):
             try:
                 wanted = (*_CAUSES, *servo.model.modes, *servo.model.position_limits)
