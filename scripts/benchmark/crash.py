@@ -7,7 +7,7 @@ import statistics
 import time
 
 from frame import row, table
-from processes import child
+from rig import child
 from simulated_run import own_bench
 from waiting import wait_for
 

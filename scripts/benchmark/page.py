@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from browser import open_browser, open_page, open_tab
 from frame import row, table
-from processes import child
+from rig import child
 from simulated_run import (
     command,
     descendants,

@@ -8,8 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from processes import child
-from rig import DEGREE, JOINTS, SOURCE
+from rig import DEGREE, JOINTS, SOURCE, child
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from terminal import Terminal

@@ -10,8 +10,7 @@ from contextlib import closing, contextmanager
 from functools import partial
 
 import pytest
-from processes import child
-from rig import JOINTS, Bench
+from rig import JOINTS, Bench, child
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
 from waiting import join, repeating, wait_for

@@ -17,8 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from processes import child, has_ended
-from rig import LATCHED, PYTHONPATH
+from rig import LATCHED, PYTHONPATH, child, has_ended
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from waiting import PATIENCE, wait_for

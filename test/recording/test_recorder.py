@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
-from ros_domain import own_domain
+from rig import own_domain
 from sensor_msgs.msg import Image, JointState, PointCloud2
 from std_msgs.msg import Header, String
 from waiting import wait_for

@@ -19,8 +19,7 @@ from textwrap import dedent
 
 import pytest
 from program_names import NODES
-from rig import PYTHONPATH
-from ros_domain import own_domain
+from rig import PYTHONPATH, own_domain
 
 from head_tracking.configuration import configured_head
 from head_tracking.configuration.simulated import mounted_servos

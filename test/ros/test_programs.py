@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import rclpy
 from rclpy.node import Node
-from ros_domain import own_domain
+from rig import own_domain
 from std_srvs.srv import Trigger
 from waiting import PATIENCE, wait_for
 

@@ -1,5 +1,6 @@
 """A head as a user meets it: executables, ROS names, and simulated servos behind a port."""
 
+import fcntl
 import math
 import os
 import signal
@@ -7,8 +8,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as ParameterValue
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from ros_domain import own_domain
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
@@ -36,11 +36,53 @@ SOURCE = Path(__file__).resolve().parents[2]
 # the libraries of a colcon workspace and of a sourced ROS are on the path, too
 PYTHONPATH = os.pathsep.join(filter(None, [str(SOURCE), os.getenv("PYTHONPATH")]))
 _RETRY = 5.0  # s
+LOCKS = Path("/tmp")  # as the locks of heads: not TMPDIR, which may differ between test runs
 JOINTS = ("head_pan_joint", "head_tilt_joint")
 # deep enough for states that last only for a moment
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEGREE = math.radians(1.0)
 TICK = math.radians(300.0) / 1024  # rad, of an AX-12
+
+
+@contextmanager
+def own_domain() -> Iterator[str]:
+    """A ROS domain that is this test's own until the end: heads that share one refuse to run.
+
+    The ports of domains above 100 are among those that Linux gives to any socket.
+    """
+    for number in range(100, 50, -1):
+        place = LOCKS / f"head_tracking_test_domain_{number}"
+        with suppress(PermissionError):  # another user has made it
+            place.touch()
+        with place.open() as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield str(number)
+            return
+    raise RuntimeError("no ROS domain from 51 to 100 is free: another test run holds them")
+
+
+def child(pid: int, name: str) -> int:
+    """Return the process id of control, vision or page; 0 if there is none."""
+    for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        try:
+            words = Path(f"/proc/{word}/cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue  # it has just ended
+        if name.encode() in words[:5]:
+            return int(word)
+    return 0
+
+
+def has_ended(pid: int) -> bool:
+    """Return whether a process has ended, though nobody may have waited for it."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return True
+    return state == "Z"
 
 
 def bearing(x: float, y: float) -> float:
