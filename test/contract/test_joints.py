@@ -126,7 +126,7 @@ def test_a_flood_of_invalid_commands_is_logged_once_a_second_in_short_lines(pers
         f"{PAN}/command": Float64(data=math.nan),
         f"{PAN}/speed": Float64(data=math.nan),
         "joint_claims": claim,
-        "joint_commands": claim,
+        "joint_commands": joint_commands(0.5, names=["x" * 9999]),
     }
     person.log.clear()
     begun = time.monotonic()
@@ -134,7 +134,7 @@ def test_a_flood_of_invalid_commands_is_logged_once_a_second_in_short_lines(pers
         for topic, message in wrong.items():
             person.publish(topic, message)
         time.sleep(0.01)
-    person.complaint("servo_bus", "refused")
+    person.complaint("servo_bus", "no joint 'xxx")
     lines = [each.msg for each in list(person.log) if "refused" in each.msg]
     assert len(lines) <= 2 + time.monotonic() - begun
     assert max(map(len, lines)) <= 500

@@ -29,7 +29,7 @@ class Page {
     try {
       this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point }));
     } catch (error) {
-      this.failing.robot = error.message;
+      this.failing.robot = `${error.message} All else works in a browser without WebGL.`;
     }
     guardSliders();
     this.chart = new Chart(by("lines"));

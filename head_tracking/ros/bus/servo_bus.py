@@ -306,7 +306,7 @@ class ServoBusNode(ClosingNode):
     def _report(self, subject: str, text: str) -> None:
         """Log why something was not done as requested, at most every 5 s for each subject."""
         if self._throttle.is_due(subject):
-            self.get_logger().warning(f"{subject}: {text}")
+            self.get_logger().warning(f"{subject}: {text}"[:_LONGEST])
 
     def _on_command(self, joint: str, message: Float64) -> None:
         try:
