@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.threads import NodeThread
-from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, TF, TF_STATIC
+from head_tracking.ros.kit.topics import LATCHED, LONGEST_TEXT, MEASUREMENT, TF, TF_STATIC
 from head_tracking.tf.buffer import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.messages import TFMessage
@@ -132,7 +132,8 @@ class TransformListener:
             try:
                 record(transform, "default_authority")
             except InvalidArgumentException as error:
-                self._log.error(f"{topic}: {error}", throttle_duration_sec=1.0)
+                text = f"{topic}: {error}"[:LONGEST_TEXT]
+                self._log.error(text, throttle_duration_sec=1.0)
 
     def _on_description(self, message: String) -> None:
         model = self._core.model
@@ -141,7 +142,8 @@ class TransformListener:
         try:
             model = parse_robot_model(message.data)
         except RobotModelError as error:
-            self._log.error(f"robot_description is ignored: {error}", throttle_duration_sec=1.0)
+            text = f"robot_description is ignored: {error}"[:LONGEST_TEXT]
+            self._log.error(text, throttle_duration_sec=1.0)
             return
         self._core.set_model(model.prefixed(self._prefix))
 
@@ -167,7 +169,8 @@ class TransformListener:
         try:
             self._core.set_joint_positions(stamp, dict(zip(names, positions, strict=True)))
         except InvalidArgumentException as error:
-            self._log.error(f"joint_states: {error}", throttle_duration_sec=1.0)
+            text = f"joint_states: {error}"[:LONGEST_TEXT]
+            self._log.error(text, throttle_duration_sec=1.0)
         else:
             self._joints_accepted(message)
 

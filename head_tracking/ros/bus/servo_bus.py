@@ -50,7 +50,7 @@ from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
-from head_tracking.ros.kit.topics import OVERRIDABLE
+from head_tracking.ros.kit.topics import LONGEST_TEXT, OVERRIDABLE
 
 _ERRORS = (
     EventKind.LOST,
@@ -63,8 +63,7 @@ _ERRORS = (
     EventKind.PORT_LOST,
 )
 _SECOND = 1_000_000_000  # ns
-_LOG_PERIOD = 5.0  # s
-_LONGEST = 500  # characters of a refusal: names in messages have any length
+_LOG_PERIOD, _REFUSAL_PERIOD = 5.0, 1.0  # s
 _LIMITS_TIME = 1.0  # s that setting limits may take
 _SOMEBODY = "somebody"  # the sender of commands without a name
 
@@ -102,7 +101,7 @@ class ServoBusNode(ClosingNode):
             self.create_publisher(JointState, name, 10, qos_overriding_options=OVERRIDABLE)
             for name in ("servo_states", "joint_goals")
         )
-        self._throttle = Throttle(_LOG_PERIOD)
+        self._throttle, self._refusals = Throttle(_LOG_PERIOD), Throttle(_REFUSAL_PERIOD)
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         ports = self._declare_joints(p)
@@ -278,11 +277,11 @@ class ServoBusNode(ClosingNode):
             if not sender or not message.name or not set(message.name) <= known:
                 raise ValueError(
                     f"header.frame_id must be the name of the sender, and the joints are "
-                    f"{', '.join(sorted(known))}; {sender!r} claims {list(message.name)}"
+                    f"{', '.join(sorted(known))}; it claims {list(message.name)}"
                 )
             self._loop.owners.take_over(sender, message.name, epoch)
         except (ValueError, StoppedError) as error:
-            self._refuse(f"joint_claims of {sender}", error)
+            self._refuse(f"joint_claims of {sender!r}", error)
 
     def _on_joint_commands(self, message: JointState) -> None:
         """Set a stream of goals, within the limits, of the joints that accept commands."""
@@ -300,13 +299,14 @@ class ServoBusNode(ClosingNode):
         return lambda joints: self._loop.owners.claim(sender, joints, LEASE)
 
     def _refuse(self, what: str, error: Exception) -> None:
-        text = f"{what} refused: {error}"
-        self.get_logger().error(text[:_LONGEST], throttle_duration_sec=1.0)
+        """Log why a message was refused, at most once a second for each topic."""
+        if self._refusals.is_due(what.partition(" of ")[0]):  # senders may have any names
+            self.get_logger().error(f"{what} refused: {error}"[:LONGEST_TEXT])
 
     def _report(self, subject: str, text: str) -> None:
         """Log why something was not done as requested, at most every 5 s for each subject."""
         if self._throttle.is_due(subject):
-            self.get_logger().warning(f"{subject}: {text}"[:_LONGEST])
+            self.get_logger().warning(f"{subject}: {text}"[:LONGEST_TEXT])
 
     def _on_command(self, joint: str, message: Float64) -> None:
         try:

@@ -15,6 +15,7 @@ from head_tracking.head.motions import Motion, MotionEnd, TrajectoryMotion
 from head_tracking.ros.head.goal_server import ActionGoal, serve_goals
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
+from head_tracking.ros.kit.topics import LONGEST_TEXT
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import (
     JointPoint,
@@ -39,7 +40,6 @@ except ImportError:
     TrajectoryMessage = None
 
 _LOG_PERIOD = 0.5  # s
-_LONGEST = 500  # characters of a reason: names in messages have any length
 
 
 class HeadActions:
@@ -94,7 +94,7 @@ class HeadActions:
 
     def _reject(self, what: str, reason: str) -> None:
         """Log and record why a goal or a trajectory is not executed."""
-        reason = reason[:_LONGEST]
+        reason = reason[:LONGEST_TEXT]
         self._log.warning(f"{what} is rejected: {reason}", throttle_duration_sec=_LOG_PERIOD)
         self._control.reject(reason)
 

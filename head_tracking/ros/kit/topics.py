@@ -24,6 +24,9 @@ MEASUREMENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LONGEST_NAME = 255
 """Characters of a name in a message that are used: others may send texts of any length."""
 
+LONGEST_TEXT = 500
+"""Characters of a log message about a message of others."""
+
 OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 """Declares parameters such as `qos_overrides./servo_states.publisher.depth`."""
 

@@ -17,7 +17,7 @@ from head_tracking.control import ControlLoop
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
-from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT, OVERRIDABLE
+from head_tracking.ros.kit.topics import LATCHED, LONGEST_TEXT, MEASUREMENT, OVERRIDABLE
 from head_tracking.tf.conversions import ns_to_stamp, stamp_to_ns
 from head_tracking.transforms import (
     LARGEST_POSITION,
@@ -136,7 +136,8 @@ class JointStatePublisherNode(Node):
                 model, self._zeros, self._dependents, default_positions=self._default_positions
             )
         except RobotModelError as error:
-            self.get_logger().error(f"robot_description is ignored: {error}")
+            text = f"robot_description is ignored: {error}"
+            self.get_logger().error(text[:LONGEST_TEXT], throttle_duration_sec=1.0)
 
     def _on_measurement(self, message: JointStateMsg) -> None:
         measured = {
@@ -151,11 +152,11 @@ class JointStatePublisherNode(Node):
             if name and abs(position) <= LARGEST_POSITION
         }
         if len(measured) < max(len(message.name), len(message.position)) and message.position:
-            self.get_logger().error(
-                f"of the joints {list(message.name)} at {list(message.position)} only "
-                f"{list(measured)} are valid: each needs a unique name and a finite position",
-                throttle_duration_sec=1.0,
+            text = (
+                "each measured joint needs a unique name and a finite position; valid are only "
+                f"{list(measured)} of {list(message.name)} at {list(message.position)}"
             )
+            self.get_logger().error(text[:LONGEST_TEXT], throttle_duration_sec=1.0)
         self._process(stamp_to_ns(message.header.stamp), measured)
 
     def _process(self, stamp: int, measured: Mapping[str, JointSample]) -> None:

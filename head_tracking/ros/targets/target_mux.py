@@ -15,7 +15,7 @@ from head_tracking.ros.kit.images import frame_pose
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import TargetOutput, target_from_message
-from head_tracking.ros.kit.topics import LATCHED, TopicListener
+from head_tracking.ros.kit.topics import LATCHED, LONGEST_TEXT, TopicListener
 from head_tracking.targets import MuxParameters, SourceParameters, TargetMux, between
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
@@ -121,7 +121,8 @@ class TargetMuxNode(Node):
         try:
             self._mux.pin(message.data or None)
         except ValueError as error:
-            self.get_logger().error(f"pin refused: {error}")
+            text = f"pin refused: {error}"
+            self.get_logger().error(text[:LONGEST_TEXT], throttle_duration_sec=1.0)
             return
         self._set_selected(self._mux.select(self._now))
 
