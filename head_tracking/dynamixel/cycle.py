@@ -61,7 +61,7 @@ class Cycle:
         self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0  # start of the last cycle, ns
-        self._usual_gap = math.inf  # between two cycles: long with many servos on a slow line, ns
+        self._longest_gap = math.inf  # between two cycles; twice the usual one, ns
         self._read_time = 0  # of this cycle, without the next one, ns
         self._extra_time = 0  # for unusual cases and lost servos, ns
         self._diagnose_at = 0  # ns
@@ -74,7 +74,7 @@ class Cycle:
     def begin(self) -> None:
         """Begin, once the servos have been found."""
         self._search_at = None
-        self._last, self._usual_gap = self._monotonic(), math.inf
+        self._last, self._longest_gap = self._monotonic(), math.inf
         self._make_plan()
         self.diagnosis.report_swapped()
 
@@ -95,9 +95,10 @@ class Cycle:
         try:
             if (self._search_at is None and self._port.is_open) or self._find_port():
                 gap = start - self._last
-                if gap > max(_RESTART, 2.0 * self._usual_gap):
+                if gap > self._longest_gap:
                     self._after_gap(gap)
-                self._last, self._usual_gap = start, min(1.2 * self._usual_gap, gap)
+                longest = min(1.2 * self._longest_gap, 2.0 * gap)
+                self._last, self._longest_gap = start, max(_RESTART, longest)
                 if self._planned != self._version.number:
                     self._make_plan()
                 self._unusual = self._read(stamp, states)
@@ -110,9 +111,8 @@ class Cycle:
                     self.diagnosis.examine(start)
                 if self._planned != self._version.number:
                     self._make_plan()
-                if self._incomplete and not self._without_steps:
+                if self._incomplete and not (self._without_steps and self._requests.under_way):
                     self._extra_time += self._poll_one_lost()
-                self._without_steps = False
                 self._connected = True
         except PortLostError as cause:
             self._lose_port(cause)
@@ -250,10 +250,11 @@ class Cycle:
     def _take_steps(self) -> None:
         """Take steps, at least one, as long as the cycle stays within twice its usual time.
 
-        None are needed after a lost servo was polled, or torque was read, in some of that time.
+        None are needed after a lost servo was polled, or torque was read, in some of that time, but
+        not twice in a row.
         """
         self._longest_step = self._extra_time
-        if 2 * self._extra_time > self._read_time:
+        if 2 * self._extra_time > self._read_time and not self._without_steps:
             self._without_steps = True
             return
         until = self._monotonic() - self._extra_time + self._read_time

@@ -304,7 +304,9 @@ def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(
 
 def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> None:
     servos = [SimulatedServo(i, boot_time=0.1) for i in range(1, 15)]
-    rig = Rig(*servos, latency=0.016)
+    rig = Rig(*servos, latency=0.016, connect=False)
+    rig.bus.connect()
+    rig.bus.step()  # at once
     assert rig.go(0.3, 30).states["j1"].position == pytest.approx(0.3, abs=0.03)
     for happens in (servos[0].power_off, servos[0].power_on):  # while the bus stands still
         happens()
