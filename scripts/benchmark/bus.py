@@ -1,10 +1,11 @@
-"""The servo bus: time of a cycle, also beside a servo that is silent.
+"""The servo bus: time of a cycle, and behaviour with faults.
 
 This driver, dynamixel_sdk and rustypot take turns on one simulated bus in another process, so that
 changes in the load of the machine affect all of them.
 """
 
 import gc
+import json
 import math
 import os
 import signal
@@ -15,26 +16,39 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from random import Random
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
 from frame import report, row, table
-from simulated_run import own_bench
+from simulated_device import Rig
 
 from head_tracking.dynamixel import (
     DynamixelError,
     DynamixelPort,
     Goal,
+    GoalError,
     JointConfiguration,
     ServoBus,
+    Torque,
+    servo_model,
 )
 from head_tracking.dynamixel.reading import ReadGroup
+from head_tracking.dynamixel.servo import run
+from head_tracking.simulation import (
+    Fault,
+    Faults,
+    Overlap,
+    SimulatedBus,
+    SimulatedServo,
+    WriteLog,
+)
 
 SERVER = Path(__file__).parent / "servos.py"
+TIMED = Path(__file__).parent / "timed_run.py"
 WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
 ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
-RUN = 30.0  # s
+FAULTY_CYCLES, BURST, FAULT_RATE = 100_000, 1000, 0.05
 JOINTS = [JointConfiguration(f"joint_{i}", i, controller=f"controller_{i}") for i in (1, 2)]
 
 
@@ -219,7 +233,7 @@ def _rows() -> Iterator[str]:
         },
         "1.1x unloaded",
     )
-    yield from (in_a_run(), silent_servo())
+    yield from (in_a_run(), silent_servo(), faulty_cycles())
 
 
 def _wall_row(return_delay: int, costs: dict[str, Cost], wanted: str) -> str:
@@ -278,6 +292,102 @@ def silent_servo() -> str:
     )
 
 
+def faulty_cycles() -> str:
+    """Run cycles with all simulated faults, in simulated time, with two models and protocols."""
+    random = Random(4)
+    faults = Faults(random, 0.0, tuple(Fault), late=(0.005, 0.05))
+    # boot_time 0: what counts is the time from when a servo listens again
+    servos = [
+        SimulatedServo(1, boot_time=0.0),
+        SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
+    ]
+    simulated = SimulatedBus(servos, faults=faults, write_log=WriteLog(10 * FAULTY_CYCLES))
+    joints = [
+        JointConfiguration("ax", 1, 512, 300, 800, controller="ax_controller"),
+        JointConfiguration(
+            "xm", 2, 2048, 1024, 3072, controller="xm_controller", model=servo_model("XM430-W350")
+        ),
+    ]
+    run = FaultyRun(simulated, joints=joints)
+    back: list[float] = []
+    for _ in range(FAULTY_CYCLES // BURST):
+        faults.rate = FAULT_RATE
+        for k in range(BURST):
+            run.cycle(recover=k % 50 == 0)
+        faults.rate = 0.0
+        rest = 0
+        while faults.trouble or rest < 20 or run.full_since == sys.maxsize:
+            rest = 0 if faults.trouble else rest + 1
+            run.cycle(recover=False)
+        back.append((run.full_since - max(faults.last, run.recovered)) * 1e-6)
+    outside = 0
+    for joint in joints:
+        lowest, highest = joint.tick_range
+        outside += sum(
+            not lowest <= taken.goal <= highest
+            for taken in simulated.write_log.writes
+            if taken.id == joint.id and "Goal Position" in taken.names
+        )
+    struck = sum(faults.counts.values())
+    overlaps = run.bench.line.overlaps
+    spoken_over = overlaps[Overlap.REQUEST] + overlaps[Overlap.STATUS]
+    late = overlaps[Overlap.FAULT]
+    return row(
+        f"{run.cycles} cycles of an AX-12 and an XM430, {100 * FAULT_RATE:.0f} % of the answers "
+        f"and of the packets struck by one of {len(Fault)} faults: {struck}",
+        f"**{run.exceptions} exceptions, {outside} goals outside the limits, {run.stale} stale "
+        f"values, {spoken_over} times somebody spoken over** (and {late} times by a servo that a "
+        f"fault made late); full rate again at most **{max(back):.0f} ms** after the last",
+        "",
+        "none; 100 ms",
+    )
+
+
+class FaultyRun(Rig):
+    """Runs cycles and judges them by the true angles.
+
+    Attributes:
+        cycles: so many.
+        exceptions: cycles that raised.
+        stale: positions that were true at another time only.
+        recovered: when a fault was last cleared [ns].
+        full_since: the first of the latest cycles that have all read every joint [ns].
+    """
+
+    cycles = exceptions = stale = recovered = full_since = 0
+
+    def cycle(self, recover: bool) -> None:
+        """One cycle at 50 Hz with a new command."""
+        bus, clock = self.bus, self.bench.clock
+        self.cycles += 1
+        goals = {
+            joint.joint_name: Goal(0.6 * math.sin(0.02 * self.cycles + joint.id), 3.0)
+            for joint in self.joints
+            if not bus.joint(joint.joint_name).torque.refuses
+        }
+        with suppress(GoalError):
+            bus.command(goals)
+        try:
+            self.step()
+            torques = [bus.joint(joint.joint_name).torque for joint in self.joints]
+            if recover and Torque.OFF_BY_FAULT in torques:
+                self.recovered = clock.now
+                with suppress(DynamixelError):
+                    run(bus.recovering())
+        except Exception:
+            self.exceptions += 1
+        if len(self.reading.states) < len(self.joints):
+            self.full_since = sys.maxsize
+        else:
+            self.full_since = min(self.full_since, clock.now)
+        for joint in self.joints:
+            state = self.reading.states.get(joint.joint_name)
+            if state is not None:
+                age = (clock.now - state.stamp) * 1e-9 + 0.001
+                true = joint.position(self.bench.bus[joint.id].true_ticks)
+                self.stale += abs(true - state.position) > 2 * joint.resolution + 7.0 * age
+
+
 def processor_row(costs: dict[str, Cost]) -> str:
     """Processor time of a cycle, over that of rustypot's transport."""
     least = costs["rustypot"].processor if "rustypot" in costs else math.nan
@@ -289,19 +399,24 @@ def processor_row(costs: dict[str, Cost]) -> str:
 
 
 def in_a_run() -> str:
-    """Return what the bus of a run reports, with and without page, camera and detector."""
-    figures = []
+    """Measure the duration of a cycle in a run with page, camera and detector."""
+    times: dict[str, list[float]] = {}
     runs = {
         "with page, camera and detector": ("--target", "face", "--viewer"),
         "without": ("--target", "none"),
     }
-    for name, words in runs.items():
-        with own_bench() as bench:
-            bench.start("head_tracking", "--sim", *words, "--ros-args", "-p", "viewer:port:=0")
-            heard = bench.person.hear("/diagnostics", DiagnosticArray)
-            time.sleep(RUN)
-            entries = (status for message in heard for status in message.status)
-            told = {each.key: each.value for status in entries for each in status.values}
-        longest, left_out = told["longest cycle (ms)"], told["cycles left out"]
-        figures.append(f"{name} longest {longest} ms, {left_out} of {told['cycles']} left out")
-    return row("cycles of the bus in `head_tracking --sim`", f"**{'; '.join(figures)}**", "", "0")
+    for name, arguments in runs.items():
+        done = subprocess.run(
+            [sys.executable, str(TIMED), "--sim", "--duration", "30", *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+        lists = [line for line in done.stdout.splitlines() if line.startswith("[")]
+        times[name] = json.loads(lists[-1])[WARM_UP:]
+    figures = "; ".join(
+        f"{name} median {1e3 * each[9]:.1f} ms, p95 {1e3 * each[18]:.1f} ms"
+        for name, took in times.items()
+        for each in (statistics.quantiles(took, n=20),)
+    )
+    return row("a cycle of the bus in `head_tracking --sim`", f"**{figures}**", "", "p95 3 ms")
