@@ -25,7 +25,8 @@ from head_tracking.dynamixel.state import EventKind, ServoState, Symptom
 
 _GONE: Final = 1.0  # s without a symptom until it is cleared
 _AGAIN: Final = 1.0  # s between two examinations of a servo
-_ASK: Final = 100_000_000  # ns between questions for the torque of a servo
+_ASK: Final = 500_000_000  # ns after a question for the torque of a servo
+_ASK_PAIR: Final = 100_000_000  # the same, if another servo turns its joint as well
 _MOVES: Final = 0.3  # rad/s
 _DRIVES: Final = 0.15  # of full torque
 _LONGEST_READ: Final = 64  # bytes
@@ -474,9 +475,10 @@ class Diagnosis:
         """
         if now < self._ask_at or self._bus.requests.under_way:
             return
-        self._ask_at = now + _ASK
         self._turns.rotate(-1)
-        self._bus.requests.start(self._asking(self._turns[0]))
+        watch = self._turns[0]
+        self._ask_at = now + (_ASK_PAIR if len(watch.joint.servos) > 1 else _ASK)
+        self._bus.requests.start(self._asking(watch))
 
     def _asking(self, watch: _Watch) -> Steps[None]:
         yield 0.0
