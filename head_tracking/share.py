@@ -59,7 +59,7 @@ def write_file(path: Path, text: str) -> None:
 
     A device, such as /dev/stdout, is written, not replaced; so is a file in a read-only folder.
     """
-    draft = path.with_name(f".{path.name}.draft")
+    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")  # not that of another program
     try:
         if path.exists() and not path.is_file():
             raise PermissionError

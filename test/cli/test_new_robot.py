@@ -1,5 +1,6 @@
 """new-robot on simulated servos: from unknown servos to a head that points."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -151,7 +152,7 @@ def test_nothing_is_overwritten(user: User, name: str) -> None:
 
 
 def test_a_full_disk_leaves_no_file(user: User) -> None:
-    (user.folder / ".my_head.yaml.draft").symlink_to("/dev/full")
+    (user.folder / f".my_head.yaml.{os.getpid()}.draft").symlink_to("/dev/full")
     user.poses = [dict(pose) for pose in BY_HAND[1:]]
     assert user.run(*GIVEN, "--yes") == FAILED
     assert user.files == []

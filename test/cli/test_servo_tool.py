@@ -1,6 +1,7 @@
 """The tool `servo` on simulated servos, in simulated time."""
 
 import errno
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -476,7 +477,7 @@ def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) 
 def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench: Tool, tmp_path: Path) -> None:
     file = tmp_path / "head.yaml"
     file.write_text("precious")
-    file.with_name(f".{file.name}.draft").symlink_to("/dev/full")
+    file.with_name(f".{file.name}.{os.getpid()}.draft").symlink_to("/dev/full")
     bench.answers = "y\n"
     bench.move_by_hand(1, 520, 200, 850)
     assert bench.run("calibrate", "head_pan:1", "--output", str(file)) == FAILED
