@@ -34,7 +34,7 @@ from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.programs import has_ros
-from head_tracking.share import share_directory, write_file
+from head_tracking.share import share_directory
 from head_tracking.transforms import load_robot_model
 
 _MODEL: Final = "pan_tilt_head.xacro"
@@ -334,10 +334,13 @@ def _check_and_write(files: Sequence[Path], texts: Sequence[str]) -> None:
         head = configured_head(drafts[1:])
         names = [servo.joint_name for servo in head.servos]
         PanTiltHead(load_robot_model(drafts[0]), names[0], names[1], head.pointing_frame)
+    made: list[Path] = []
     try:
-        for file, text in zip(files, texts, strict=True):
-            write_file(file, text)
+        for path, text in zip(files, texts, strict=True):
+            with path.open("x", encoding="utf-8") as file:
+                made.append(path)
+                file.write(text)
     except BaseException:  # both files or none
-        for file in files:
-            file.unlink(missing_ok=True)
+        for path in made:
+            path.unlink(missing_ok=True)
         raise

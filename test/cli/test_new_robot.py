@@ -1,7 +1,7 @@
 """new-robot on simulated servos: from unknown servos to a head that points."""
 
-import os
 from pathlib import Path
+from typing import IO, Any
 
 import pytest
 import yaml
@@ -151,9 +151,26 @@ def test_nothing_is_overwritten(user: User, name: str) -> None:
     assert len(user.files) == 1
 
 
-def test_a_full_disk_leaves_no_file(user: User) -> None:
-    (user.folder / f".my_head.yaml.{os.getpid()}.draft").symlink_to("/dev/full")
-    user.poses = [dict(pose) for pose in BY_HAND[1:]]
+def test_a_file_that_another_program_writes_meanwhile_stays(
+    user: User, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = user.folder / "my_head.yaml"
+    monkeypatch.setattr(new_robot, "PanTiltHead", lambda *_: other.write_text("precious"))
+    assert user.run(*GIVEN, "--yes") == FAILED
+    assert user.files == [other]
+    assert other.read_text() == "precious"
+
+
+def test_a_full_disk_leaves_no_file(user: User, monkeypatch: pytest.MonkeyPatch) -> None:
+    open_file = Path.open
+
+    def open_on_full_disk(path: Path, mode: str = "r", *others: Any, **named: Any) -> IO[Any]:
+        if (mode, path.suffix) == ("x", ".yaml"):
+            path.symlink_to("/dev/full")
+            mode = "w"
+        return open_file(path, mode, *others, **named)
+
+    monkeypatch.setattr(Path, "open", open_on_full_disk)
     assert user.run(*GIVEN, "--yes") == FAILED
     assert user.files == []
 
