@@ -7,7 +7,6 @@ from itertools import product
 
 import pytest
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from waiting import wait_for
@@ -27,7 +26,6 @@ def robot(make_module_robot):
     robot = make_module_robot("--target", "mux")
     mux = robot.composition.nodes["target_mux"]
     robot.fixed_frame = mux.get_parameter("fixed_frame").value  # in which it passes them on
-    mux.set_parameters([Parameter("switch_time", value=0.0)])
     return robot
 
 
