@@ -80,10 +80,6 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
     """
     head = head_parameters("point_head", files)
     pan, tilt = head.head_pan_joint, head.head_tilt_joint
-    if pan == tilt:
-        raise ConfigurationError(
-            f"head_pan_joint and head_tilt_joint are both {pan}; give the names of two joints"
-        )
     for bus in configured_buses(files):
         joints = {joint.joint_name: joint for joint in bus.joints}
         if {pan, tilt} <= joints.keys():

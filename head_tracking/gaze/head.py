@@ -137,6 +137,8 @@ class PanTiltHead:
         tilt_limits: tuple[float, float] = _UNLIMITED,
     ) -> None:
         pan, tilt = model.joint(pan_joint), model.joint(tilt_joint)
+        if pan is tilt:
+            raise RobotModelError(f"pan and tilt are both {pan_joint!r}; give two joints")
         self.pan_joint = pan_joint
         self.tilt_joint = tilt_joint
         self.pointing_frame = pointing_frame

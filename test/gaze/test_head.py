@@ -253,6 +253,11 @@ def test_a_head_that_cannot_be_is_refused(kinectbot, urdf, joints, frame, axis):
         PanTiltHead(model, *joints, frame, pointing_axis=axis)
 
 
+def test_pan_and_tilt_are_two_joints(kinectbot):
+    with pytest.raises(RobotModelError, match=f"both '{PAN}'"):
+        HeadParameters(head_tilt_joint=PAN).head(kinectbot)
+
+
 def test_a_model_with_other_names_is_refused_with_the_parameters_that_name_its_head(kinectbot):
     for wrong in ({"head_pan_joint": "yaw"}, {"pointing_frame": "eye"}, {"camera_link": "eye"}):
         with pytest.raises(RobotModelError, match="set head_pan_joint"):
