@@ -48,19 +48,15 @@ class JointOwners:
 
     Args:
         clock: monotonic time [s].
-        exclusive: refuse commands for a joint of another owner; else the last command wins.
 
     Attributes:
         stopped: whether everything but `resume` is refused.
     """
 
-    def __init__(
-        self, clock: Callable[[], float] = time.monotonic, *, exclusive: bool = True
-    ) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.epoch = Epoch()
         self.stopped = False
         self._clock = clock
-        self._exclusive = exclusive
         self._lock = threading.RLock()  # a signal handler may stop the head meanwhile
         self._owners: dict[str, tuple[str, float]] = {}
         self._elsewhere: dict[str, str] = {}
@@ -100,7 +96,7 @@ class JointOwners:
         """
         with self._lock:
             now = self.permit(epoch)
-            self._check(owner, joints, LEASE)
+            self._check(owner, joints)
             return now
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
@@ -117,7 +113,7 @@ class JointOwners:
             if self.stopped and math.isinf(lease) and not self._owners.keys() & set(joints):
                 self._owners |= dict.fromkeys(joints, (owner, lease))
             self.permit()
-            self._check(owner, joints, lease)
+            self._check(owner, joints)
             before = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
             given = [
                 j for j, (other, until) in before.items() if other == owner or until < math.inf
@@ -229,12 +225,11 @@ class JointOwners:
 
     # with the lock held
 
-    def _check(self, owner: str, joints: Iterable[str], lease: float) -> None:
+    def _check(self, owner: str, joints: Iterable[str]) -> None:
         now = self._clock()
         for joint in joints:
             other, until = self._owners.get(joint, ("", 0.0))
-            both_control = math.isinf(until) and math.isinf(lease)
-            if other != owner and now < until and (self._exclusive or both_control):
+            if other != owner and now < until:
                 raise OwnershipError(joint, other, leased=math.isfinite(until))
 
     def _stop(self) -> None:
