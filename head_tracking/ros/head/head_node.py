@@ -23,17 +23,11 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import ClosingNode, steady_timer
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.ros.kit.threads import answering
-from head_tracking.ros.kit.topics import (
-    LATCHED,
-    OVERRIDABLE,
-    TopicListener,
-    publishers_of_another_type,
-)
+from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE, TopicListener
 from head_tracking.tf import listening_buffer
 from head_tracking.tracking import ClockWatch, TargetState
 
 _WATCH_PERIOD = 0.25  # s
-_UNHEARD_PERIOD = 1.0  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +96,7 @@ class HeadNode(ClosingNode):
             ValueError: a parameter is not allowed.
             HeadTrackingError: what is to drive the joints is missing.
         """
-        self._unheard = self._text = self._logged = ""  # publishers of targets of another type
+        self._text = self._logged = ""
         self._errors = self.create_publisher(
             Float64, error_topic, 10, qos_overriding_options=OVERRIDABLE
         )
@@ -138,7 +132,6 @@ class HeadNode(ClosingNode):
         self.create_service(SetBool, "~/enable", answering(self._on_enable))
         self.create_service(Trigger, "~/recenter", answering(self._on_recenter))
         steady_timer(self, _WATCH_PERIOD, self._watch)
-        steady_timer(self, _UNHEARD_PERIOD, self._check_publishers)
         self.control.begin()
         if self._backend is not None:
             self._backend.start()
@@ -171,11 +164,6 @@ class HeadNode(ClosingNode):
         self.control.watch()
         self._publish(None)
 
-    def _check_publishers(self) -> None:
-        self._unheard = publishers_of_another_type(self, PointStamped, "target_point")
-        if self._unheard:
-            self.control.warn("unheard", self._unheard)
-
     def _on_enable(self, request: SetBool.Request) -> str:
         title = self.control.targets.title
         if request.data:
@@ -198,7 +186,6 @@ class HeadNode(ClosingNode):
         with control.lock:
             off, trouble, (state, text) = control.off, control.trouble, control.state()
             obstacle, detail = off or trouble, text.removeprefix(f"{state}: ")
-            text = f"{text}; {self._unheard}" if self._unheard else text
             fields = {
                 "state": state,
                 "enabled": "true" if off is None else "false",
@@ -211,14 +198,14 @@ class HeadNode(ClosingNode):
                 "refusal": control.refusal,
             }
             before, self._fields = self._fields, fields
-            is_new, self._text = text != self._text, text
-            if fields == before and not is_new:
+            if fields == before:
                 return
             if fields["enabled"] != before.get("enabled"):
                 self._enabled_topic.publish(Bool(data=off is None))
-            level = Level.OK if obstacle is None and not self._unheard else Level.WARN
+            level = Level.OK if obstacle is None else Level.WARN
             self._status_topic.publish(status_message(control.name, level, text, fields))
-            if is_new:
+            if text != self._text:
+                self._text = text
                 self._state_topic.publish(String(data=text))
             if self.logs_states and state not in (self._logged, TargetState.COASTING):
                 self._logged = state

@@ -63,14 +63,3 @@ class TopicListener:
     def _subscribe_again(self) -> None:
         self._node.destroy_subscription(self._subscription)
         self._subscription = self._node.create_subscription(*self._arguments, MEASUREMENT)
-
-
-def publishers_of_another_type(node: Node, kind: type[Any], topic: str) -> str:
-    """Return the publishers of a topic whose messages are not of this type; empty: none."""
-    accepted = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
-    found = [
-        f"{each.node_namespace.rstrip('/')}/{each.node_name} publishes {each.topic_type}"
-        for each in node.get_publishers_info_by_topic(topic)
-        if each.topic_type != accepted
-    ]
-    return f"{topic} is of type {accepted}, but {' and '.join(found)}" if found else ""
