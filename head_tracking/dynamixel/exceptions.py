@@ -59,13 +59,13 @@ class PortMissingError(PortError):
 
 
 class PortBusyError(PortError):
-    """Another program uses the device."""
+    """Another program, or another object of this one, uses the device."""
 
     def __init__(self, port_name: str) -> None:
         super().__init__(
             port_name,
-            "another program uses it; only one program can own a servo bus. "
-            f"Stop the other one (`fuser {port_name}` names it)",
+            "another program uses it, or a Head of this program that is not closed; only one can "
+            f"own a servo bus. Stop or close the other one (`fuser {port_name}` names its process)",
         )
 
 

@@ -23,7 +23,6 @@ from head_tracking.dynamixel import (
     BusStoppedError,
     DynamixelPort,
     JointConfiguration,
-    PortBusyError,
     ServoBus,
     StoppedError,
     TorqueError,
@@ -102,7 +101,6 @@ AX_12_PAIR = configured_head(()).servos
 _RATE = 50.0  # cycles per second
 _TIMEOUT = 2.0  # s
 _FASTEST = 12.0  # rad/s
-_open_ports: set[str] = set()  # of this program
 _LATEST = 1e11  # s since 1970; larger numbers are milliseconds or nanoseconds
 
 
@@ -186,14 +184,6 @@ class Head:
             self._check_control,
             self._fail,
         )
-        self._port = port
-        try:
-            self._servos.connect()
-        except PortBusyError as error:
-            if port in _open_ports:  # as in a notebook whose cell is run again
-                error.args = (f"cannot open {port}: a Head of this program has it; close that one",)
-            raise
-        _open_ports.add(port)
         self._loop.attach(self._servos)
         self._control = HeadControl(
             self._loop,
@@ -204,14 +194,15 @@ class Head:
             period=1.0 / _RATE,
             log=logging.getLogger(__name__),
         )
-        self._control.begin()
         self._failure: BaseException | None = None
         self._stopped_as = HeadState.STOPPED
         self._follower: CameraFollower | None = None
         self._signals = ExitStack()
-        atexit.register(self.close)
-        self._servos.start()
+        self._servos.connect()
         try:
+            atexit.register(self.close)
+            self._control.begin()
+            self._servos.start()
             self.frames.lookup_transform(self._head.base_frame, pointing_frame, timeout=_TIMEOUT)
         except TransformException:
             self.close()
@@ -561,7 +552,6 @@ class Head:
             atexit.unregister(self.close)
             self._control.release(Blocked.CLOSED)
             problems = self._servos.close()
-            _open_ports.discard(self._port)
             if self._control.lock.acquire(timeout=_TIMEOUT):  # else a callback that hangs has it
                 self._control.disable(Blocked.CLOSED)
                 self._control.save()

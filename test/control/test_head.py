@@ -12,6 +12,7 @@ from waiting import wait_for
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import BusStoppedError
+from head_tracking.head.head_control import HeadControl
 
 
 @pytest.fixture
@@ -33,6 +34,17 @@ def test_a_head_is_open_when_both_joints_are_measured(servos, kinectbot, monkeyp
     monkeypatch.setattr(DynamixelBackend, "start", start_without_tilt)
     with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         assert len(head.joints) == 2
+
+
+def test_a_head_that_fails_after_it_has_connected_leaves_its_port(servos, kinectbot, monkeypatch):
+    """As in a notebook, which keeps the error and with it the head."""
+    with monkeypatch.context() as patch:
+        patch.setattr(HeadControl, "begin", lambda _: 1 / 0)
+        with pytest.raises(ZeroDivisionError) as kept:
+            Head(servos.name, kinectbot)
+    with Head(servos.name, kinectbot) as head:
+        assert head.state is HeadState.HOLDING
+    assert kept.traceback
 
 
 def test_learned_servo_values_are_saved_for_the_next_run(servos, kinectbot, tmp_path, monkeypatch):
