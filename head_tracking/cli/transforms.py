@@ -40,22 +40,12 @@ def echo(client: Client, options: argparse.Namespace) -> None:
 
 def tree(client: Client, options: argparse.Namespace) -> int:
     """Print the tree of all frames with rates and ages."""
-    text = client.frames.tree_as_string(_listen(client, options))
+    with suppress(HeadTrackingError):
+        client.wait_for(lambda: bool(client.frames.frames()), options.wait, "")
+        time.sleep(options.listen)  # to measure rates and ages
+    text = client.frames.tree_as_string(client.node.get_clock().now().nanoseconds)
     print(text or "no frames")
     return 0 if text else 1
-
-
-def check(client: Client, options: argparse.Namespace) -> int:
-    """Print the problems that make lookups fail."""
-    problems = client.frames.problems(_listen(client, options), round(options.max_age * 1e9))
-    for problem in problems:
-        print(problem)
-    print(
-        f"{len(client.frames.frames())} frames in {options.listen:g} s; checked for separate "
-        "trees, joints and frames without data, and data older than "
-        f"{options.max_age:g} s: {len(problems)} found"
-    )
-    return 1 if problems else 0
 
 
 def echo_text(stamped: StampedTransform) -> str:
@@ -83,21 +73,13 @@ def echo_text(stamped: StampedTransform) -> str:
     )
 
 
-def _listen(client: Client, options: argparse.Namespace) -> int:
-    """Wait for the first frame, listen to measure rates and ages; return the time [ns]."""
-    with suppress(HeadTrackingError):
-        client.wait_for(lambda: bool(client.frames.frames()), options.wait, "")
-        time.sleep(options.listen)
-    return int(client.node.get_clock().now().nanoseconds)
-
-
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="transforms",
         description="Shows the frames of a running robot.",
         epilog="ROS arguments follow --ros-args.",
     )
-    works = parser.add_subparsers(required=True, metavar="echo | tree | check")
+    works = parser.add_subparsers(required=True, metavar="echo | tree")
     echoes = works.add_parser("echo", help="print the transform between two frames")
     echoes.add_argument("frame", metavar="A", help="target frame")
     echoes.add_argument("of", metavar="B", help="source frame: its pose in A is printed")
@@ -108,12 +90,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         "--count", type=between(1, 1e9, "times", int), default=-1, help="number of times (no limit)"
     )
     trees = works.add_parser("tree", help="print the tree of frames with rates and ages")
-    checks = works.add_parser("check", help="print the problems that make lookups fail")
-    checks.add_argument("--max-age", type=seconds, default=1.0, help="in seconds (%(default)s)")
-    for command, work in ((echoes, echo), (trees, tree), (checks, check)):
+    trees.add_argument("--listen", type=seconds, default=2.0, help="in seconds (%(default)s)")
+    for command, work in ((echoes, echo), (trees, tree)):
         command.set_defaults(work=work)
-        add = command.add_argument
-        add("--wait", type=seconds, default=10.0, help="for the first frame, in s (%(default)s)")
-        if work is not echo:
-            add("--listen", type=seconds, default=2.0, help="in seconds (%(default)s)")
+        command.add_argument(
+            "--wait", type=seconds, default=10.0, help="for the first frame, in s (%(default)s)"
+        )
     return parser.parse_args(arguments)

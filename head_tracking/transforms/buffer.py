@@ -435,11 +435,6 @@ class TransformBuffer:
         with self._lock:
             return report.tree_as_string(self._edges.values(), self._names, now)
 
-    def problems(self, now: int, max_age: int) -> list[str]:
-        """Return why frames cannot be looked up at `now` [ns]; see `report.problems`."""
-        with self._lock:
-            return report.problems(self._edges.values(), self._names, now, max_age)
-
     # With the lock held
 
     def _query(

@@ -1,4 +1,4 @@
-"""Frames as text: the lists of tf2, the tree, and problems."""
+"""Frames as text: the lists of tf2, and the tree."""
 
 from __future__ import annotations
 
@@ -67,36 +67,6 @@ def tree_as_string(edges: Iterable[Edge], names: Iterable[str], now: int) -> str
             for index, child in reversed(list(enumerate(children.get(frame, ()))))
         )
     return "\n".join(lines)
-
-
-def problems(edges: Iterable[Edge], names: Iterable[str], now: int, max_age: int) -> list[str]:
-    """Return the reasons why frames cannot be looked up.
-
-    Args:
-        edges: above each frame.
-        names: of all frames.
-        now: the time [ns].
-        max_age: older than this [ns] is too old.
-    """
-    above = {edge.child: edge for edge in edges}
-    found = []
-    roots = sorted(name for name in names if name not in above)
-    if not roots:
-        return ["there are no frames: is robot_description or /tf published in this domain?"]
-    if len(roots) > 1:
-        found.append(f"there are {len(roots)} trees that are not connected: {', '.join(roots)}")
-    silent, late = {}, {}
-    for edge in above.values():
-        if edge.history is None:
-            continue
-        what = edge.leader.joint if isinstance(edge, JointEdge) else edge.child
-        if not edge.history:
-            silent[what] = "joint" if isinstance(edge, JointEdge) else "frame"
-        elif (age := now - edge.history.stamps[-1]) > max_age:
-            late[what] = age * 1e-9
-    found += [f"the {kind} {name!r} has no samples" for name, kind in silent.items()]
-    found += [f"the last sample of {name!r} is {age:.1f} s old" for name, age in late.items()]
-    return found
 
 
 def rate(edge: Edge) -> float:

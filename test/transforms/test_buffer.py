@@ -258,3 +258,19 @@ def test_a_matrix_is_no_transform_and_a_file_no_model(buffer):
     with pytest.raises(TypeError, match="load_robot_model"):
         buffer.set_model("urdf/kinectbot.urdf.xacro")
     assert buffer.can_transform("base_link", "camera_link")
+
+
+def test_the_tree_has_a_line_for_each_frame_with_joints_rates_and_ages(kinectbot):
+    buffer = TransformBuffer()
+    buffer.set_model(kinectbot)
+    for index in range(11):
+        buffer.set_joint_positions(10 * SECOND + index * SECOND // 10, {"head_pan_joint": 0.0})
+    buffer.set_transform(SECOND, "map", "ball", Transform.identity())
+    lines = buffer.tree_as_string(now=11 * SECOND + SECOND // 2).splitlines()
+    assert lines[:2] == ["base_link", "└── torso_link"]
+    assert "pan_tilt_bracket  [head_pan_joint] 11.0 Hz, 0.500 s" in lines[3]
+    assert any(line.endswith("[head_tilt_joint] no samples") for line in lines)
+    assert any(line.endswith("├── hair_link") for line in lines)
+    assert lines[-2] == "map"
+    assert len(lines) == 16
+    assert "0.500" not in buffer.tree_as_string()
