@@ -39,7 +39,7 @@ from head_tracking.dynamixel.state import (
     ServoStatistics,
 )
 
-_STARTING: Final = 1.5  # s that the servos of a joint that starts may take to answer
+_STARTING: Final = 1.5  # s that the servos of the next joint that starts may take to answer
 _PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
 
 
@@ -389,7 +389,7 @@ class ServoBus:
         """Clear the faults of joints, or of all (None), leave them relaxed; return those with one.
 
         Protocol 1.0 servos of Dynamixel are ready at once; others restart, which is waited for
-        `patience` seconds at most. So is a servo that does not answer.
+        `patience` seconds at most for each. So is a servo that does not answer.
 
         Raises:
             ServoError: A servo does not recover.
@@ -408,11 +408,14 @@ class ServoBus:
         """Wait until a condition holds for all joints, and no procedure runs for them.
 
         Raises:
-            ServoError: After `patience`, s.
+            ServoError: After `patience`, s, in which it came to hold for no other joint.
         """
-        deadline = self._procedures.monotonic() + round(patience * 1e9)
+        fewest, deadline = len(self._all) + 1, 0
         while waiting := [joint.name for joint in joints if joint.busy or not is_done(joint)]:
-            if self._procedures.monotonic() > deadline:
+            now = self._procedures.monotonic()
+            if len(waiting) < fewest:
+                fewest, deadline = len(waiting), now + round(patience * 1e9)
+            if now > deadline:
                 raise ServoError(f"{', '.join(waiting)}: cannot be used yet; see /diagnostics")
             yield 0.02
 

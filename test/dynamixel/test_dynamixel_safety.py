@@ -316,6 +316,15 @@ def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> N
     assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
 
 
+def test_many_servos_behind_a_slow_adapter_start() -> None:
+    rig = Rig(*[SimulatedServo(i) for i in range(1, 10)], latency=0.016)
+    run(rig.bus.stopping(None), rig.bench.pass_time)
+    starting = submit(rig.bus, rig.bus.starting(None))
+    while not starting.done():
+        rig.step()
+    assert starting.exception() is None
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_a_servo_that_answers_again_is_read_within_100_ms(name: str) -> None:
     servos = [SimulatedServo(i, servo_model(name), boot_time=0.0) for i in (1, 2)]
