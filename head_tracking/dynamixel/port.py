@@ -64,7 +64,7 @@ _GAP: Final = 0.02  # s to wait, before an instruction, for a gap between packet
 _REPLY: Final = 256  # bytes of the longest reply to another program that is searched for
 _SUSPECT: Final = 1.0  # s to check for a gap after unexpected packets
 _PING_LENGTHS: Final = {1: 0, 2: 3}
-_ID_REGISTER: Final = 3  # of protocol 1.0
+_ID_REGISTER: Final = 3  # of protocol 1.0; any model has a register there
 
 
 class DynamixelPort:
@@ -224,18 +224,22 @@ class DynamixelPort:
     # Other instructions
 
     def ping(self, servo_id: int, protocol: int = 1) -> int:
-        """Ping a servo; return its error byte."""
+        """Return the error byte of a servo, by a ping.
+
+        While the reply to an earlier ping may arrive, which would be taken for the one to this
+        ping, a register is read instead.
+        """
         packet = encode_packet(protocol, servo_id, Instruction.PING)
         ping = instruction_packet(packet, protocol, servo_id, _PING_LENGTHS[protocol], "ping")
-        self._late.remove(protocol, servo_id, ping.length)
-        try:
-            return self._command(ping)
-        except ReplyTimeoutError:
-            # A servo with a voltage error replies to a ping with a packet that equals the ping.
-            if protocol == 2 or not self._echoed:
-                raise
-            self.read(servo_id, _ID_REGISTER, 1)
-            return packet[4]
+        self._late.expire()
+        if not self._late.similar(ping):
+            try:
+                return self._command(ping)
+            except ReplyTimeoutError:
+                # A servo with a voltage error replies to a ping with a packet that equals the ping.
+                if protocol == 2 or not self._echoed:
+                    raise
+        return self.read(servo_id, _ID_REGISTER, 1, protocol).error
 
     def write(
         self,

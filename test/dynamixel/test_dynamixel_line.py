@@ -1,12 +1,13 @@
 """Packets of both protocols, damaged replies, and another program on the line."""
 
 from contextlib import suppress
+from dataclasses import replace
 
 import pytest
 from dynamixel_sdk import Protocol1PacketHandler, Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated_device import Bench, Rig
+from simulated_device import Bench, OnAnswers, Rig
 
 from head_tracking.dynamixel import (
     Adapter,
@@ -29,7 +30,13 @@ from head_tracking.dynamixel.protocol import (
 )
 from head_tracking.dynamixel.reading import ReadGroup
 from head_tracking.dynamixel.servo import run
-from head_tracking.simulation import SimulatedClock, SimulatedLine, SimulatedServo
+from head_tracking.simulation import (
+    Answer,
+    SimulatedBus,
+    SimulatedClock,
+    SimulatedLine,
+    SimulatedServo,
+)
 from head_tracking.simulation import packets as simulated
 
 
@@ -172,6 +179,25 @@ def test_the_late_reply_to_a_write_is_no_refusal_of_the_next_read() -> None:
         port.write(1, 24, b"\x00")
     device.answer = bytes.fromhex(f"FF FF 01 02 01 FB {POSITION_512}")  # error bit: low voltage
     assert port.read(1, 36, 2).data == b"\x00\x02"
+
+
+@pytest.mark.parametrize("model", ["AX-12", "XM430-W350"])
+def test_the_late_reply_to_a_ping_is_not_taken_for_the_reply_to_the_next(model: str) -> None:
+    late = iter([45_300_000])  # ns
+
+    def delay(answer: Answer) -> list[Answer]:
+        return [replace(answer, late=next(late, 0))]
+
+    servo = SimulatedServo(1, servo_model(model), boot_time=0.0)
+    bench = Bench(SimulatedBus([servo], faults=OnAnswers(delay)))
+    protocol, port = servo.model.protocol, bench.port
+    port.open()
+    with pytest.raises(ReplyTimeoutError):
+        port.ping(1, protocol)
+    bench.clock.now = 1_045_323_000  # its reply is still being sent when the late one arrives
+    assert port.ping(1, protocol) == 0
+    port.sync_write(24, {1: b"\0"}, protocol)
+    assert not bench.line.overlaps
 
 
 pieces = st.one_of(
