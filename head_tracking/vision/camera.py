@@ -32,11 +32,6 @@ class Box(NamedTuple):
         """Column and row of the middle."""
         return self.x + self.width / 2, self.y + self.height / 2
 
-    def contains(self, point: tuple[float, float]) -> bool:
-        """Return whether a point (column, row) lies inside."""
-        u, v = point
-        return self.x <= u <= self.x + self.width and self.y <= v <= self.y + self.height
-
     def clipped(self, width: int, height: int) -> Box:
         """Return the part inside an image; width or height is 0 if there is none."""
         left, top = min(max(self.x, 0.0), width), min(max(self.y, 0.0), height)

@@ -87,14 +87,12 @@ class Detector(ABC):
 
     Attributes:
         parameters: may be changed at any time.
-        selected: parameters that describe the object that a user has selected; None: none.
     """
 
     Parameters: ClassVar[type[Any]]
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
-        self.selected: Any = None
 
     @abstractmethod
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
@@ -108,9 +106,8 @@ class Detector(ABC):
     def select(self, frame: Frame, box: Box) -> None:  # noqa: B027
         """Learn the object in a box that a user has drawn."""
 
-    def reset(self) -> None:
+    def reset(self) -> None:  # noqa: B027
         """Discard the selected object."""
-        self.selected = None
 
 
 def ellipse_mask(height: int, width: int, fill: float) -> Mask:

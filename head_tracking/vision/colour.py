@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ _OPENING = np.ones((3, 3), np.uint8)
 
 @dataclass(frozen=True, slots=True)
 class ColourParameters:
-    """The colour; selecting a box sets it, too."""
+    """The colour."""
 
     hue: float = parameter(
         24.0, "Red 0, yellow 60, green 120, blue 240.", unit="deg", minimum=0.0, maximum=360.0
@@ -45,7 +45,7 @@ class ColourDetector(Detector):
         """Return the largest regions."""
         if frame.picture is None:
             return []
-        p = self.selected or self.parameters
+        p = self.parameters
         mask = cv2.morphologyEx(_inside(frame.picture.hsv, p), cv2.MORPH_OPEN, _OPENING)
         if not cv2.countNonZero(mask):
             return []
@@ -69,25 +69,6 @@ class ColourDetector(Detector):
                 )
             )
         return found
-
-    def select(self, frame: Frame, box: Box) -> None:
-        """Set the colour to that in the middle of a box."""
-        if frame.picture is None:
-            return
-        width, height = frame.picture.size
-        part = frame.picture.hsv[box.grown(0.6).clipped(width, height).slices()].reshape(-1, 3)
-        colourful = part[part[:, 1] > 60]
-        if not len(colourful):
-            return
-        angles = np.deg2rad(colourful[:, 0] * 2.0)
-        hue = float(np.rad2deg(np.arctan2(np.sin(angles).sum(), np.cos(angles).sum()))) % 360.0
-        saturation, value = np.percentile(colourful[:, 1:], 10, axis=0) / 255.0
-        self.selected = replace(
-            self.parameters,
-            hue=hue,
-            min_saturation=max(0.15, 0.7 * float(saturation)),
-            min_value=max(0.1, 0.6 * float(value)),
-        )
 
 
 def _inside(hsv: npt.NDArray[np.uint8], p: ColourParameters) -> npt.NDArray[np.uint8]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,18 +53,12 @@ class MarkerDetector(Detector):
 
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
         """Return all markers with the required number."""
-        wanted = (self.selected or self.parameters).marker_id
+        wanted = self.parameters.marker_id
         return [
             self._candidate(number, corners, frame.camera)
             for number, corners in self._markers(frame)
             if wanted in (-1, number)
         ]
-
-    def select(self, frame: Frame, box: Box) -> None:
-        """Follow the marker in a box."""
-        for number, corners in self._markers(frame):
-            if box.contains(_middle(corners)):
-                self.selected = replace(self.parameters, marker_id=number)
 
     def _markers(self, frame: Frame) -> list[tuple[int, npt.NDArray[np.float32]]]:
         # minimum size for the adaptive threshold of OpenCV

@@ -18,7 +18,6 @@ from head_tracking.vision.opencv import cv2
 _LONGEST_PAUSE = 5.0  # s
 _HINTED = 0.3  # s after a loss in which the predicted position is a hint
 _ANOTHER = 0.5  # m
-_SELECTION = 10  # images in which a selected object may be detected
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +98,6 @@ class VisualTracker:
         self.without_distance = 0
         self._number = 0
         self._stamp: int | None = None
-        self._wanted: Box | None = None
-        self._patience = 0
 
     def step(self, frame: Frame, T_fixed_optical: Transform | None = None) -> Sighting | None:
         """Return the target in an image; None: not visible.
@@ -141,7 +138,6 @@ class VisualTracker:
         if self.followed not in self.tracks:
             certain = filter(self._is_certain, self.tracks)
             self.followed = max(certain, key=lambda t: t.latest.candidate.box.width, default=None)
-        self._follow_wanted()
         track = self.followed
         if track is None or not self._is_certain(track):
             return None
@@ -149,12 +145,10 @@ class VisualTracker:
         return Sighting(stamp, found.point, track.confidence, found.candidate, track.number)
 
     def select(self, frame: Frame, box: Box) -> None:
-        """Follow the object in a box that a user has drawn."""
+        """Follow the object in a box that a user has drawn, if the detector learns it."""
         if self.detector is not None:
             self.detector.select(frame, box)
-        self._wanted, self._patience = box, _SELECTION
-        if not self._follow_wanted():
-            self._restart()
+        self._restart()
 
     def select_point(self, point: Vector3) -> bool:
         """Follow the track nearest to a point in the fixed frame [m]; return whether there is one.
@@ -171,7 +165,6 @@ class VisualTracker:
         self._restart()
         if self.detector is not None:
             self.detector.reset()
-        self._wanted = None
 
     def _restart(self) -> None:
         self.tracks, self.followed = [], None
@@ -218,25 +211,6 @@ class VisualTracker:
     def _is_certain(self, track: Track) -> bool:
         is_visible = track.located is not None and track.believed
         return is_visible and track.confidence >= self.identity.min_confidence
-
-    def _follow_wanted(self) -> bool:
-        """Follow a track in the selected box; return whether there is one."""
-        if self._wanted is None:
-            return False
-        middle = self._wanted.centre
-        inside = [
-            (math.dist(track.located.candidate.centre, middle), track)
-            for track in self.tracks
-            if track.located is not None and self._wanted.contains(track.located.candidate.centre)
-        ]
-        if not inside:
-            self._patience -= 1
-            if self._patience < 0:
-                self._wanted = None
-            return False
-        self.followed = min(inside, key=lambda item: item[0])[1]
-        self._wanted = None
-        return True
 
     def _hints(self, frame: Frame, pose: Transform) -> list[Box]:
         """Return the predicted boxes of the tracks."""

@@ -256,6 +256,10 @@ def test_selected_boxes(world, look):
     world.publish("/visual_target/select", choice)
     show(world, depth="")
     assert targets[-1][1].point.z == pytest.approx(1.0, abs=0.01)
+    assert accepts(node, follow="colour")
+    world.publish("/visual_target/select", choice)
+    world.run(0.01)
+    assert len(node.warnings) == 2
 
 
 def test_what_else_is_seen_is_published_and_can_be_selected(world, look):

@@ -105,15 +105,6 @@ def test_hue_is_cyclic(kinectbot, colour, hue):
     assert not watch(tracker("colour", other), view, "thing", 6).misses
 
 
-def test_a_selected_box_sets_the_colour(kinectbot):
-    view = View(still(Ball(0.1, (190, 60, 130), Swing(1.2, 0.6))), kinectbot, SMALL, swing=0.0)
-    assert not watch(tracker("colour"), view, "thing", 6).misses
-    eye = tracker("colour")
-    assert len(watch(eye, view, "thing", 8, select=40).misses) >= 5
-    eye.reset()
-    assert not watch(eye, view, "thing", 6).misses
-
-
 def test_a_ball_that_is_half_covered_keeps_its_depth(kinectbot):
     cover = Board(np.full((64, 64, 4), 255, np.uint8), 0.3, Swing(0.9, 0.62, middle=0.13))
     ball = Ball(0.1, ORANGE, Swing(1.5, 0.62))
@@ -153,12 +144,6 @@ def test_a_tag_with_a_narrow_border_and_a_wrong_module_is_found():
     detector = DETECTORS["marker"].make(MarkerParameters(dictionary="APRILTAG_36h11"))
     found = detector.detect(Frame(0, KINECT, Picture(picture)), [])
     assert [candidate.label for candidate in found] == ["3"]
-
-
-def test_a_selected_box_sets_the_marker(kinectbot):
-    view = View(two_markers(), kinectbot, KINECT, swing=0.0)
-    seen = watch(tracker("marker"), view, "thing", 6, select=80)
-    assert {s.candidate.label for s in seen.sightings if s} == {"3"}
 
 
 def test_the_marker_family_can_be_changed(kinectbot):

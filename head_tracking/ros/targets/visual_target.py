@@ -221,6 +221,9 @@ class VisualTargetNode(SightedTargetNode):
         self.worker.do(lambda: self._select(message))
 
     def _select(self, message: RegionOfInterest) -> None:
+        if not DETECTORS[self._settings.follow].needs_selection:
+            self.warn("the selection is ignored: ~/select is for follow:=features")
+            return
         box = Box(message.x_offset, message.y_offset, message.width, message.height)
         if self._frame is None or min(box.clipped(*_size(self._frame))[2:]) <= 0:
             self.warn(
