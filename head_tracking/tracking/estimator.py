@@ -24,7 +24,7 @@ _SCATTER = 4.0  # standard deviations of a point: two at one place are nearer to
 _STAYED = 0.7  # s; who has stayed somewhere for so long and jumped away may come back
 _RETURN = 10.0  # s; within this,
 _SAME = 0.5  # of `jump_threshold`: so near to that place
-_UNCONTRADICTED = 0.2  # s; after a gap, a lone suspect is believed if no point came for so long
+_UNCONTRADICTED = 0.2  # s; a suspect of a lost target is believed if no point came for so long
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, plus rad/s: faster motion is a jump
 _LEAST_ERROR = 0.1  # of the variance of a point: least variance of a prediction
 _OVERDUE = 0.45  # s; prediction beyond the lead time while points are overdue
@@ -306,32 +306,31 @@ class TargetEstimator:
     def settle(self, now: float, *, is_lost: bool) -> bool:
         """Return whether the latest suspect is the new target, as no other point contradicts it.
 
-        It is a lone point after a gap. Or the target was lost with it, and it is one of several, or
-        nearer to the latest used point than the prediction.
+        The target was lost with it, and it is one of several, or nearer to the latest used point
+        than the prediction.
 
         Args:
             now: the time [s].
             is_lost: whether the target is lost.
         """
-        if not self._suspects or now - self._suspected < _UNCONTRADICTED:
+        if not self._suspects or not is_lost or now - self._suspected < _UNCONTRADICTED:
             return False
+        assert self.estimate is not None
         latest = self._suspects[-1]
-        if not self._is_gap(latest[0]):
-            assert self.estimate is not None
-            last, predicted = self.estimate.ray, self.estimate.ray_at(now)
-            is_nearer = self._angle(latest[1], last) < self._angle(predicted, last)
-            if not is_lost or not (is_nearer or len(self._suspects) > 1):
-                return False
+        last, predicted = self.estimate.ray, self.estimate.ray_at(now)
+        is_nearer = self._angle(latest[1], last) < self._angle(predicted, last)
+        if not is_nearer and len(self._suspects) == 1:
+            return False
         self._begin([latest], self._snapshots[-1])
         self.estimate = self._described(-1)
         return True
 
-    def _is_gap(self, stamp: float) -> bool:
-        """Return whether the target was lost before a point with this stamp [s]."""
-        return stamp - self._stamps[-1] > self.parameters.target_timeout
-
     def _judge(self, index: int, stamp: float, ray: Ray) -> Verdict:
         """Use or suspect a point whose place among the others is `index`."""
+        if stamp - self._stamps[-1] > self.parameters.target_timeout:
+            self._leave(index)
+            self._begin([(stamp, ray)], self._snapshots[-1])
+            return Verdict.NEW_TARGET
         estimate = self.estimate
         if estimate is None or estimate.stamp != self._stamps[index - 1]:
             estimate = self._described(index - 1)
@@ -343,9 +342,6 @@ class TargetEstimator:
         spread = max(_LIKELY * math.hypot(spread, turned), self._off)
         spread = min(spread, _FASTEST * (stamp - self._stamps[index - 1]))
         if away <= min(_NEAR * threshold + spread, _WIDEST * threshold):
-            if self._is_gap(stamp):
-                self._begin([(stamp, ray)], self._snapshots[-1])
-                return Verdict.NEW_TARGET
             self._off = away
             self._suspects = [each for each in self._suspects if each[0] > stamp]
             self._insert(stamp, ray)
@@ -363,7 +359,7 @@ class TargetEstimator:
         elif not alike or points[-1][0] - points[0][0] < confirmation:
             return Verdict.JUMP
         self._suspects.clear()
-        if self._is_gap(points[0][0]) or self._jumped(estimate, points):
+        if self._jumped(estimate, points):
             self._restart(points)
             return Verdict.NEW_TARGET
         self._leave(index)
