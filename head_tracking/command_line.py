@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.share import check_writable
 from head_tracking.signals import ending_signals
 
 Value = TypeVar("Value")
@@ -127,10 +128,7 @@ def writable_file(text: str) -> Path:
     """Convert the path of a file that can be written; existing contents stay."""
     path = Path(text)
     try:
-        existed = path.exists()
-        path.open("a").close()
-        if not existed:
-            path.unlink()
+        check_writable(path)
     except OSError as error:
         raise ArgumentTypeError(
             f"{text!r} cannot be written ({error.strerror}); give a file in a writable folder"

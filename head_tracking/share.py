@@ -72,6 +72,14 @@ def write_file(path: Path, text: str) -> None:
             draft.unlink()
 
 
+def check_writable(path: Path) -> None:
+    """Raise OSError if a file cannot be written; existing contents stay."""
+    existed = path.exists()
+    path.open("a").close()
+    if not existed:
+        path.unlink()
+
+
 def robot_names() -> list[str]:
     """Return the names of the robots that come with the package."""
     files = (share_directory() / "urdf").glob("*.urdf.xacro")

@@ -14,7 +14,7 @@ from head_tracking.page.head_modes import POINTER, Mode
 from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
 from head_tracking.ros.kit.images import picture_of
-from head_tracking.share import state_folder
+from head_tracking.share import check_writable, state_folder
 from head_tracking.transforms import TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.images import ImageError, Pixels
@@ -103,6 +103,10 @@ class CameraCalibration:
 
         folder = state_folder("calibration")
         folder.mkdir(parents=True, exist_ok=True)
+        model = self._robot.buffer.model
+        assert model is not None  # `begin` has checked its head
+        file = folder / f"{model.name}.yaml"
+        check_writable(file)  # else the motion was in vain
         frame, lens = head.camera()
         calibration = calibrate_camera(
             head,
@@ -114,7 +118,6 @@ class CameraCalibration:
             report=self._report,
         )
         head.check()
-        file = folder / f"{calibration.robot}.yaml"
         calibration.save(file)
         return Progress(
             text=f"Calibrated. The result is in {file}. To use it, start with --calibration {file}",

@@ -64,6 +64,18 @@ def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, mon
     assert ended(calibration)
 
 
+def test_a_file_that_cannot_be_written_is_refused_before_the_head_moves(
+    calibration, tmp_path, monkeypatch
+):
+    moved = []
+    monkeypatch.setattr(gathering, "calibrate_camera", moved.append)
+    (tmp_path / "head_tracking" / "calibration" / "kinectbot.yaml").mkdir(parents=True)
+    calibration.begin(0.16, "")
+    wait_for(lambda: ended(calibration))
+    assert "kinectbot.yaml" in calibration.progress.text
+    assert not moved
+
+
 def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, calibration, tmp_path):
     usual = seen.modes.value("point_head", "max_velocity")
     calibration.begin(0.16, "")
