@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
 
@@ -73,24 +72,17 @@ def look(client: Client, options: argparse.Namespace) -> None:
 def _wait(
     options: argparse.Namespace, miss: Callable[[], float], others: Callable[[], str] = str
 ) -> None:
-    """Call `miss` until the head has arrived; with --follow until Ctrl-C."""
+    """Call `miss` until the head has arrived."""
     arrival, missed, has_arrived = Arrival(_TOLERANCE, _SETTLE_TIME), math.inf, False
-    end = math.inf if options.follow else time.monotonic() + options.timeout
-    try:
-        while not has_arrived and time.monotonic() < end:
-            missed = miss()
-            has_arrived = not options.follow and arrival.step(missed, time.monotonic())
-            if options.follow and sys.stdout.isatty():
-                print(f"\r{math.degrees(missed):.2f} degrees  ", end="", flush=True)
-            time.sleep(_PERIOD)
-    except KeyboardInterrupt:
-        if not options.follow:
-            raise
-        has_arrived = missed <= _TOLERANCE
+    end = time.monotonic() + options.timeout
+    while not has_arrived and time.monotonic() < end:
+        missed = miss()
+        has_arrived = arrival.step(missed, time.monotonic())
+        time.sleep(_PERIOD)
     text = f"the head misses the target by {math.degrees(missed):.2f} degrees"
     if not has_arrived:
         raise HeadTrackingError(f"did not arrive: {text}{others()}")
-    print(f"{'stopped' if options.follow else 'arrived'}: {text}")
+    print(f"arrived: {text}")
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -107,7 +99,6 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )  # fmt: skip
     target.add_argument("--centre", "--center", action="store_true", help="look straight ahead")
     add = parser.add_argument
-    add("--follow", action="store_true", help="follow the target until Ctrl-C")
     add("--timeout", type=seconds, default=8.0, metavar="S", help="of the turn (%(default)s s)")
     add("--wait", type=seconds, default=10.0, metavar="S", help="for a head (%(default)s s)")
     return parser.parse_args(with_negative_values(arguments))
