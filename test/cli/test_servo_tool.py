@@ -216,13 +216,14 @@ def test_a_command_for_a_servo_or_port_that_does_not_answer_fails(
         (7, "Homing Offset", "-100", -100),
         (7, "Homing Offset", "-5e-1 rad", -326),
         (1, "Return Delay Time", "500us", 250),
-        (7, "Velocity Limit", "22.9rpm", 100),
+        (7, "Profile Velocity", "22.9rpm", 100),
         (7, "Bus Watchdog", "1s", 50),
     ],
 )
 def test_set_accepts_names_addresses_counts_and_quantities(
     bench: Tool, servo_id: int, name: str, text: str, value: int
 ) -> None:
+    bench[servo_id].set_register("Torque Enable", int(name == "Profile Velocity"))
     assert bench.run("--yes", "set", str(servo_id), name, text) == DONE
     name = "Min Voltage Limit" if name == "12" else name
     assert bench[servo_id].register(name) == value
@@ -232,9 +233,10 @@ def test_set_accepts_names_addresses_counts_and_quantities(
     ("servo_id", "state", "command"),
     [
         (1, {"Lock": 1}, ("Temperature Limit", "60")),
-        (7, {"Torque Enable": 1}, ("Goal Position", "300")),
-        (7, {}, ("Torque Enable", "1")),
-        (1, {}, ("Moving Speed", "0")),
+        (7, {"Max Position Limit": 2000, "Torque Enable": 1}, ("Goal Position", "2001")),
+        (7, {"Operating Mode": 4, "Torque Enable": 1}, ("Goal Position", "300")),
+        (7, {"Operating Mode": 1}, ("Torque Enable", "1")),
+        (1, {"CCW Angle Limit": 0}, ("Torque Enable", "1")),
         (8, {"Torque Enable": 1}, ("Temperature Limit", "60")),
     ],
 )
@@ -271,6 +273,24 @@ def test_set_of_impossible_values_fails(bench: Tool, register: str, values: list
         assert bench.run("--yes", "set", "7", register, value) == FAILED
 
 
+@pytest.mark.parametrize(("servo_id", "register"), [(1, "Moving Speed"), (7, "Goal Position")])
+def test_a_goal_needs_torque_and_torque_on_keeps_the_present_position(
+    bench: Tool, servo_id: int, register: str
+) -> None:
+    servo, number = bench[servo_id], str(servo_id)
+    servo.set_register("Goal Position", 900)
+    stands = servo.true_ticks
+    assert bench.run("set", number, register, "300") == REFUSED
+    assert servo.register("Torque Enable") == 0
+    assert bench.run("set", number, "Torque Enable", "1") == DONE
+    bench.pass_time(1.0)
+    servo.advance(bench.clock.now)
+    assert servo.register("Torque Enable") == 1
+    assert servo.true_ticks == pytest.approx(stands, abs=2)
+    assert bench.run("set", number, register, "300") == DONE
+    assert servo.register(register) == 300
+
+
 @pytest.mark.parametrize(("servo_id", "level"), [(1, 0), (7, 1), (8, 0)])
 def test_the_status_return_level_can_be_set_and_restored(
     bench: Tool, servo_id: int, level: int
@@ -282,6 +302,50 @@ def test_the_status_return_level_can_be_set_and_restored(
     bench.pass_time(0.1)
     assert bench.run(*back) == DONE
     assert bench[servo_id].register("Status Return Level") == 2
+
+
+@pytest.mark.parametrize(
+    ("servo_id", "register", "answer"),
+    [(1, "Moving Speed", "n\n"), (8, "Moving Speed", "y\n"), (7, "Profile Velocity", "n\n")],
+)
+def test_full_speed_is_set_by_its_name_and_a_goal_at_it_needs_confirmation(
+    bench: Tool, servo_id: int, register: str, answer: str
+) -> None:
+    number = str(servo_id)
+    assert bench.run("set", number, "Torque Enable", "1") == DONE
+    for zero in ("0", "0.001 rad/s"):
+        assert bench.run("--yes", "set", number, register, zero) == REFUSED
+    assert bench[servo_id].register(register) == 1
+    assert bench.run("set", number, "Goal Position", "600") == DONE
+    assert bench.run("set", number, register, "full") == DONE
+    assert bench[servo_id].register(register) == 0
+    assert bench.run("info", number) == DONE
+    assert "full speed" in bench.output and "0 rad/s  " not in bench.output.split(register)[1][:60]
+    bench.answers = answer
+    yes = answer == "y\n"
+    assert bench.run("set", number, "Goal Position", "500") == (DONE if yes else REFUSED)
+    assert "full speed" in bench.messages
+    assert bench[servo_id].register("Goal Position") == (500 if yes else 600)
+
+
+@pytest.mark.parametrize(("servo_id", "answer"), [(1, "y\n"), (7, "n\n")])
+def test_torque_on_outside_the_limits_needs_confirmation(
+    bench: Tool, servo_id: int, answer: str
+) -> None:
+    servo, low = bench[servo_id], servo_id == 1
+    servo.set_register("CCW Angle Limit" if low else "Min Position Limit", 400 if low else 1500)
+    stands = round(servo.true_ticks)
+    bench.answers = answer
+    code = bench.run("set", str(servo_id), "Torque Enable", "1")
+    assert str(stands) in bench.messages and str(400 if low else 1500) in bench.messages
+    assert code == (DONE if answer == "y\n" else REFUSED)
+    assert servo.register("Torque Enable") == (code == DONE)
+
+
+def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench: Tool) -> None:
+    bench.turn_by_hand(7, 5000)
+    assert bench.run("set", "7", "Torque Enable", "1") == REFUSED
+    assert bench[7].register("Torque Enable") == 0
 
 
 def test_common_options_may_come_after_the_command(bench: Tool) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Final
 
-from head_tracking.cli.servo.register_values import SPEEDS, as_text, find_register, parse_value
+from head_tracking.cli.servo.register_values import as_text, find_register, parse_value
 from head_tracking.cli.servo.session import (
     Session,
     ToolError,
@@ -25,7 +26,10 @@ from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
+from head_tracking.dynamixel.torque import pin, require_straight_path
 from head_tracking.exceptions import RefusedError
+
+_GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 
 
 def set_register(session: Session, servo_id: int, name: str, text: str) -> None:
@@ -35,11 +39,6 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> None:
         register = find_register(servo.model.control_table, name)
         value = parse_value(servo.model, register, text)
         name = register.name
-        if name.startswith("Goal ") or name in SPEEDS or (name == "Torque Enable" and value):
-            raise RefusedError(
-                f"{name} moves or holds servo {servo_id}, or decides how fast it moves; this tool "
-                "moves nothing: use the servo bus (docs/guide/servo_bus.md)"
-            )
         if name == "ID" and value != servo_id and protocol_of(port, value) is not None:
             raise RefusedError(
                 f"id {value} is used by another servo; give another id, or disconnect that servo"
@@ -64,9 +63,13 @@ def _write(session: Session, servo: Servo, register: Register, value: int, shown
     elif register.eeprom:
         _ask(session, servo, f"{shown} (now {servo.get(name)})")
         run(servo.write_eeprom({name: value}), session.pause)
+    elif name == "Torque Enable" and value:
+        _switch_torque_on(session, servo)
     else:
         if name == "Lock":
             _ask(session, servo, shown)
+        if name in _GOALS:
+            _check_goal(session, servo, name, value)
         servo.set(name, value)
 
 
@@ -118,6 +121,54 @@ def _set_return_level(session: Session, servo: Servo, register: Register, value:
 
 def _ask(session: Session, servo: Servo, what: str) -> None:
     session.terminal.confirm(f"Set {what} in servo {servo.id} ({servo.model.name})?")
+
+
+def _check_goal(session: Session, servo: Servo, name: str, value: int) -> None:
+    """Refuse goals outside the limits, and goals of a relaxed servo: some switch torque on."""
+    if not servo.get("Torque Enable"):
+        raise RefusedError(
+            f"servo {servo.id} is relaxed; switch its torque on first: servo set "
+            f"{servo.id} 'Torque Enable' 1"
+        )
+    if name != "Goal Position":
+        return
+    low, high = _range(servo)
+    if not low <= value <= high:
+        raise RefusedError(
+            f"goal {value} is outside the limits of servo {servo.id}, {low} to {high} "
+            f"({' and '.join(servo.model.position_limits)})"
+        )
+    speed = servo.model.goal_speed
+    if servo.get(speed) == 0:
+        session.terminal.confirm(
+            f"The {speed} of servo {servo.id} is 0: it moves at full speed. Continue?"
+        )
+
+
+def _switch_torque_on(session: Session, servo: Servo) -> None:
+    """Switch torque on with the present position as the goal."""
+    low, high = _range(servo)
+    position = servo.get("Present Position")
+    try:
+        require_straight_path(servo, position)
+    except ServoError as refusal:
+        raise RefusedError(f"{refusal}, or cycle its power") from refusal
+    if not low <= position <= high:
+        session.terminal.confirm(
+            f"Servo {servo.id} is at {position}, outside its limits, {low} to {high}: with torque "
+            f"on it moves slowly to {max(low, min(high, position))}. Switch it on?"
+        )
+    goal = run(pin(servo))
+    session.terminal.print(f"goal {goal}, lowest speed")
+
+
+def _range(servo: Servo) -> tuple[int, int]:
+    """Return the limits of a servo in position mode; refuse other modes."""
+    try:
+        run(servo.identify(keep_torque=True))
+    except ServoError as refusal:
+        raise RefusedError(str(refusal)) from refusal
+    return servo.range
 
 
 def relax(session: Session, ids: Sequence[int]) -> None:

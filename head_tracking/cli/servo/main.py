@@ -95,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     add("register", metavar="REGISTER", help="its name or its address")
     add(
         "value", metavar="VALUE",
-        help="counts, or a quantity such as 11.5V, -30deg, 500us",
+        help="counts, or a quantity such as 11.5V, -30deg, 2rad/s; `full` for full speed",
     )  # fmt: skip
     add_command(
         "set-id", "change the id of a servo",
