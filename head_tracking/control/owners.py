@@ -48,15 +48,19 @@ class JointOwners:
 
     Args:
         clock: monotonic time [s].
+        exclusive: refuse commands for a joint of another owner; else the last command wins.
 
     Attributes:
         stopped: whether everything but `resume` is refused.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, *, exclusive: bool = True
+    ) -> None:
         self.epoch = Epoch()
         self.stopped = False
         self._clock = clock
+        self._exclusive = exclusive
         self._lock = threading.RLock()  # a signal handler may stop the head meanwhile
         self._owners: dict[str, tuple[str, float]] = {}
         self._elsewhere: dict[str, str] = {}
@@ -96,7 +100,7 @@ class JointOwners:
         """
         with self._lock:
             now = self.permit(epoch)
-            self._check(owner, joints)
+            self._check(owner, joints, LEASE)
             return now
 
     def claim(self, owner: str, joints: Iterable[str], lease: float = math.inf) -> None:
@@ -113,7 +117,7 @@ class JointOwners:
             if self.stopped and math.isinf(lease) and not self._owners.keys() & set(joints):
                 self._owners |= dict.fromkeys(joints, (owner, lease))
             self.permit()
-            self._check(owner, joints)
+            self._check(owner, joints, lease)
             before = {joint: self._owners.get(joint, ("", 0.0)) for joint in joints}
             given = [
                 j for j, (other, until) in before.items() if other == owner or until < math.inf
@@ -225,11 +229,12 @@ class JointOwners:
 
     # with the lock held
 
-    def _check(self, owner: str, joints: Iterable[str]) -> None:
+    def _check(self, owner: str, joints: Iterable[str], lease: float) -> None:
         now = self._clock()
         for joint in joints:
             other, until = self._owners.get(joint, ("", 0.0))
-            if other != owner and now < until:
+            both_control = math.isinf(until) and math.isinf(lease)
+            if other != owner and now < until and (self._exclusive or both_control):
                 raise OwnershipError(joint, other, leased=math.isfinite(until))
 
     def _stop(self) -> None:

@@ -157,7 +157,7 @@ class ControlProcess:
         plan = self._plan
         claim = self._claim(threads)
         threading.Thread(target=self._receive, daemon=True).start()
-        owners = JointOwners()
+        owners = JointOwners(exclusive=not plan.options.allow_others)
         if kept is not None:
             kept.guard(owners)
         head = self._head = Composition(
@@ -172,7 +172,8 @@ class ControlProcess:
         )
 
         def update() -> None:
-            claim.check()
+            if not plan.options.allow_others:
+                claim.check()
             self._report_servos(head.nodes["servo_bus"])
             stopped = ["STOPPED"] if head.loop.owners.stopped else []
             self._status.show([*stopped, *self._page, *monitor.update(), *self._hint])
@@ -190,7 +191,7 @@ class ControlProcess:
         node = Node("head_claim", start_parameter_services=False, enable_rosout=False)
         claim = HeadClaim(node, simulated=self._plan.options.sim)
         threads.start(node)
-        if is_heard_elsewhere(os.environ):
+        if not self._plan.options.allow_others and is_heard_elsewhere(os.environ):
             self._status.show(["searching for other heads"])
             self._stop.wait(LOOK_TIME)
             self._stop.check()

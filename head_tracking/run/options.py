@@ -112,6 +112,11 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         "robot_state_publisher, or head (its controller); can be given several times",
     )
     parser.add_argument(
+        "--allow-others",
+        action="store_true",
+        help="run although another head has this ROS domain and namespace; the last command wins",
+    )
+    parser.add_argument(
         "--network", action="store_true", help="let other machines discover a simulated run"
     )
     parser.add_argument(

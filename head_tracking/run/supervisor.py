@@ -19,13 +19,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from head_tracking.exceptions import HeadTrackingError
+from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.programs import NO_ROS, has_ros
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.stop_signal import ENDING, EndRequestedError, StopSignal
@@ -210,7 +210,7 @@ class Supervisor:
             EndRequestedError: a signal came before the first process was started.
         """
         with StopSignal() as stop:
-            self._lock.acquire(stop.wait)
+            self._acquire(stop.wait)
             return self._run(stop)
 
     def _run(self, stop: StopSignal) -> int:
@@ -265,6 +265,14 @@ class Supervisor:
             if other.channel is not None:
                 other.end()
         return 1 if self._yields or code < 0 else code
+
+    def _acquire(self, wait: Callable[[float], bool]) -> None:
+        """Lock the head; with --allow-others only if it is free."""
+        if not self._plan.options.allow_others:
+            self._lock.acquire(wait)
+        elif not self._plan.options.sim:
+            with suppress(RefusedError):
+                self._lock.acquire(wait, shared=True, patience=0.0)
 
     def _end(self) -> None:
         """Ask control to end, and plan to kill it if it does not."""

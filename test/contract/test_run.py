@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from rig import JOINTS, SOURCE, child
+from rig import DEGREE, JOINTS, SOURCE, child
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from terminal import Terminal
@@ -280,6 +280,8 @@ def test_the_first_of_simulated_runs_continues_until_a_real_head_comes_and_none_
     second = bench.start("head_tracking", "--sim")
     second.read_until("servo_bus")
     wait_for(lambda: bench.person.state("head_tracker") == "tracking")
+    beside = bench.start("head_tracking", "--sim", "--duration", "1", "--allow-others")
+    assert beside.end() == 0, beside.output
     real = bench.run_bus()
     assert first.end() == 1, first.output
     later = bench.start("head_tracking", "--sim")
@@ -296,3 +298,12 @@ def test_a_simulated_run_does_not_use_a_discovery_server(bench):
     server = {"ROS_DISCOVERY_SERVER": "127.0.0.1:11811"}
     bench.start("head_tracking", "--sim", "--target", "none", environment=server)
     bench.person.wait_for_joints()
+
+
+def test_with_allow_others_the_last_command_wins(bench):
+    bench.run("--target", "none", "--allow-others")
+    bench.person.wait_for_joints()
+    wait_for(lambda: set(bench.person.owners.values()) == {"/head_tracker"})
+    bench.person.command("head_pan_controller", 0.3)
+    wait_for(lambda: abs(bench.person.pan - 0.3) < DEGREE)
+    bench.person.keep_looking(2.0, 0.0, 0.5, lambda: abs(bench.person.pan) < DEGREE)

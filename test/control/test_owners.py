@@ -81,6 +81,15 @@ def test_joints_lost_at_a_servo_bus_elsewhere_are_lost_here(owners):
     assert owners.elsewhere(JOINTS) == ""
 
 
+def test_without_exclusive_owners_every_command_is_accepted(clock):
+    owners = JointOwners(clock, exclusive=False)
+    owners.claim("/head_tracker", JOINTS)
+    owners.claim("somebody", [PAN], LEASE)
+    assert owners.owns("/head_tracker", JOINTS)
+    with pytest.raises(OwnershipError):  # two controllers at a time would fight
+        owners.claim("/point_head", JOINTS)
+
+
 def test_each_change_notifies_the_observers(owners):
     told = []
     owners.observe(lambda: told.append(dict(owners.of([PAN]))))

@@ -52,11 +52,10 @@ def test_a_simulated_head_ends_for_a_real_one(lock):
     assert len(real.descriptors) == 2
 
 
-def test_a_real_head_that_waits_too_long_is_refused(lock, monkeypatch):
-    monkeypatch.setattr("head_tracking.ros.kit.head_lock._PATIENCE", 0.1)
+def test_a_real_head_that_waits_too_long_is_refused(lock):
     lock(simulated=True).acquire(sleep)
     with pytest.raises(RefusedError):
-        lock().acquire(sleep)
+        lock().acquire(sleep, patience=0.1)
 
 
 def test_the_lock_lasts_as_long_as_a_process_that_inherited_it(lock):

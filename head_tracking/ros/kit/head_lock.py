@@ -33,7 +33,7 @@ _PERIOD: Final = 0.05  # s
 _RETRIES: Final = (0.002, 0.005, 0.01, 0.02, 0.0)  # s
 CURES: Final = (
     "give this one a ROS domain of its own (ROS_DOMAIN_ID) or names of its own "
-    "(--ros-args -r __ns:=/second)"
+    "(--ros-args -r __ns:=/second), or let both command one head (--allow-others)"
 )
 
 
@@ -59,12 +59,19 @@ class HeadLock:
         self._simulated = simulated
         self.descriptors: list[int] = []
 
-    def acquire(self, wait: Callable[[float], bool], *, shared: bool = False) -> None:
+    def acquire(
+        self,
+        wait: Callable[[float], bool],
+        *,
+        shared: bool = False,
+        patience: float = _PATIENCE,
+    ) -> None:
         """Lock; a real head waits until a simulated one has ended.
 
         Args:
             wait: waits for a time [s]; returns whether to give up.
             shared: together with other heads that share.
+            patience: how long to wait for a simulated head [s].
 
         Raises:
             RefusedError: another head runs.
@@ -77,7 +84,7 @@ class HeadLock:
                 raise self._refusal(self._real)
             return
         self._lock(self._real, shared)
-        deadline = time.monotonic() + _PATIENCE
+        deadline = time.monotonic() + patience
         while True:
             try:
                 return self._lock(self._head, shared)
