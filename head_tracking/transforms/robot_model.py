@@ -168,7 +168,7 @@ class RobotModel:
         self.children_of_joints = frozenset(self._parent_joint)
         self.root = _root(self.links, joints, self._parent_joint)
         mimics = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
-        self._leaders = {name: _resolve(self.joints, name, mimics) for name in mimics}
+        self._leaders = resolved_leaders(self, mimics)
         self._chains: dict[tuple[str, str], JointChain] = {}
 
     def joint(self, name: str) -> Joint:
@@ -278,12 +278,20 @@ class RobotModel:
         return JointChain(joints, Chain(steps, readers))
 
 
-def _resolve(joints: Mapping[str, Joint], name: str, mimics: Mapping[str, Mimic]) -> Mimic:
-    """Return the rule of a mimic joint from an independent joint.
+def resolved_leaders(model: RobotModel, mimics: Mapping[str, Mimic]) -> dict[str, Mimic]:
+    """Return for each mimic joint the rule from an independent joint.
+
+    Args:
+        model: the robot.
+        mimics: the direct rules.
 
     Raises:
         RobotModelError: a joint does not exist or is fixed, or rules form a loop.
     """
+    return {name: _resolve(model.joints, name, mimics) for name in mimics}
+
+
+def _resolve(joints: Mapping[str, Joint], name: str, mimics: Mapping[str, Mimic]) -> Mimic:
     multiplier, offset, chain = 1.0, 0.0, [name]
     while name in mimics:
         mimic = mimics[name]

@@ -167,15 +167,42 @@ def test_nothing_is_sent_that_nobody_knows(complete):
     assert found.header.stamp.sec == 3
 
 
-def test_defaults_are_sent_on_request(complete):
-    found = complete(**{"zeros.elbow": 0.7, "zeros.shoulder": 1})
-    assert positions(found[0]) == {"shoulder": 1.0, "elbow": 0.7}
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"publish_default_positions": True}, {"shoulder": 0.0, "elbow": 1.0}),
+        ({"zeros.elbow": 0.7, "zeros.shoulder": 1}, {"shoulder": 1.0, "elbow": 0.7}),
+    ],
+)
+def test_defaults_are_sent_on_request(complete, values, expected):
+    found = complete(**values)
+    assert positions(found[0]) == expected
     assert found[0].header.stamp.sec > 0
 
 
-@pytest.mark.parametrize(("joint", "urdf"), [("nose", ARM), ("elbow", FOLLOWING)])
-def test_a_default_of_a_joint_that_is_not_there_or_mimics_is_reported(complete, joint, urdf, capfd):
-    complete(joints(3.0, shoulder=0.4), urdf=urdf, **{f"zeros.{joint}": 1.0})
+def test_a_joint_that_depends_on_another_follows_it(complete):
+    rule = {
+        "dependent_joints.elbow.parent": "shoulder",
+        "dependent_joints.elbow.factor": 0.5,
+        "dependent_joints.elbow.offset": 1.0,
+    }
+    message = joints(3.0, shoulder=0.4)
+    message.velocity = [0.2]
+    (found,) = complete(message, **rule)
+    assert positions(found) == {"shoulder": 0.4, "elbow": pytest.approx(1.2)}
+    assert list(found.velocity) == [0.2, pytest.approx(0.1)]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"zeros.nose": 1.0},
+        {"zeros.elbow": 1.0, "dependent_joints.elbow.parent": "shoulder"},
+        {"dependent_joints.elbow.parent": "nose"},
+    ],
+)
+def test_a_rule_for_a_joint_that_is_not_there_is_reported(complete, bad, capfd):
+    complete(joints(3.0, shoulder=0.4), **bad)
     assert "robot_description" in capfd.readouterr().err
 
 

@@ -1,4 +1,4 @@
-"""joint_state_publisher: publishes measured joints, mimic joints and defaults."""
+"""joint_state_publisher: publishes measured joints, dependent joints and defaults."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from head_tracking.transforms import (
     JointSample,
     JointState,
     JointStates,
+    Mimic,
     RobotModel,
     RobotModelError,
     parse_robot_model,
@@ -36,6 +37,11 @@ class JointStatePublisherParameters:
 
     source_list: tuple[str, ...] = parameter(
         ("servo_states",), "Topics of measured joint states.", fixed=True, ros_name=True
+    )
+    publish_default_positions: bool = parameter(
+        False,
+        "Publish joints that are not measured at 0, or in the middle of their limits.",
+        fixed=True,
     )
     rate: float = parameter(
         10.0,
@@ -50,8 +56,9 @@ class JointStatePublisherParameters:
 class JointStatePublisherNode(Node):
     """Publishes complete `joint_states` for each measurement, with its stamp.
 
-    A joint that is not measured is published if it mimics another, or if `zeros.<joint>` gives its
-    position.
+    A joint that is not measured is published if `zeros.<joint>` gives its position, if it mimics
+    another or `dependent_joints.<joint>.parent`, `.factor` and `.offset` make it follow one, or if
+    `publish_default_positions` is set.
 
     Args:
         loop: of the process, if it reads the servos; its buffer has the robot model. None: the
@@ -61,7 +68,9 @@ class JointStatePublisherNode(Node):
     def __init__(self, loop: ControlLoop | None = None, **options: Any) -> None:
         super().__init__("joint_state_publisher", **options)
         p = NodeParameters(self, JointStatePublisherParameters).value
+        self._default_positions = p.publish_default_positions
         self._zeros = self._declare_zeros()
+        self._dependents = self._declare_dependents()
         self._model: RobotModel | None = None
         self._states: JointStates | None = None
         self._measured = False
@@ -84,20 +93,37 @@ class JointStatePublisherNode(Node):
 
     def _declare_zeros(self) -> dict[str, float]:
         """Declare the parameters `zeros.<joint>` that were given."""
+        prefix = "zeros."
+        names = [name.removeprefix(prefix) for name in self._given(prefix)]
+        return {name: self._declare_number(prefix + name, 0.0) for name in names}
+
+    def _declare_dependents(self) -> dict[str, Mimic]:
+        """Declare the parameters `dependent_joints.<joint>` that were given."""
+        prefix, dependents = "dependent_joints.", {}
+        for name in {given.removeprefix(prefix).rsplit(".", 1)[0] for given in self._given(prefix)}:
+            descriptor = ParameterDescriptor(description=f"The joint that {name} follows.")
+            parent = self.declare_parameter(f"{prefix}{name}.parent", "", descriptor).value
+            factor = self._declare_number(f"{prefix}{name}.factor", 1.0)
+            dependents[name] = Mimic(
+                parent, factor, self._declare_number(f"{prefix}{name}.offset", 0.0)
+            )
+        return dependents
+
+    def _given(self, prefix: str) -> list[str]:
+        """Return the names of the given parameters with a prefix; each ends with a joint."""
+        return [name for name in self._parameter_overrides if name.startswith(prefix)]
+
+    def _declare_number(self, name: str, default: float) -> float:
         descriptor = ParameterDescriptor(
-            description="Position of a joint that is not measured. [rad or m]", dynamic_typing=True
+            description="Position, factor or offset of a joint that is not measured. [rad or m]",
+            dynamic_typing=True,
         )
-        zeros = {}
-        for name in self._parameter_overrides:
-            if not name.startswith("zeros."):
-                continue
-            value = self.declare_parameter(name, 0.0, descriptor).value
-            if not isinstance(value, int | float) or not abs(value) <= LARGEST_POSITION:
-                raise ParameterError(
-                    f"{name} is {value!r}; it must be a number within {LARGEST_POSITION:g}"
-                )
-            zeros[name.removeprefix("zeros.")] = float(value)
-        return zeros
+        value = self.declare_parameter(name, default, descriptor).value
+        if not isinstance(value, int | float) or not abs(value) <= LARGEST_POSITION:
+            raise ParameterError(
+                f"{name} is {value!r}; it must be a number within {LARGEST_POSITION:g}"
+            )
+        return float(value)
 
     def _on_description(self, message: String) -> None:
         self._use(lambda: parse_robot_model(message.data))
@@ -106,7 +132,9 @@ class JointStatePublisherNode(Node):
         """Use another model."""
         try:
             self._model = model = described()
-            self._states = JointStates(model, self._zeros)
+            self._states = JointStates(
+                model, self._zeros, self._dependents, default_positions=self._default_positions
+            )
         except RobotModelError as error:
             text = f"robot_description is ignored: {error}"
             self.get_logger().error(text[:LONGEST_TEXT], throttle_duration_sec=1.0)
@@ -140,7 +168,7 @@ class JointStatePublisherNode(Node):
         self._loop.publish(measured, stamp, states)
 
     def _complete(self, measured: Mapping[str, JointSample]) -> Mapping[str, JointSample]:
-        """Add mimic joints and defaults; see `JointStates.complete`."""
+        """Add dependent joints and defaults; see `JointStates.complete`."""
         self._measured = True
         buffer = None if self._loop is None else self._loop.buffer
         model = None if buffer is None else buffer.model
