@@ -1,10 +1,10 @@
 """The cycle of a bus: read all servos, take steps of procedures, write all goals.
 
     read     one instruction for each kind of servo, or one for each servo
-    steps    of procedures (torque on, a servo that returns, recovery, EEPROM), if there are any:
-             as many as keep the cycle within twice its usual time
+    step     of a procedure (torque on, a servo that returns, recovery, EEPROM), if there was no
+             time for one since the last cycle
     write    goals and speeds, one sync write for each protocol
-    steps    more of them, until the next cycle is due
+    steps    of procedures, until the next cycle is due
 
 The instructions are computed when the set of servos changes (`servo.Version`), not in each cycle. A
 cycle without anything unusual skips all code for unusual cases.
@@ -13,7 +13,6 @@ cycle without anything unusual skips all code for unusual cases.
 from __future__ import annotations
 
 import math
-import sys
 from contextlib import suppress
 from typing import Final
 
@@ -35,7 +34,6 @@ _LOST_AFTER: Final = 5  # failed cycles in a row
 _RECONNECT_INTERVAL: Final = 200_000_000  # ns between two attempts to open a lost port
 _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; detectors need 60 ms and more
 _RESTART: Final = 200_000_000  # ns between two cycles in which a servo may have restarted
-_MOST_STEPS: Final = 100  # in a cycle, in case a clock stands still
 
 Members = list[tuple[BusJoint, Servo]]
 """Servos that one instruction reads, with their joints."""
@@ -62,12 +60,11 @@ class Cycle:
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0  # start of the last cycle, ns
         self._longest_gap = math.inf  # between two cycles; twice the usual one, ns
-        self._read_time = 0  # of this cycle, without the next one, ns
-        self._extra_time = 0  # for unusual cases and lost servos, ns
+        self._read_time = 0  # of this cycle, ns
         self._diagnose_at = 0  # ns
-        self._longest_step = 0  # of this cycle, ns
         self._connected = self._unusual = False  # in this cycle
-        self._without_steps = False  # whether procedures had no time in the last cycle
+        self._stepped = False  # whether a procedure took a step since the last cycle
+        self._polled = False  # whether a lost servo was asked in this cycle
         self._plan: list[tuple[ReadGroup, Members]] = []
         self._planned = -1  # version of the plan
 
@@ -89,7 +86,6 @@ class Cycle:
         stamp = self._clock()
         states: dict[str, ServoState] = {}
         self._connected = self._unusual = False
-        self._extra_time = 0
         if self._requests.obeyed != self._requests.epoch.value:
             self._bus.obey_stop()
         try:
@@ -103,25 +99,23 @@ class Cycle:
                     self._make_plan()
                 self._unusual = self._read(stamp, states)
                 if self._unusual:
-                    before = self._monotonic()
                     self._settle(states, start)
-                    self._extra_time = self._monotonic() - before
+                waiting = self._polled and self._requests.under_way and not self._stepped
+                self._polled = self._incomplete and not waiting and self._poll_one_lost()
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
                     self.diagnosis.examine(start)
                 if self._planned != self._version.number:
                     self._make_plan()
-                if self._incomplete and not (self._without_steps and self._requests.under_way):
-                    self._extra_time += self._poll_one_lost()
                 self._connected = True
         except PortLostError as cause:
             self._lose_port(cause)
-        self._read_time = self._monotonic() - start - self._extra_time
+        self._read_time = self._monotonic() - start
         stamps = [state.stamp for state in states.values()]
         return BusReading(states, (), sum(stamps) // len(stamps) if stamps else 0)
 
     def write(self, reading: BusReading) -> BusReading:
-        """End a cycle: write all goals, take steps of procedures; return the reading with events.
+        """End a cycle: take a step of a procedure, write goals; return the reading with events.
 
         Raises:
             PortLostError: The port was lost and cannot return under its name.
@@ -129,8 +123,8 @@ class Cycle:
         try:
             if self._connected:
                 self._write()
-            elif self._requests.under_way:  # they fail
-                self._take_steps()
+            else:
+                self._advance()  # the procedures fail
         except PortLostError as cause:
             self._lose_port(cause)
         if self._bus.events:
@@ -226,7 +220,9 @@ class Cycle:
             self._accept_goals()
         if requests.under_way:
             self._unusual = True
-            self._take_steps()
+            if not (self._stepped or self._polled):
+                self._advance()
+            self._stepped = False
             if requests.goals:
                 self._accept_goals()  # of a joint whose torque is on now
         usual = not (self._unusual or self._incomplete)
@@ -247,49 +243,31 @@ class Cycle:
 
     # Steps of procedures
 
-    def _take_steps(self) -> None:
-        """Take steps, at least one, as long as the cycle stays within twice its usual time.
-
-        None are needed after a lost servo was polled, or torque was read, in some of that time, but
-        not twice in a row.
-        """
-        self._longest_step = self._extra_time
-        if 2 * self._extra_time > self._read_time and not self._without_steps:
-            self._without_steps = True
-            return
-        until = self._monotonic() - self._extra_time + self._read_time
-        if self._advance(sys.maxsize):
-            for _ in range(_MOST_STEPS):
-                if not self._advance(until):
-                    return
-
-    def _advance(self, until: int) -> bool:
-        """Take a step, if one is due and should end before a time, ns."""
-        before = self._monotonic()
-        in_time = before + self._longest_step <= until
-        request = self._requests.next_due(before) if in_time else None
-        if request is None:
-            return False
-        self._requests.advance(request)
-        self._without_steps = False
-        self._longest_step = max(self._longest_step, self._monotonic() - before)
-        return True
+    def _advance(self) -> bool:
+        """Take a step that is due; return whether there was one."""
+        request = self._requests.next_due(self._monotonic())
+        if request is not None:
+            self._requests.advance(request)
+        return request is not None
 
     def fill(self, until: int) -> bool:
         """Take a step between two cycles, if there is time; return whether one was taken.
 
         Args:
-            until: When the next cycle is due, monotonic ns.
+            until: When the next cycle is due, monotonic ns. A step takes about as long as a read.
 
         Raises:
             PortLostError: The port was lost and cannot return under its name.
         """
-        self._longest_step = max(self._longest_step, self._read_time)
+        if not self._connected or self._monotonic() + self._read_time > until:
+            return False
         try:
-            return self._connected and self._advance(until)
+            stepped = self._advance()
         except PortLostError as cause:
             self._lose_port(cause)
             return False
+        self._stepped = self._stepped or stepped
+        return stepped
 
     # Servos and ports that are lost and return
 
@@ -316,11 +294,11 @@ class Cycle:
         if joint.lost:
             joint.drop_goal(resumes=True)
 
-    def _poll_one_lost(self) -> int:
-        """Ask one lost servo that is due; return how long that took, ns.
+    def _poll_one_lost(self) -> bool:
+        """Ask one lost servo that is due; return whether there was one.
 
-        One in each cycle, because a silent servo costs the others a timeout, except after a cycle
-        in which that left no time for procedures.
+        One in each cycle, because a silent servo costs the others a timeout. In a cycle without
+        time for procedures it costs them their step, but not twice in a row.
         """
         now = self._monotonic()
         for joint, servo in self._each_servo():
@@ -333,8 +311,8 @@ class Cycle:
                     else:
                         servo.ping()
                     self._bus.begin(joint, self._bus.returning(joint, servo))
-                return self._monotonic() - now
-        return 0
+                return True
+        return False
 
     def _find_port(self) -> bool:
         """Look for a port that was lost; return whether it is open."""

@@ -80,6 +80,7 @@ def test_servos_are_read_with_as_few_packets_as_they_understand(
 ) -> None:
     model = servo_model(name)
     rig = Rig(*(SimulatedServo(i, model) for i in (1, 2)))
+    rig.step()  # the first one also asks whether torque is on
     sent: list[bytes] = []
     write = rig.bench.line.write
     rig.bench.line.write = lambda data: (sent.append(data), write(data))  # type: ignore[method-assign,assignment,func-returns-value]
