@@ -490,8 +490,8 @@ class Tracking(TargetMotion):
             seen = target.stamp * 1e-9 if target.stamp else now
             moving = bool(target.stamp) and frames.moves_with_head(target.frame_id)
             verdict = tracker.target_seen(seen, point, now, moving=moving)
-            if not verdict.used and tracker.machine.refusal == verdict:
-                control.refuse(Refusal(target, verdict))
+            if not verdict.used and verdict in tracker.machine.refusal:
+                control.refuse(Refusal(target, tracker.machine.refusal))
         refusal = frames.take_refusal()
         if refusal is not None:
             control.refuse(refusal)

@@ -30,7 +30,8 @@ _FAR_AHEAD = 1e6  # m; a ray to such a point is horizontal
 CAUTIOUS_SPEED = 0.3
 """Speed limit after a stop, until the head is on its target [rad/s]."""
 _JUMPS = 2  # points in a row; the next one usually confirms where a target has come back
-_REPORTED = Verdict.FUTURE, Verdict.TOO_OLD, Verdict.TOO_CLOSE  # also while a target is followed
+_BY_STAMP = Verdict.FUTURE, Verdict.TOO_OLD
+_REPORTED = *_BY_STAMP, Verdict.TOO_CLOSE  # also while a target is followed
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +143,8 @@ class Tracker:
         elif verdict in _REPORTED or not self._follows(now):
             self._jumps += verdict is Verdict.JUMP
             if verdict is not Verdict.JUMP or self._jumps > _JUMPS:
-                self.machine.refused(verdict, now)
+                age = f": {abs(came - stamp):.3g} s" if verdict in _BY_STAMP else ""
+                self.machine.refused(f"{verdict}{age}", now)
         return verdict
 
     def _add(self, stamp: float, point: Vector3, now: float, *, is_unsure: bool) -> Verdict:

@@ -96,3 +96,10 @@ def test_joints_that_are_not_measured_are_not_taken_for_stalled(make, law):
         ideal.tracker.target_seen(ideal.now, TARGET, ideal.now)
         ideal.tracker.step(ideal.now)
         assert ideal.tracker.state is not TargetState.STALLED
+
+
+@pytest.mark.parametrize("age", [12.3, -4.2])
+def test_a_refusal_by_the_stamp_says_how_far_it_is_from_now(make, age):
+    tracker = make()
+    tracker.target_seen(100.0 - age, TARGET, 100.0)
+    assert f"{abs(age)} s" in tracker.machine.refusal
