@@ -344,7 +344,7 @@ class PanTiltHead:
 
     def _out_of_reach(self, wanted: tuple[float, float], miss: float) -> str:
         needs = [
-            f"{name} {position:.2f} rad (allowed {limits.lower:.2f} to {limits.upper:.2f})"
+            f"{name} {position:.3g} rad (allowed {limits.lower:.3g} to {limits.upper:.3g})"
             for name, position, limits in (
                 (self.pan_joint, wanted[0], self.pan_limits),
                 (self.tilt_joint, wanted[1], self.tilt_limits),

@@ -180,8 +180,8 @@ def checked_waypoints(
             if not limits[joint].contains(position, _BESIDE):
                 raise TrajectoryError(
                     TrajectoryCode.INVALID_GOAL,
-                    f"{where} takes {joint} to {position:.3f} rad; allowed are "
-                    f"{limits[joint].lower:.3f} to {limits[joint].upper:.3f}",
+                    f"{where} takes {joint} to {position:.4g} rad; allowed are "
+                    f"{limits[joint].lower:.4g} to {limits[joint].upper:.4g}",
                 )
 
 
@@ -287,20 +287,20 @@ class JointTrajectory:
                 if abs(by) > path[joint]:
                     return TrajectoryResult(
                         TrajectoryCode.PATH_TOLERANCE_VIOLATED,
-                        f"{joint} is {by:+.3f} rad from its path; {path[joint]:.3f} is allowed",
+                        f"{joint} is {by:+.4g} rad from its path; {path[joint]:.4g} is allowed",
                     )
             return None
         if all(abs(by) <= goal[joint] for joint, by in off.items()):
             miss = max(map(abs, off.values()), default=0.0)
             return TrajectoryResult(
-                TrajectoryCode.SUCCESSFUL, f"arrived: {miss:.3f} rad from its end"
+                TrajectoryCode.SUCCESSFUL, f"arrived: {miss:.4g} rad from its end"
             )
         if now - self.end > late:
             worst = max(off, key=lambda joint: abs(off[joint]) / goal[joint])
             return TrajectoryResult(
                 TrajectoryCode.GOAL_TOLERANCE_VIOLATED,
-                f"{worst} is {off[worst]:+.3f} rad from its goal {late:.2f} s after the end; "
-                f"{goal[worst]:.3f} rad is allowed",
+                f"{worst} is {off[worst]:+.4g} rad from its goal {late:.2f} s after the end; "
+                f"{goal[worst]:.4g} rad is allowed",
             )
         return None
 

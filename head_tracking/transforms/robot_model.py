@@ -52,7 +52,7 @@ class JointLimits:
         narrowed = JointLimits(max(self.lower, lower), min(self.upper, upper), self.velocity)
         if not narrowed.lower < narrowed.upper:
             raise RobotModelError(
-                f"the limits {self.lower:.3f} to {self.upper:.3f} and {lower:.3f} to {upper:.3f} "
+                f"the limits {self.lower:.4g} to {self.upper:.4g} and {lower:.4g} to {upper:.4g} "
                 "have nothing in common; widen one of them"
             )
         return narrowed

@@ -218,6 +218,9 @@ def test_limits_can_be_narrowed(kinectbot):
     gaze = head.gaze((1.0, 0.0, -1.0), 0.0, 0.0)
     assert gaze.tilt == 0.3
     assert gaze.status is GazeStatus.OUT_OF_REACH
+    with pytest.raises(RobotModelError) as nothing_left:
+        PanTiltHead(kinectbot, PAN, TILT, "camera_link", tilt_limits=(1e307, 1e308))
+    assert len(str(nothing_left.value)) < 150
 
 
 def test_a_continuous_pan_takes_the_short_way_round():

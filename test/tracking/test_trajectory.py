@@ -121,6 +121,7 @@ def test_tolerances_decide():
     off = made.judge(NOW + 0.5, (0.35, 0.5), NOW + 0.52)
     assert off.code is TrajectoryCode.PATH_TOLERANCE_VIOLATED
     assert off.text.startswith(PAN)
+    assert len(made.judge(NOW + 0.5, (1e308, 0.5), NOW + 0.52).text) < 100
     assert made.judge(NOW + 1.2, (0.9, 0.5), NOW + 1.2) is None
     late = made.judge(NOW + 2.1, (0.9, 0.5), NOW + 2.1)
     assert late.code is TrajectoryCode.GOAL_TOLERANCE_VIOLATED
@@ -141,6 +142,7 @@ def test_tolerances_decide():
         (JOINTS, [Waypoint(1.0, (0.0, math.nan))], -1),
         (JOINTS, [Waypoint(1.0, (0.0, 0.0), (0.0, math.inf))], -1),
         (JOINTS, [Waypoint(1.0, (0.0, 1.2))], -1),
+        (JOINTS, [Waypoint(1.0, (0.0, 1e308))], -1),
         (JOINTS, [Waypoint(-1.0, (0.0, 0.0))], -1),
         (JOINTS, [Waypoint(1.0, (0.0, 0.0)), Waypoint(1.0, (0.0, 0.0))], -1),
     ],
@@ -149,3 +151,4 @@ def test_mistakes_have_their_codes(names, points, code):
     with pytest.raises(TrajectoryError) as error:
         checked_waypoints(names, points, LIMITS)
     assert error.value.code == code
+    assert len(str(error.value)) < 150

@@ -58,8 +58,8 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
         lower, upper = in_model.limits.lower, in_model.limits.upper
         if joint.lower < lower - _SLACK or joint.upper > upper + _SLACK:
             problems.append(
-                f"the limits of {joint.joint_name}, {lower:.2f} to {upper:.2f} rad, are narrower "
-                f"than its servo's motor.min and motor.max, {joint.lower:.2f} to {joint.upper:.2f}"
+                f"the limits of {joint.joint_name}, {lower:.3g} to {upper:.3g} rad, are narrower "
+                f"than its servo's motor.min and motor.max, {joint.lower:.3g} to {joint.upper:.3g}"
             )
             level = max(level, Grade.AMBER)
     text = "; ".join(problems) or f"{parameters.pointed} can be pointed"
