@@ -16,14 +16,12 @@ class DetectorSpec(NamedTuple):
         path: its class, as `module:class`.
         target: its name for `--target`.
         scene: the scene in which a simulated camera shows such an object.
-        depth_only: whether it uses depth images, and no pictures.
         needs_selection: whether it detects only what a user has selected.
     """
 
     path: str
     target: str
     scene: str
-    depth_only: bool = False
     needs_selection: bool = False
 
     def load(self) -> type[Detector]:
@@ -45,6 +43,5 @@ DETECTORS: Final = {
         f"{_VISION}.features:FeatureDetector", "features", "picture", needs_selection=True
     ),
     "marker": DetectorSpec(f"{_VISION}.markers:MarkerDetector", "marker", "marker"),
-    "nearest": DetectorSpec(f"{_VISION}.nearest:NearestDetector", "nearest", "ball", True),
 }
 """The detectors, by the name that the parameter `follow` of `visual_target` has."""

@@ -1,7 +1,7 @@
 """Detect and locate objects in camera images. Needs OpenCV."""
 
 from head_tracking.detectors import DETECTORS
-from head_tracking.vision.annotation import annotated, depth_picture
+from head_tracking.vision.annotation import annotated
 from head_tracking.vision.camera import Box, Camera, CameraError, camera_with_view
 from head_tracking.vision.camera_follower import (
     CameraFollower,
@@ -22,7 +22,6 @@ from head_tracking.vision.images import (
     decode_picture,
 )
 from head_tracking.vision.markers import MarkerParameters
-from head_tracking.vision.nearest import NearestParameters
 from head_tracking.vision.opencv import OpenCVMissingError, require_opencv
 from head_tracking.vision.pairing import Pairing
 from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
@@ -32,8 +31,7 @@ def find_detector(what: str | Detector) -> Detector:
     """Return a detector, or the one of a name: with default parameters, using one thread.
 
     Args:
-        what: a detector, or one of `DETECTORS` that needs neither a selection nor depths: face,
-            colour, marker.
+        what: a detector, or one of `DETECTORS` that needs no selection: face, colour, marker.
 
     Raises:
         OpenCVMissingError: OpenCV is not installed.
@@ -44,9 +42,7 @@ def find_detector(what: str | Detector) -> Detector:
         return what
     if not isinstance(what, str):
         raise TypeError(f"the detector is {what!r}; give a name or an object of a Detector class")
-    allowed = [
-        known for known, spec in DETECTORS.items() if not (spec.depth_only or spec.needs_selection)
-    ]
+    allowed = [known for known, spec in DETECTORS.items() if not spec.needs_selection]
     if what not in allowed:
         raise ValueError(f"the detector is {what!r}; allowed are {', '.join(allowed)}")
     require_opencv()
@@ -72,7 +68,6 @@ __all__ = [
     "ImageError",
     "Located",
     "MarkerParameters",
-    "NearestParameters",
     "NoPictureError",
     "OpenCVMissingError",
     "Pairing",
@@ -85,7 +80,6 @@ __all__ = [
     "checked_pictures",
     "decode_depth",
     "decode_picture",
-    "depth_picture",
     "find_detector",
     "pictures",
     "require_opencv",

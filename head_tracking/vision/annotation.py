@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from head_tracking.vision.candidate import Candidate
 from head_tracking.vision.identity import Track
-from head_tracking.vision.images import DepthImage, Pixels
+from head_tracking.vision.images import Pixels
 from head_tracking.vision.opencv import cv2
 from head_tracking.vision.visual_tracker import Sighting
 
@@ -38,18 +36,6 @@ def annotated(picture: Pixels, tracks: Sequence[Track], target: Sighting | None)
         cv2.drawMarker(drawn, (u, v), _GREEN, cv2.MARKER_CROSS, 14, 2)
     cv2.drawMarker(drawn, (width // 2, height // 2), _WHITE, cv2.MARKER_CROSS, 20, 1)
     return drawn
-
-
-def depth_picture(depth: DepthImage, farthest: float) -> Pixels:
-    """Return depths as a grey image, shape (height, width, 3); near is white.
-
-    Args:
-        depth: the depths.
-        farthest: this depth [m] and unknown depths are black.
-    """
-    metres = np.fmin(depth.metres(), np.float32(farthest))  # ignores NaN
-    shade = 255.0 * (1.0 - metres / farthest)
-    return np.repeat(shade.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def _draw(picture: Pixels, candidate: Candidate, text: str, colour: tuple[int, int, int]) -> None:

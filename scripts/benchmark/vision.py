@@ -25,7 +25,6 @@ from head_tracking.vision import (
     VisualTracker,
     annotated,
     decode_picture,
-    depth_picture,
 )
 from head_tracking.vision.opencv import cv2, require_opencv
 
@@ -36,7 +35,6 @@ METHODS = (
     ("marker", "marker", "marker", 0.0, 30),
     ("features", "picture", "picture", 70.0, 30),
     ("face", "face", "face", 0.0, 10),
-    ("nearest", "ball", "ball", 0.0, None),
 )
 EMPTY_FRAMES = 10_000
 
@@ -161,7 +159,8 @@ def draw_camera(file: Path) -> None:
     picture = frame.picture.bgr
     for tracker, sighting in zip(trackers, sightings, strict=True):
         picture = annotated(picture, tracker.tracks, sighting)
-    depth = depth_picture(frame.depth, 4.0)
+    shade = 255.0 * (1.0 - np.fmin(frame.depth.metres(), 4.0) / 4.0)  # near is white
+    depth = np.repeat(shade.astype(np.uint8)[..., None], 3, axis=2)
     cv2.imwrite(str(file), np.hstack((picture, depth)), [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 

@@ -10,7 +10,7 @@ from head_tracking.run.node_sets import TARGETS
 from head_tracking.scene import SCENES, Ball, Board, Swing, make_scene
 from head_tracking.scene.drawings import marker
 from head_tracking.scene.room import room
-from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, ORANGE, face, marker_board
+from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, ORANGE, marker_board
 from head_tracking.vision import (
     DETECTORS,
     Box,
@@ -21,7 +21,6 @@ from head_tracking.vision import (
     Frame,
     IdentityParameters,
     MarkerParameters,
-    NearestParameters,
     Picture,
     VisualTracker,
 )
@@ -51,7 +50,6 @@ SIZED = {"detector_parameters": MarkerParameters(marker_size=MARKER_SIZE)}
         ("marker", "marker", "32FC1", 8, {}, 0),
         ("face", "face", "16UC1", 20, {}, 0),
         ("features", "picture", "16UC1", 15, {}, 70),
-        ("nearest", "ball", "32FC1", 30, {}, 0),
         ("colour", "ball", "", 60, {"object_size": 0.16}, 0),
         ("marker", "marker", "", 25, SIZED, 0),
         ("face", "face", "", 200, {"object_size": FACE_WIDTH}, 0),
@@ -80,7 +78,7 @@ def test_no_target_without_a_distance(kinectbot):
     assert blind.without_distance == 1
 
 
-@pytest.mark.parametrize("what", ["face", "colour", "marker", "nearest"])
+@pytest.mark.parametrize("what", ["face", "colour", "marker"])
 def test_an_empty_room_has_no_targets(kinectbot, what):
     view = View(scene("empty"), kinectbot, SMALL, noise=6.0)
     seen = watch(tracker(what), view, "", 15)
@@ -215,19 +213,3 @@ def test_hints_include_the_distortion(model, distortion):
     for i in range(4):
         eye.step(Frame(i * 33_000_000, camera, Picture(np.zeros((480, 640, 3), np.uint8))))
     assert hints[-1][0] == pytest.approx(box, abs=0.5)
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.15])
-def test_the_nearest_thing_in_the_range_is_followed(kinectbot, shift):
-    things = {
-        "thing": Ball(0.1, ORANGE, Swing(1.1, 0.6, middle=0.2)),
-        "farther": face(Swing(1.6, 0.6, middle=-0.2)),
-        "speck": Ball(0.004, ORANGE, Swing(0.6 + shift, 0.6)),
-    }
-    view = View(still(**things), kinectbot, KINECT, swing=0.0)
-    seen = watch(tracker("nearest"), view, "thing", 6)
-    assert len(seen.misses) == 4
-    assert max(seen.misses) < 40 * MM
-    beyond = tracker("nearest", NearestParameters(near=1.3, far=2.0))
-    seen = watch(beyond, view, "farther", 6)
-    assert max(math.hypot(*s.point) for s in seen.sightings if s) == pytest.approx(1.55, abs=0.15)

@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 from geometry_msgs.msg import Point, PointStamped, Pose, PoseArray
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
-from std_msgs.msg import Header
 
 from head_tracking.detectors import DETECTORS
 from head_tracking.exceptions import HeadTrackingError
@@ -30,7 +29,6 @@ from head_tracking.vision import (
     Pairing,
     Sighting,
     annotated,
-    depth_picture,
     require_opencv,
 )
 from head_tracking.vision.identity import Track
@@ -46,8 +44,7 @@ class VisualTargetParameters:
 
     follow: str = parameter(
         "face",
-        "Kind of target; `features` is the content of a box on ~/select, `nearest` needs depths "
-        "only.",
+        "Kind of target; `features` is the content of a box on ~/select.",
         choices=tuple(DETECTORS),
     )
     use_depth: bool = parameter(
@@ -115,7 +112,6 @@ class VisualTargetNode(SightedTargetNode):
         self._declare(changed.follow)
         self._settings = changed
         self.worker.do(lambda: self._change_detector(changed.follow))
-        self._subscribe_as_needed()
 
     def _declare(self, follow: str) -> None:
         """Declare the parameters of a detector once."""
@@ -136,20 +132,17 @@ class VisualTargetNode(SightedTargetNode):
             self.get_logger().info(f"detecting {follow}")
 
     def _subscribe_as_needed(self) -> None:
-        """Subscribe to the images that are needed, and to no others."""
+        """Subscribe to the images while something is published for somebody."""
         p = self._settings
         outputs = (self.confidence, self._region, self._others, self._annotated)
         wanted = self.output.on or any(one.get_subscription_count() for one in outputs)
-        depth_only = DETECTORS[p.follow].depth_only
-        for topic, is_needed, transport, callback in (
-            ("image", not depth_only, p.image_transport, self._on_image),
-            ("depth", p.use_depth or depth_only, p.depth_transport, self._on_depth),
-        ):
-            if not (wanted and is_needed):
-                if topic in self._inputs:
-                    self.destroy_subscription(self._inputs.pop(topic))
-            elif topic not in self._inputs:
-                self._inputs[topic] = self._subscribe(topic, transport, callback)
+        if not wanted:
+            while self._inputs:
+                self.destroy_subscription(self._inputs.popitem()[1])
+        elif not self._inputs:
+            self._inputs["image"] = self._subscribe("image", p.image_transport, self._on_image)
+            if p.use_depth:
+                self._inputs["depth"] = self._subscribe("depth", p.depth_transport, self._on_depth)
 
     def _on_parameters(self, parameters: Any) -> None:
         def apply() -> None:
@@ -182,19 +175,16 @@ class VisualTargetNode(SightedTargetNode):
             )
 
     def _on_depth(self, message: AnyImage) -> None:
-        if DETECTORS[self._settings.follow].depth_only:
-            self.worker.offer((None, message))
-            return
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
             self.worker.offer(pair)
 
-    def process(self, shot: tuple[Any, Any]) -> None:
-        """See `SightedTargetNode`; an image, its depths, or both, with the header of the first."""
+    def process(self, shot: tuple[AnyImage, AnyImage | None]) -> None:
+        """See `SightedTargetNode`; an image, and its depths if there are any."""
         image, depth = shot
-        header = (image or depth).header
+        header = image.header
         camera = self.camera_of(header.frame_id)
-        picture = None if image is None else picture_of(image)
+        picture = picture_of(image)
         depths = None if depth is None else depth_of(depth)
         self._frame = frame = Frame(stamp_to_ns(header.stamp), camera, picture, depths)
         sighting = self.tracker.step(frame, self.pose(header.frame_id, frame.stamp))
@@ -205,17 +195,8 @@ class VisualTargetNode(SightedTargetNode):
             others = _others(self.tracker.tracks, sighting)
             self._others.publish(PoseArray(header=header, poses=others))
         if self._annotated.get_subscription_count():
-            self._publish_annotated(frame, sighting, header)
-
-    def _publish_annotated(self, frame: Frame, sighting: Sighting | None, header: Header) -> None:
-        tracker = self.tracker
-        if frame.picture is not None:
-            picture = frame.picture.bgr
-        else:
-            assert frame.depth is not None
-            picture = depth_picture(frame.depth, tracker.distances.max_distance)
-        drawn = annotated(picture, tracker.tracks, sighting)
-        self._annotated.publish(image_message(header, "bgr8", drawn))
+            drawn = annotated(picture.bgr, self.tracker.tracks, sighting)
+            self._annotated.publish(image_message(header, "bgr8", drawn))
 
     def _on_select(self, message: RegionOfInterest) -> None:
         self.worker.do(lambda: self._select(message))
