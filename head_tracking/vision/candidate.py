@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from head_tracking.parameters import verified
 from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Box, Camera
 from head_tracking.vision.images import DepthImage, ImageError, Picture
@@ -83,16 +84,23 @@ class Detector(ABC):
     """Detects objects of one kind; may keep a state between images.
 
     Args:
-        parameters: an object of the class `Parameters`.
+        parameters: an object of the class `Parameters`; without such a class anything.
+
+    Raises:
+        ParameterError: a value is not allowed.
+        TypeError: they are of another class.
 
     Attributes:
         parameters: may be changed at any time.
     """
 
-    Parameters: ClassVar[type[Any]]
+    Parameters: ClassVar[Any] = None
 
     def __init__(self, parameters: Any) -> None:
-        self.parameters = parameters
+        kind = self.Parameters
+        if kind is not None and not isinstance(parameters, kind):
+            raise TypeError(f"the parameters are {parameters!r}; give {kind.__name__}")
+        self.parameters = parameters if kind is None else verified(parameters)
 
     @abstractmethod
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:

@@ -1,5 +1,6 @@
 """`Head.follow_camera`: what a camera sees is followed until the next command."""
 
+import math
 import time
 from functools import partial
 
@@ -15,7 +16,15 @@ from head_tracking import (
     SupersededError,
     TargetState,
 )
-from head_tracking.vision import Detector, DistanceParameters, ImageError, NoPictureError
+from head_tracking.vision import (
+    ColourDetector,
+    ColourParameters,
+    Detector,
+    DistanceParameters,
+    FaceParameters,
+    ImageError,
+    NoPictureError,
+)
 
 pytest.importorskip("cv2")
 GREY = np.full((240, 320, 3), 128, np.uint8)
@@ -124,6 +133,12 @@ def test_invalid_cameras_and_detectors_are_refused(head):
     ):  # fmt: skip
         with pytest.raises(TypeError):
             head.follow_camera(what, **options)
+    for value in ("red", 400.0, math.nan):
+        with pytest.raises(ValueError, match="hue"):
+            head.follow_camera(ColourDetector(ColourParameters(hue=value)), [])
+    for parameters in (FaceParameters(), None):
+        with pytest.raises(TypeError, match="ColourParameters"):
+            head.follow_camera(ColourDetector(parameters), [])
     head.stop()
     with pytest.raises(RefusedCommandError):
         head.follow_camera("face")
