@@ -184,6 +184,8 @@ def _document(path: Path) -> dict[str, Any]:
 
 def _model(document: Mapping[str, Any]) -> ServoModel:
     facts = dict(document)  # what is left of it are attributes of the model
+    if "model_number" in facts:
+        raise ValueError('give model_number as the initial value of "Model Number" in [registers]')
     units = {key: _unit(**row) for key, row in facts.pop("units").items()}
     rows = facts.pop("registers").items()
     table = ControlTable(

@@ -227,6 +227,11 @@ def test_a_file_that_describes_no_model_is_refused(folder: Path, right: str, wro
         add(folder, NEW_MODEL.replace(right, wrong))
 
 
+def test_a_model_number_outside_the_registers_is_refused_with_its_place(folder: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r'"Model Number" in \[registers\]'):
+        add(folder, f"model_number = 12\n{NEW_MODEL}")
+
+
 # The configuration of joints
 
 REVERSED = JointConfiguration("head_pan_joint", 1, 500, 800, 200, controller="head_pan_controller")
