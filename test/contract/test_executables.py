@@ -24,7 +24,7 @@ for name in sys.argv[1:]:
 
 def test_programs_have_help():
     """All in one process, because each would load the same libraries."""
-    names = sorted(PROGRAMS - {"relax"} | {"head_tracker"})
+    names = sorted(PROGRAMS - {"relax"} | {"head_tracker", "servo_bus"})
     done = subprocess.run(
         [sys.executable, "-c", HELP, *names],
         env=os.environ | {"PYTHONPATH": PYTHONPATH},
@@ -38,6 +38,7 @@ def test_programs_have_help():
         assert any(line.startswith(f"usage: {name}") for line in lines), name
         assert f"code of {name}: 0" in lines, done.stdout
     assert "Keeps the head on" in done.stdout
+    assert "Publishes the measurements of" in done.stdout
     assert "docs/reference/parameters.md" in done.stdout
 
 

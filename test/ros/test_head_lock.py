@@ -14,6 +14,7 @@ from std_msgs.msg import String
 from waiting import PATIENCE, join, wait_for
 
 from head_tracking.exceptions import RefusedError
+from head_tracking.ros.bus import servo_bus
 from head_tracking.ros.kit.head_claim import HeadClaim, is_heard_elsewhere
 from head_tracking.ros.kit.head_lock import HeadLock, domain_and_namespace, namespace
 from head_tracking.ros.kit.topics import LATCHED
@@ -30,6 +31,14 @@ def lock(tmp_path):
     yield make
     for one in made:
         one.release()
+
+
+@pytest.mark.parametrize("word", ["--help", "--baud"])
+def test_help_and_a_misspelt_argument_end_no_simulated_head(monkeypatch, word):
+    monkeypatch.setattr(sys, "argv", ["servo_bus", word])
+    monkeypatch.setattr(HeadLock, "acquire", lambda *_, **__: pytest.fail("it is locked"))
+    with pytest.raises(SystemExit):
+        servo_bus.main()
 
 
 def sleep(seconds):

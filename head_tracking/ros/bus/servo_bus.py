@@ -48,7 +48,7 @@ from head_tracking.ros.kit.head_claim import HeadClaim, KeptStop
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.node_parameters import NodeParameters
-from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
+from head_tracking.ros.kit.spinning import ClosingNode, check_arguments, run_node, steady_timer
 from head_tracking.ros.kit.stop_signal import EndRequestedError, StopSignal
 from head_tracking.ros.kit.topics import LONGEST_TEXT, OVERRIDABLE
 
@@ -388,6 +388,7 @@ def goals_from_message(message: JointState) -> dict[str, Goal]:
 
 def main() -> int:
     """Run the node until it is interrupted; simulated heads with its names end first."""
+    check_arguments(ServoBusNode)  # before a simulated head ends
     lock = HeadLock(sys.argv, simulated=False)
     try:
         with StopSignal() as stop:

@@ -223,20 +223,29 @@ def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> T
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def run_node(make: Callable[[], Node]) -> int:
-    """Run one node as a program until a signal ends it; see `StopSignal` and `run_ros`.
+def check_arguments(node: Callable[[], Node]) -> None:
+    """Print the help of a program that runs a node, if the command line asks for it.
 
     Raises:
-        SystemExit: there is an argument that is none of ROS.
+        SystemExit: the help was printed, or there is an argument that is none of ROS.
     """
     parser = argparse.ArgumentParser(
         usage="%(prog)s [--ros-args ...]",
-        description=(inspect.getdoc(make) or "").split("\n\n", 1)[0],
+        description=(inspect.getdoc(node) or "").split("\n\n", 1)[0],
         epilog="--ros-args: -p PARAMETER:=VALUE and --params-file FILE set parameters, "
         "-r NAME:=NEW renames topics and services; all names: docs/reference/nodes.md and "
         "docs/reference/parameters.md",
     )
     parser.parse_args(without_ros_arguments(sys.argv[1:]))
+
+
+def run_node(make: Callable[[], Node]) -> int:
+    """Run one node as a program until a signal ends it; see `StopSignal` and `run_ros`.
+
+    Raises:
+        SystemExit: see `check_arguments`.
+    """
+    check_arguments(make)
 
     def work(threads: NodeThreads) -> None:
         node = make()
