@@ -26,6 +26,10 @@ from head_tracking.vision.opencv import cv2, require_opencv
 
 _SILENT = 200_000_000  # ns without joint states: images show the last pose
 _WITH_TARGET = (TARGET, "everything")
+_NOISE = 4.0, 0.0015, 0.01
+"""Of a Kinect: deviations of a pixel, and of a depth at 1 m [m]; share of missing depths."""
+
+_SEED = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,27 +61,10 @@ class SimulatedCameraParameters:
     delay: float = parameter(
         0.08, "Delay between stamp and publication.", unit="s", minimum=0.0, maximum=5.0
     )
-    noise: float = parameter(
-        4.0, "Standard deviation of a pixel (0 to 255).", minimum=0.0, maximum=100.0, fixed=True
-    )
-    depth_noise: float = parameter(
-        0.0015,
-        "Standard deviation of a depth at 1 m; it is proportional to the square of the depth.",
-        unit="m",
-        minimum=0.0,
-        maximum=0.1,
-        fixed=True,
-    )
-    depth_holes: float = parameter(
-        0.01, "Share of missing depths.", minimum=0.0, maximum=1.0, fixed=True
-    )
     depth_encoding: str = parameter(
         "16UC1",
         "Depths in millimetres or in metres; empty: none.",
         choices=("16UC1", "32FC1", ""),
-    )
-    seed: int = parameter(
-        1, "Seed of the noise and of a random picture.", minimum=0, maximum=2**31 - 1, fixed=True
     )
 
 
@@ -116,12 +103,12 @@ class SimulatedCameraNode(ClosingNode):
         self._buffer = (buffer or listening_buffer(self)).core
         self._measured = 0  # stamp of the latest pose [ns]
         self._camera = camera_with_view(p.width, p.height, p.horizontal_view)
-        rng = np.random.default_rng(p.seed)
         self._shown = ""
         self._show()
         self._target = LatestTarget(self, self._buffer)
         self._target.place_in(p.scene_frame)
-        self._noise = SensorNoise((p.width, p.height), rng, p.noise, p.depth_noise, p.depth_holes)
+        rng = np.random.default_rng(_SEED)
+        self._noise = SensorNoise((p.width, p.height), rng, *_NOISE)
         self._image = self.create_publisher(Image, "image", 5, qos_overriding_options=OVERRIDABLE)
         self._compressed = self.create_publisher(
             CompressedImage, "image/compressed", 5, qos_overriding_options=OVERRIDABLE
@@ -142,7 +129,7 @@ class SimulatedCameraNode(ClosingNode):
         p = self._settings.value
         if p.scene != self._shown:
             self._shown = p.scene
-            self.scene = make_scene(p.scene, np.random.default_rng(p.seed))
+            self.scene = make_scene(p.scene, np.random.default_rng(_SEED))
             self.renderer = Renderer(self.scene, self._camera)
 
     def _expose(self) -> None:
