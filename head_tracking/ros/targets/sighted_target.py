@@ -7,7 +7,6 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
-from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
 from head_tracking.parameters import parameter
@@ -54,9 +53,8 @@ class CameraParameters:
 class SightedTargetNode(ClosingNode):
     """Publishes `target_point` from detections; a subclass may call `set_detector`.
 
-    Subscribes to `camera_info`; offers `~/reset` and `~/enable`; publishes `~/enabled` and
-    `~/confidence`. Call `set_detector`, `send` and the tracker in the worker's thread only,
-    once the node is spun.
+    Subscribes to `camera_info`; offers `~/reset` and `~/enable`; publishes `~/enabled`. Call
+    `set_detector`, `send` and the tracker in the worker's thread only, once the node is spun.
 
     Args:
         name: of the node.
@@ -66,7 +64,6 @@ class SightedTargetNode(ClosingNode):
     Attributes:
         worker: thread for detection and tracking, which calls `process`.
         output: publishes targets while the node is enabled.
-        confidence: publishes the confidence.
         tracker: tracks one target.
     """
 
@@ -81,7 +78,6 @@ class SightedTargetNode(ClosingNode):
         self.closing.callback(self.worker.close)
         self.set_detector(None)
         self.output = TargetOutput(self)
-        self.confidence = self.create_publisher(Float32, "~/confidence", 10)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, LATEST_ONLY)
         self.create_service(Trigger, "~/reset", answering(self._on_reset))
 
@@ -122,7 +118,7 @@ class SightedTargetNode(ClosingNode):
         return frame_pose(self.frames, fixed_frame, frame_id, stamp)
 
     def send(self, stamp: int, frame_id: str, sighting: Sighting | None) -> None:
-        """Publish a target, if enabled, and the confidence."""
+        """Publish a target, if enabled."""
         if sighting is not None:
             self.output.publish(Target(stamp, frame_id, sighting.point))
         elif self.tracker.without_distance:
@@ -130,8 +126,6 @@ class SightedTargetNode(ClosingNode):
                 "the distance of a detection is unknown: it has no depth; without a depth camera, "
                 "set object_size or distance"
             )
-        if self.confidence.get_subscription_count():
-            self.confidence.publish(Float32(data=sighting.confidence if sighting else 0.0))
 
     def warn(self, reason: str) -> None:
         """Log a warning, at most every 2 s."""

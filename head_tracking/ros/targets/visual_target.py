@@ -134,7 +134,7 @@ class VisualTargetNode(SightedTargetNode):
     def _subscribe_as_needed(self) -> None:
         """Subscribe to the images while something is published for somebody."""
         p = self._settings
-        outputs = (self.confidence, self._region, self._others, self._annotated)
+        outputs = (self._region, self._others, self._annotated)
         wanted = self.output.on or any(one.get_subscription_count() for one in outputs)
         if not wanted:
             while self._inputs:
