@@ -13,7 +13,6 @@ from head_tracking.command_line import (
     exit_code,
     named_id,
     read_by,
-    servo_id,
 )
 from head_tracking.dynamixel.exceptions import ConfigurationError
 from head_tracking.dynamixel.models import ServoModel, servo_model
@@ -41,8 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _simulate(options: argparse.Namespace, stop: StopSignal) -> None:
     random = Random(options.seed)
-    usual = options.ids or (() if options.servo else (1, 2))
-    servos = [(options.model, number) for number in usual] + (options.servo or [])
+    servos = options.servo or [_named_servo("AX-12:1"), _named_servo("AX-12:2")]
     kinds = [Fault[name.upper()] for name in options.kinds]
     faults = Faults(random, options.faults / 100.0, kinds)
     ids = [number for _, number in servos]
@@ -79,11 +77,9 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulates Dynamixel and Feetech servos; prints the port to open.",
     )
     add = parser.add_argument
-    add("--ids", type=servo_id, nargs="+", metavar="ID", help="the servos' ids (default: 1 2)")
-    add("--model", type=_model, default=servo_model("AX-12"), help="their model (default: AX-12)")
     add(
         "--servo", type=_named_servo, action="append", metavar="MODEL:ID",
-        help="one more servo, such as XL430-W250:3; may be repeated, models can be mixed",
+        help="a servo, such as XL430-W250:3; may be repeated (default: AX-12:1 and AX-12:2)",
     )  # fmt: skip
     add("--link", metavar="PATH", help="also make a link to the port here")
     add("--baud", type=baud_rate, metavar="RATE", help="of the servos (default: they accept any)")

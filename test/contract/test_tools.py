@@ -25,7 +25,7 @@ def ask(port, packet, length):
 
 def test_a_simulated_bus_has_models_of_both_protocols_and_leaves_no_link(bench):
     link = bench.folder / "servos"
-    models = ("--ids", "1", "--servo", "XL430-W250:3", "--servo", "mx-28:4")
+    models = ("--servo", "AX-12:1", "--servo", "XL430-W250:3", "--servo", "mx-28:4")
     bus = bench.start("simulated_bus", *models, "--link", str(link))
     assert bus.read_until("servos").strip() == str(link)
     assert ask(str(link), PING, 6) == PONG
@@ -40,7 +40,7 @@ def test_a_second_simulated_bus_takes_the_link_over(bench):
     link = str(bench.folder / "servos")
     first = bench.start("simulated_bus", "--link", link)
     first.read_until("servos")
-    bench.start("simulated_bus", "--ids", "7", "--link", link).read_until("servos")
+    bench.start("simulated_bus", "--servo", "AX-12:7", "--link", link).read_until("servos")
     assert first.end(signal.SIGINT) == 0, first.output
     assert ask(link, InstructionPacket.ping(7), 6) == StatusPacket(7).encode()
 
