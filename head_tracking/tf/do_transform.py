@@ -14,14 +14,13 @@ from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovariance,
     PoseWithCovarianceStamped,
-    QuaternionStamped,
     TransformStamped,
     Vector3,
     Vector3Stamped,
 )
 
 from head_tracking.tf.conversions import rotation, stamp_to_ns, transform, vector
-from head_tracking.tf.messages import pose, quaternion, stamped, transform_stamped, xyz
+from head_tracking.tf.messages import pose, stamped, xyz
 from head_tracking.tf.registration import DoTransform, TransformRegistration
 from head_tracking.transforms import Rotation, StampedTransform, Transform
 
@@ -47,11 +46,6 @@ def _vector(message: Vector3Stamped, found: StampedTransform) -> Vector3Stamped:
     return stamped(Vector3Stamped, found, "_vector", xyz(Vector3, rotated))
 
 
-def _quaternion(message: QuaternionStamped, found: StampedTransform) -> QuaternionStamped:
-    rotated = found.transform.rotation @ rotation(message.quaternion)
-    return stamped(QuaternionStamped, found, "_quaternion", quaternion(rotated))
-
-
 def _pose(message: PoseStamped, found: StampedTransform) -> PoseStamped:
     return stamped(PoseStamped, found, "_pose", _moved(message.pose, found.transform))
 
@@ -64,13 +58,6 @@ def _pose_with_covariance(
         covariance=_rotated_covariance(message.pose.covariance, found.transform.rotation),
     )
     return stamped(PoseWithCovarianceStamped, found, "_pose", value)
-
-
-def _transform(message: TransformStamped, found: StampedTransform) -> TransformStamped:
-    moved = found.transform @ transform(message.transform)
-    return transform_stamped(
-        StampedTransform(found.stamp, found.target_frame, message.child_frame_id, moved)
-    )
 
 
 def _moved(message: Pose, by: Transform) -> Pose:
@@ -105,5 +92,3 @@ do_transform_pose_stamped = _registered(PoseStamped, _pose)
 do_transform_pose_with_covariance_stamped = _registered(
     PoseWithCovarianceStamped, _pose_with_covariance
 )
-do_transform_quaternion_stamped = _registered(QuaternionStamped, _quaternion)
-do_transform_transform_stamped = _registered(TransformStamped, _transform)
