@@ -11,9 +11,6 @@ from operator import index
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
-import numpy as np
-import numpy.typing as npt
-
 from head_tracking.transforms import report
 from head_tracking.transforms.exceptions import (
     ExtrapolationException,
@@ -323,13 +320,6 @@ class TransformBuffer:
         """Transform a point, shape (3,) [m], from source to target; see `lookup_transform`."""
         x, y, z = map(float, point)
         return self.lookup_transform(target_frame, source_frame, stamp).transform.apply((x, y, z))
-
-    def transform_points(
-        self, points: npt.ArrayLike, target_frame: str, source_frame: str, stamp: int = LATEST
-    ) -> npt.NDArray[np.float64]:
-        """Transform points, shape (N, 3) [m]; see `lookup_transform`."""
-        found = self.lookup_transform(target_frame, source_frame, stamp)
-        return found.transform.apply_many(points)
 
     def can_transform(
         self, target_frame: str, source_frame: str, stamp: int = LATEST, timeout: float = 0.0
