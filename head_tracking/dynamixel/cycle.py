@@ -12,7 +12,6 @@ cycle without anything unusual skips all code for unusual cases.
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from typing import Final
 
@@ -33,7 +32,7 @@ from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, Servo
 _LOST_AFTER: Final = 5  # failed cycles in a row
 _RECONNECT_INTERVAL: Final = 200_000_000  # ns between two attempts to open a lost port
 _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; detectors need 60 ms and more
-_RESTART: Final = 200_000_000  # ns between two cycles in which a servo may have restarted
+_RESTART: Final = 200_000_000  # ns without a read in which a servo may have restarted
 
 Members = list[tuple[BusJoint, Servo]]
 """Servos that one instruction reads, with their joints."""
@@ -59,7 +58,6 @@ class Cycle:
         self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0  # start of the last cycle, ns
-        self._longest_gap = math.inf  # between two cycles; twice the usual one, ns
         self._read_time = 0  # of this cycle, ns
         self._diagnose_at = 0  # ns
         self._connected = self._unusual = False  # in this cycle
@@ -71,7 +69,7 @@ class Cycle:
     def begin(self) -> None:
         """Begin, once the servos have been found."""
         self._search_at = None
-        self._last, self._longest_gap = self._monotonic(), math.inf
+        self._last = self._monotonic()
         self._make_plan()
         self.diagnosis.report_swapped()
 
@@ -90,11 +88,10 @@ class Cycle:
             self._bus.obey_stop()
         try:
             if (self._search_at is None and self._port.is_open) or self._find_port():
-                gap = start - self._last
-                if gap > self._longest_gap:
+                gap = start - self._last - self._read_time
+                if gap > _RESTART:
                     self._after_gap(gap)
-                longest = min(1.2 * self._longest_gap, 2.0 * gap)
-                self._last, self._longest_gap = start, max(_RESTART, longest)
+                self._last = start
                 if self._planned != self._version.number:
                     self._make_plan()
                 self._unusual = self._read(stamp, states)
