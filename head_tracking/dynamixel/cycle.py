@@ -227,15 +227,14 @@ class Cycle:
         self._bus.write_goals(on if usual else [joint for joint in on if joint.writable])
 
     def _accept_goals(self) -> None:
-        for name, goal in self._requests.take_goals().items():
+        for name in tuple(self._requests.goals):
             joint = self._joints[name]
             if joint.goal_ticks and not joint.busy:
-                joint.aim(goal.position, goal.speed, self._last)
-                continue
-            if joint.refusal or not joint.complete:
-                continue  # since the command was accepted
-            self._requests.keep_goal(name, goal)  # until its torque is on
-            if joint.writable and not joint.busy:  # its position is known
+                if goal := self._requests.take_goal(name):
+                    joint.aim(goal.position, goal.speed, self._last)
+            elif joint.refusal or not joint.complete:
+                self._requests.drop_goals(name)  # since the command was accepted
+            elif joint.writable and not joint.busy:  # its position is known
                 self._bus.begin(joint, self._bus.switching_on_for_goal(joint))
 
     # Steps of procedures

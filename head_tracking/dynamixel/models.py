@@ -113,10 +113,6 @@ class ServoModel:
         """Return whether it replies to writes with this Status Return Level."""
         return level == self.control_table["Status Return Level"].maximum
 
-    def encode_goal(self, ticks: int, speed: int) -> bytes:
-        """Return the bytes of the goal block for a position and a speed, in counts."""
-        return self.goal.layout.pack(*self.goal_values((ticks, speed, 0)))
-
 
 @cache
 def servo_model(name: str) -> ServoModel:

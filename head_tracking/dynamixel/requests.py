@@ -155,17 +155,11 @@ class RequestQueue:
 
     # Thread that owns the bus
 
-    def take_goals(self) -> dict[str, Goal]:
-        """Return the goals of this epoch, and remove all."""
+    def take_goal(self, joint: str) -> Goal | None:
+        """Remove the goal of a joint and return it, unless STOP came after it."""
         with self._lock:
-            goals, self.goals = self.goals, {}
-            return goals if self._goals_epoch == self.epoch.value else {}
-
-    def keep_goal(self, joint: str, goal: Goal) -> None:
-        """Put back a goal that was taken in this cycle, unless there is a newer one or STOP."""
-        with self._lock:
-            if self._goals_epoch == self.obeyed:
-                self.goals.setdefault(joint, goal)
+            goal = self.goals.pop(joint, None)
+            return goal if self._goals_epoch == self.epoch.value else None
 
     def has_waiting(self) -> bool:
         """Return whether a request has not begun."""

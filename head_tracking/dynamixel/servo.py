@@ -528,10 +528,11 @@ class Servo:
             ticks: Goal position, inside the range.
             speed: rad/s, reduced to `fastest`; 0 for the slowest.
         """
-        count = round(min(speed / self.model.speed_unit, self.fastest))  # the ratio may be inf
-        if count < self.model.speed_minimum:  # 0 would be full speed
-            count = self.model.speed_minimum
-        return self.model.encode_goal(ticks, count)
+        model = self.model
+        count = round(min(speed / model.speed_unit, self.fastest))  # the ratio may be inf
+        if count < model.speed_minimum:  # 0 would be full speed
+            count = model.speed_minimum
+        return model.goal.layout.pack(*model.goal_values((ticks, count, 0)))
 
     def limit_speed(self, limit: float) -> None:
         """Set the highest goal speed, rad/s."""

@@ -48,15 +48,15 @@ def test_the_driver_reads_what_the_maker_prints() -> None:
 
 
 def test_a_goal_is_what_the_maker_prints_with_an_acceleration_of_0_before() -> None:
-    values = STS.goal.layout.unpack(STS.encode_goal(2048, 1000))
+    values = STS.goal_values((2048, 1000, 0))
     assert STS.goal.encode(*values) == b"\0" + SPEED_1000
-    assert STS.encode_goal(2048, 1000) == b"\0" + SPEED_1000
     assert STS.goal.address == 41
 
 
 def test_values_of_scs_servos_have_the_high_byte_first() -> None:
     scs = servo_model("SCS0009")
-    assert scs.encode_goal(0x0123, 0x0245) == bytes.fromhex("01 23 00 00 02 45")
+    values = scs.goal_values((0x0123, 0x0245, 0))
+    assert scs.goal.encode(*values) == bytes.fromhex("01 23 00 00 02 45")
     assert scs.control_table.block("Model Number").layout.unpack(b"\x05\x04") == (1284,)
     assert STS.control_table.block("Model Number").layout.unpack(b"\x09\x03") == (777,)
 

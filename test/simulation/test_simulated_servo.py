@@ -270,7 +270,8 @@ def test_a_goal_speed_is_kept(model: ServoModel, direction: int) -> None:
     servo.advance(0)
     count = round(0.3 * model.no_load_speed / model.speed_unit)
     write(servo, "Torque Enable", 1)
-    data = model.encode_goal(model.center + direction * round(model.ticks * 0.4), count)
+    goal = model.center + direction * round(model.ticks * 0.4)
+    data = model.goal.layout.pack(*model.goal_values((goal, count, 0)))
     kind = Packet if model.protocol == 1 else Packet2
     servo.execute(kind.write(1, model.goal.address, data), 0)
     way, speed = model.ticks * 0.4 * model.radians_per_tick, count * model.speed_unit
