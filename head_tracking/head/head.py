@@ -100,6 +100,7 @@ AX_12_PAIR = configured_head(()).servos
 
 _RATE = 50.0  # cycles per second
 _TIMEOUT = 2.0  # s
+_SWITCHING = 10.0  # s; the steps wait for cycles, which a busy machine delays
 _FASTEST = 12.0  # rad/s
 _LATEST = 1e11  # s since 1970; larger numbers are milliseconds or nanoseconds
 
@@ -718,9 +719,9 @@ class Head:
             future.add_done_callback(done.put)
         try:
             for _ in switched:
-                done.get(timeout=_TIMEOUT).result()
+                done.get(timeout=_SWITCHING).result()
         except Empty:
-            raise BusStoppedError(f"no servo has confirmed within {_TIMEOUT} s") from None
+            raise BusStoppedError(f"no servo has confirmed within {_SWITCHING} s") from None
         except (StoppedError, TorqueError, BusStoppedError):
             self._require_open()
             if epoch != self._owners.epoch.value:

@@ -1,13 +1,15 @@
 """`Head` from within: moments between its steps that a program can hardly hit."""
 
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 
 import pytest
 from rig import Servos, swing_until_learned
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
 
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -81,10 +83,19 @@ def test_a_command_is_refused_if_relax_comes_before_its_torque(monkeypatch, comm
         assert refused.value.state == head.state == HeadState.RELAXED
 
 
+def test_a_command_waits_for_a_bus_that_is_delayed_by_a_busy_machine():
+    with Head.simulated() as head, ThreadPoolExecutor() as threads:
+        (thread,) = head._servos.threads
+        with thread._owner:
+            looking = threads.submit(head.look_at, (2.0, 0.3, 0.6))
+            time.sleep(2.5)
+        assert looking.result(PATIENCE).arrived
+
+
 def test_torque_that_comes_too_late_for_a_command_stays_off(monkeypatch):
     with Head.simulated() as head:
         (thread,) = head._servos.threads
-        monkeypatch.setattr("head_tracking.head.head._TIMEOUT", 0.1)
+        monkeypatch.setattr("head_tracking.head.head._SWITCHING", 0.1)
         with thread._owner, pytest.raises(BusStoppedError):
             head.look_at((2.0, 2.0, 0.6))
         cycle = thread.bus.cycle
