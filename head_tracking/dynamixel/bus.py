@@ -40,7 +40,7 @@ from head_tracking.dynamixel.state import (
 )
 
 _STARTING: Final = 1.5  # s that the servos of the next joint that starts may take to answer
-_PATIENCE: Final = 0.3  # s after which silent servos are asked again, in case the machine was busy
+_PATIENCE: Final = 0.3  # s after which servos are asked again, in case the machine was busy
 
 
 class ServoBus:
@@ -269,7 +269,11 @@ class ServoBus:
                     servo.lose(0)
                     continue
                 try:
-                    self._identify_at_once(servo)
+                    try:
+                        self._identify_at_once(servo)
+                    except DynamixelError:
+                        self._pause(_PATIENCE)
+                        self._identify_at_once(servo)
                 except DynamixelError as cause:
                     problem = problem or cause
             if len(found) < len(servos) and not allow_missing:

@@ -71,6 +71,16 @@ def test_connect_names_missing_ids_after_a_second_try() -> None:
     assert rig.bus.connect() == "2 AX-12 servos: ids 1, 2"
 
 
+@pytest.mark.parametrize("first", [1, 2, 5])
+def test_connect_asks_again_if_a_servo_that_answers_pings_then_falls_silent(first: int) -> None:
+    """Beside other work a Python program may miss all replies for a while."""
+    rig = FakeRig(connect=False)
+    rig.tilt.mute.extend([False] * first + [True] * 6)
+    rig.connect()
+    assert rig.tilt["Torque Enable"] == 0
+    assert len(rig.step().states) == 2
+
+
 @pytest.mark.parametrize(
     ("registers", "ignored", "error", "message"),
     [
