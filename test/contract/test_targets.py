@@ -48,7 +48,7 @@ def test_a_frame_is_followed_and_one_that_does_not_exist_is_named(tracked):
     wait_for(lambda: person.state("head_tracker") == "holding")
 
 
-def test_the_most_important_target_is_taken_and_the_next_when_it_ends(mixed):
+def test_the_most_important_target_is_taken_smoothly_and_the_next_when_it_ends(mixed):
     sent = mixed.hear("target_point", PointStamped)
 
     def selected(name, *topics):
@@ -65,6 +65,7 @@ def test_the_most_important_target_is_taken_and_the_next_when_it_ends(mixed):
     mixed.publish("clicked_point", mixed.point(2, -1, 0.6))  # one click
     wait_for(selected("clicked_point", ("face/target_point", 1)))
     wait_for(lambda: abs(sent[-1].point.y + 1.0) < 1e-6)
+    assert sum(-0.95 < message.point.y < 0.95 for message in sent) > 3  # no jump
     count = len(sent)
     wait_for(lambda: len(sent) > count + 10)  # a click is held
     wait_for(lambda: mixed.pan < -0.3)

@@ -7,6 +7,7 @@ from itertools import product
 
 import pytest
 from geometry_msgs.msg import Point, PointStamped
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from waiting import wait_for
@@ -26,6 +27,7 @@ def robot(make_module_robot):
     robot = make_module_robot("--target", "mux")
     mux = robot.composition.nodes["target_mux"]
     robot.fixed_frame = mux.get_parameter("fixed_frame").value  # in which it passes them on
+    mux.set_parameters([Parameter("switch_time", value=0.0)])
     return robot
 
 

@@ -1,11 +1,14 @@
-"""The choice among several sources of targets."""
+"""The choice among several sources of targets, and the change from one to the next."""
+
+import itertools
+import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from head_tracking.gaze import Arrival
-from head_tracking.targets import MuxParameters, SourceParameters, TargetMux
+from head_tracking.targets import MuxParameters, SourceParameters, TargetMux, between
 
 SOURCES = {
     name: SourceParameters(priority=priority, timeout=0.5)
@@ -66,6 +69,33 @@ def test_a_clock_that_jumps_back_leaves_no_source_fresh(mux):
     feed(mux, "high", 1_000.0, 1_001.0)
     assert mux.select(5.0) is None
     assert mux.offer("low", 5.1) == "low"
+
+
+CENTRE = (0.1, 0.0, 0.5)
+
+
+def ways(start, end, steps=50):
+    return [between(start, end, i / steps, CENTRE) for i in range(steps + 1)]
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [((-0.5, 1, 0.5), (-0.5, -1, 0.2)), ((2, 0, 0), (0.5, 0.1, 1.5))],
+)
+def test_the_way_is_smooth_and_stays_away_from_the_head(start, end):
+    points = ways(start, end)
+    assert points[0] == pytest.approx(start)
+    assert points[-1] == pytest.approx(end)
+    nearest = min(math.dist(start, CENTRE), math.dist(end, CENTRE))
+    assert min(math.dist(point, CENTRE) for point in points) > 0.99 * nearest
+    steps = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+    assert max(steps) < 3.2 * sum(steps) / len(steps)
+    assert steps[0] < 0.2 * max(steps), "it starts without a jolt"
+
+
+def test_the_way_from_left_to_right_goes_past_the_front():
+    points = ways((-0.5, 1.0, 0.5), (-0.5, -1.0, 0.5))
+    assert points[25][0] > 1.0
 
 
 def test_arrived_is_who_stays():

@@ -16,11 +16,14 @@ from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import TargetOutput, target_from_message
 from head_tracking.ros.kit.topics import LATCHED, LONGEST_TEXT, TopicListener
-from head_tracking.targets import MuxParameters, SourceParameters, TargetMux
+from head_tracking.targets import MuxParameters, SourceParameters, TargetMux, between
 from head_tracking.tf import Buffer, listening_buffer
 from head_tracking.tracking import Target
+from head_tracking.transforms import LATEST, Vector3
 
 _MESSAGES = {"point": PointStamped, "pose": PoseStamped}
+
+_TRANSITION_TIMEOUT = 1.0  # s after the last target: later targets need no transition
 
 _PUBLISHED_ONCE = {"priority": 30, "timeout": 30.0, "repeat": True}
 _DEFAULTS: dict[str, dict[str, Any]] = {
@@ -31,7 +34,7 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class MuxWiring:
-    """The sources, and their targets that are repeated."""
+    """Sources, and transitions between them."""
 
     sources: tuple[str, ...] = parameter(
         ("clicked_point", "target_pose", "visual_target", "frame_target", "fictitious_target"),
@@ -40,9 +43,18 @@ class MuxWiring:
         ros_name=True,
     )
     fixed_frame: str = parameter(
-        "base_link",
-        "A frame that does not move with the head, in which targets are repeated.",
-        fixed=True,
+        "base_link", "A frame that does not move with the head.", fixed=True
+    )
+    pointing_frame: str = parameter(
+        "camera_link", "The frame that is pointed, the centre of transitions.", fixed=True
+    )
+    camera_link: str = parameter("", "Former name of `pointing_frame`; has priority.", fixed=True)
+    switch_time: float = parameter(
+        0.6,
+        "Duration of the transition to another source; 0: none.",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
     )
     rate: float = parameter(
         20.0,
@@ -59,16 +71,18 @@ class TargetMuxNode(Node):
 
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         super().__init__("target_mux", **options)
-        wiring = NodeParameters(self, MuxWiring).value
-        self._fixed_frame = wiring.fixed_frame
+        self._wiring = NodeParameters(self, MuxWiring)
+        wiring = self._wiring.value
         self._buffer = (buffer or listening_buffer(self)).core
         self._sources = {name: self._source(name, rank) for rank, name in enumerate(wiring.sources)}
         self._mux = TargetMux(
             self._sources,
             NodeParameters(self, MuxParameters, on_change=self._on_parameters).value,
         )
+        self._transition: tuple[Vector3, float] | None = None  # its start, and since when [s]
         self._repeated: dict[str, Target] = {}
         self._selected: str | None = None
+        self._last_sent: tuple[Vector3, float] | None = None
         self._targets = TargetOutput(self)
         self._name_publisher = self.create_publisher(String, "~/selected", LATCHED)
         self._name_publisher.publish(String())
@@ -123,15 +137,16 @@ class TargetMuxNode(Node):
         self._set_selected(self._mux.offer(name, self._now))
         if self._sources[name].repeat:
             # transformed now: a repeated point must not move with the camera
-            target = self._repeated[name] = self._in_fixed_frame(target)
+            target = self._in_fixed_frame(target) or target
+            self._repeated[name] = target
         if self._selected == name:
-            self._targets.publish(target)
+            self._send(target)
 
     def _step(self) -> None:
         self._set_selected(self._mux.select(self._now))
         target = None if self._selected is None else self._repeated.get(self._selected)
         if target is not None:
-            self._targets.publish(replace(target, stamp=self.get_clock().now().nanoseconds))
+            self._send(replace(target, stamp=self.get_clock().now().nanoseconds))
 
     def _set_selected(self, selected: str | None) -> None:
         if selected == self._selected:
@@ -139,15 +154,41 @@ class TargetMuxNode(Node):
         self.get_logger().info(f"selected target: {selected or 'none'}")
         self._selected = selected
         self._name_publisher.publish(String(data=selected or ""))
+        if selected is not None and self._last_sent is not None:
+            point, when = self._last_sent
+            if self._now - when < _TRANSITION_TIMEOUT:
+                self._transition = point, self._now
 
-    def _in_fixed_frame(self, target: Target) -> Target:
-        """Return a target in the fixed frame, or as it is: its transform is not known."""
-        pose = frame_pose(self._buffer, self._fixed_frame, target.frame_id, target.stamp)
+    def _send(self, target: Target) -> None:
+        if not self._targets.on:
+            return
+        placed = self._in_fixed_frame(target)
+        if placed is not None and self._transition is not None:
+            start, since = self._transition
+            passed, duration = self._now - since, self._wiring.value.switch_time
+            if passed < duration:
+                point = between(start, placed.point, passed / duration, self._centre())
+                target = placed = replace(placed, point=point)
+            else:
+                self._transition = None
+        self._last_sent = None if placed is None else (placed.point, self._now)
+        self._targets.publish(target)
+
+    def _in_fixed_frame(self, target: Target) -> Target | None:
+        """Return a target in the fixed frame; None: its transform is not known."""
+        fixed_frame = self._wiring.value.fixed_frame
+        pose = frame_pose(self._buffer, fixed_frame, target.frame_id, target.stamp)
         if pose is None:
             self.get_logger().warning(
-                f"the target {target} is repeated in its own frame: the transform to "
-                f"{self._fixed_frame} is not known",
+                f"the target {target} is published without a transition: its transform to "
+                f"{fixed_frame} is not known",
                 throttle_duration_sec=2.0,
             )
-            return target
-        return Target(target.stamp, self._fixed_frame, pose @ target.point)
+            return None
+        return Target(target.stamp, fixed_frame, pose @ target.point)
+
+    def _centre(self) -> Vector3:
+        wiring = self._wiring.value
+        frame = wiring.camera_link or wiring.pointing_frame
+        pose = frame_pose(self._buffer, wiring.fixed_frame, frame, LATEST)
+        return (0.0, 0.0, 0.0) if pose is None else pose.translation
