@@ -29,16 +29,14 @@ class Torque(Enum):
         return self not in (Torque.ON, Torque.OFF_UNTIL_COMMANDED)
 
 
-@dataclass(frozen=True, slots=True)
-class Goal:
+class Goal(NamedTuple):
     """A goal position in rad, and the speed in rad/s; None: the joint's own speed."""
 
     position: float
     speed: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class CommandResult:
+class CommandResult(NamedTuple):
     """The result of an accepted command."""
 
     goals: Mapping[str, Goal]  # accepted goal by joint
