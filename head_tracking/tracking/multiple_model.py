@@ -26,12 +26,16 @@ class Model(NamedTuple):
         order: number of its states; white noise drives the last one.
         density: spectral density of that noise over the variance of a point [1/s^(2 order - 1)].
         first_score: of a new target, in variances of a point.
+        rate: of a harmonic model, while the target does not oscillate [rad/s].
     """
 
     order: int
     density: float
     first_score: float
+    rate: float = 0.0
 
+
+_USUAL_RATE = 2.0  # rad/s; who moves fast slows down soon
 
 MODELS = (
     Model(1, 1e4, 2.0),  # near-constant position: the latest point
@@ -39,7 +43,7 @@ MODELS = (
     Model(2, 1e5, 10.0),  # near-constant velocity, high process noise
     Model(2, 1e4, 3.0),  # near-constant velocity, low process noise
     Model(3, 1e3, 4.0),  # harmonic, low process noise
-    Model(3, 5e5, 10.0),  # harmonic, high process noise
+    Model(3, 5e5, 10.0, _USUAL_RATE),  # harmonic, high process noise
 )
 """The first scores favour a target at rest."""
 
@@ -60,7 +64,7 @@ _NOISE_OFF = 0.8  # of the variance of a point is subtracted from the scores
 _LEAST_SCORE = 0.02  # of that variance
 _FINEST = 1e-12  # rad^2; variance of rounding
 _WIDEST = 2.0  # rad; largest amplitude of an oscillation that is made smaller
-_LEAST_RATE = 1e-3  # rad/s; below it an oscillation is a constant acceleration
+_LEAST_RATE = 1e-3  # rad/s; what is slower is no oscillation
 
 _LAG = 1.0 / 6.0  # s between the points that are compared: observable up to 3 Hz
 _LAGS = 0.6, 1.6  # of the lag for the present interval; outside, the fit restarts
@@ -79,11 +83,12 @@ Covariance: TypeAlias = tuple[float, float, float, float, float, float]
 
 
 class Course(NamedTuple):
-    """The mixed motion of a bearing: a constant velocity plus an oscillation.
+    """The mixed motion of a bearing: a constant acceleration plus an oscillation.
 
     Attributes:
         position: [rad].
         velocity: of the first part [rad/s].
+        acceleration: of the first part [rad/s^2].
         swing_velocity: of the oscillation [rad/s].
         swing_acceleration: of the oscillation [rad/s^2].
         rate: of the oscillation [rad/s].
@@ -91,6 +96,7 @@ class Course(NamedTuple):
 
     position: float
     velocity: float
+    acceleration: float
     swing_velocity: float
     swing_acceleration: float
     rate: float
@@ -107,19 +113,23 @@ class Course(NamedTuple):
             speed: highest speed of the oscillation [rad/s].
             acceleration: highest acceleration of the oscillation [rad/s^2].
         """
-        position, velocity, u, b, w = self
+        position, _, _, u, b, w = self
         peak = math.hypot(u, b / w)
         if (peak <= speed and peak * w <= acceleration) or peak > _WIDEST * w:
             return self
         share = min(speed / peak, acceleration / (peak * w))
         to_centre = b / (w * w)
-        return Course(position + (1.0 - share) * to_centre, velocity, share * u, share * b, w)
+        return self._replace(
+            position=position + (1.0 - share) * to_centre,
+            swing_velocity=share * u,
+            swing_acceleration=share * b,
+        )
 
     def after(self, dt: float) -> float:
         """Return the position [rad] a time `dt` [s] later."""
-        position, velocity, u, b, w = self
+        position, velocity, acceleration, u, b, w = self
         swing = (u * math.sin(w * dt) + b * (1.0 - math.cos(w * dt)) / w) / w
-        return position + dt * velocity + swing
+        return position + dt * (velocity + 0.5 * dt * acceleration) + swing
 
 
 class Oscillation(NamedTuple):
@@ -177,8 +187,8 @@ class Oscillation(NamedTuple):
             products += right * (angles[-1] - d - right) + noise * variance
         if squares <= _CLEAR * sum(variances) * _RATE_MEMORY / dt:
             return Oscillation(squares, products, 0.0, lag)
-        cosine = min(max(0.5 * products / squares, -1.0), 1.0)
-        return Oscillation(squares, products, math.acos(cosine) / lag, lag)
+        rate = math.acos(min(max(0.5 * products / squares, -1.0), 1.0)) / lag
+        return Oscillation(squares, products, rate if rate > _LEAST_RATE else 0.0, lag)
 
 
 class Prediction(NamedTuple):
@@ -224,15 +234,17 @@ class Prediction(NamedTuple):
         total = sum(raw)
         weights = tuple([each / total for each in raw])
         origin = states[0][0]
-        offset = steady = swing = acceleration = 0.0
+        offset = steady = constant = swing = acceleration = 0.0
         for weight, (x, v, a), model in zip(weights, states, MODELS, strict=True):
             offset += weight * (x - origin)
-            if model.order == 3:
+            if model.rate or (rate and model.order == 3):
                 swing += weight * v
                 acceleration += weight * a
             else:
                 steady += weight * v
-        motion = Course(origin + offset, steady, swing, acceleration, max(rate, _LEAST_RATE))
+                constant += weight * a
+        rate = rate or _USUAL_RATE
+        motion = Course(origin + offset, steady, constant, swing, acceleration, rate)
         return Prediction(scores, error, weights, motion)
 
     def judged(
@@ -313,7 +325,7 @@ class Bearings(NamedTuple):
         """
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
-        still = Course(0.0, 0.0, 0.0, 0.0, _LEAST_RATE)
+        still = Course(0.0, 0.0, 0.0, 0.0, 0.0, _USUAL_RATE)
         none = Prediction(scores, 0.0, (), still)
         unknown = Bearing((), variance, none, none, (0.0, 0.0), ())
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points, leads)
@@ -376,12 +388,12 @@ class Bearings(NamedTuple):
         variances = self._noise(stamps, points)
         oscillation = self.oscillation.after(stamps, points, variances)
         rate = oscillation.rate
-        swing = transition(dt, rate)
+        swings = _transitions(dt, rate)
         (near, near_ahead), (far, far_ahead) = judged
-        near_swing, far_swing = transition(near_ahead, rate), transition(far_ahead, rate)
+        near_swings, far_swings = _transitions(near_ahead, rate), _transitions(far_ahead, rate)
         covariances = tuple(
             _corrected(model, covariance, dt, swing)
-            for model, covariance in zip(MODELS, self.covariances, strict=True)
+            for model, covariance, swing in zip(MODELS, self.covariances, swings, strict=True)
         )
         share = min(1.0 - math.exp(-dt / _MEMORY), _LARGEST_SHARE)
         shares = share, 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
@@ -391,7 +403,7 @@ class Bearings(NamedTuple):
             self.joints, near.joints, far.joints, points, variances, strict=True
         ):
             point = angles[-1]
-            moved = _moved(bearing.states, swing, dt)
+            moved = _moved(bearing.states, swings)
             recent = tuple(
                 [
                     error + _NEWEST * ((x - point) ** 2 - error)
@@ -406,9 +418,9 @@ class Bearings(NamedTuple):
                     for (x, v, a), (k, kv, ka, _, _, _) in zip(moved, covariances, strict=True)
                 ]
             )
-            expected = [x for x, _, _ in _moved(before.states, near_swing, near_ahead)]
+            expected = [x for x, _, _ in _moved(before.states, near_swings)]
             soon = bearing.near.judged(before.near, expected, point, shares)
-            expected = [x for x, _, _ in _moved(long_before.states, far_swing, far_ahead)]
+            expected = [x for x, _, _ in _moved(long_before.states, far_swings)]
             late = bearing.far.judged(long_before.far, expected, point, shares)
             joints.append(
                 _described(
@@ -439,8 +451,8 @@ class Bearings(NamedTuple):
 
 
 def transition(dt: float, rate: float) -> Transition:
-    """Return the transition of a harmonic model over a time `dt` [s]."""
-    if rate <= _LEAST_RATE:
+    """Return the transition of a harmonic model over a time `dt` [s]; rate 0: no oscillation."""
+    if not rate:
         return dt, 1.0, 0.5 * dt * dt, 0.0
     sine, cosine = math.sin(rate * dt), math.cos(rate * dt)
     return sine / rate, cosine, (1.0 - cosine) / (rate * rate), rate * sine
@@ -492,14 +504,17 @@ def moved_covariance(
     )
 
 
-def _moved(states: Sequence[State], swing: Transition, dt: float) -> list[State]:
-    """Return the states a time `dt` [s] later."""
-    s, c, r, b = swing
+def _transitions(dt: float, rate: float) -> list[Transition]:
+    """Return the transition of every model over a time `dt` [s]."""
+    steady = transition(dt, 0.0)
+    return [transition(dt, rate or model.rate) if model.order == 3 else steady for model in MODELS]
+
+
+def _moved(states: Sequence[State], swings: Sequence[Transition]) -> list[State]:
+    """Return the states of the models later; a state that a model does not have is 0."""
     return [
         (x + s * v + r * a, c * v + s * a, c * a - b * v)
-        if model.order == 3
-        else (x + dt * v, v, a)
-        for (x, v, a), model in zip(states, MODELS, strict=True)
+        for (x, v, a), (s, c, r, b) in zip(states, swings, strict=True)
     ]
 
 

@@ -81,7 +81,7 @@ def test_every_model_is_the_textbooks(rate):
     bearings = fed(times, points, rate)
     pan, tilt = bearings.joints
     for m, model in enumerate(MODELS):
-        state, covariance = textbook(model.order, model.density, rate, points, times)
+        state, covariance = textbook(model.order, model.density, rate or model.rate, points, times)
         whole = np.zeros((3, 3))
         whole[: model.order, : model.order] = covariance
         known = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
