@@ -1,8 +1,8 @@
 """The cycle of a bus: read all servos, take steps of procedures, write all goals.
 
     read     one instruction for each kind of servo, or one for each servo
-    step     of a procedure (torque on, a servo that returns, recovery, EEPROM), if there was no
-             time for one since the last cycle
+    steps    of procedures (torque on, a servo that returns, recovery, EEPROM), as many as there
+             were instructions to read, if there was no time for a step since the last cycle
     write    goals and speeds, one sync write for each protocol
     steps    of procedures, until the next cycle is due
 
@@ -112,7 +112,7 @@ class Cycle:
         return BusReading(states, (), sum(stamps) // len(stamps) if stamps else 0)
 
     def write(self, reading: BusReading) -> BusReading:
-        """End a cycle: take a step of a procedure, write goals; return the reading with events.
+        """End a cycle: take steps of procedures, write goals; return the reading with events.
 
         Raises:
             PortLostError: The port was lost and cannot return under its name.
@@ -218,7 +218,8 @@ class Cycle:
         if requests.under_way:
             self._unusual = True
             if not (self._stepped or self._polled):
-                self._advance()
+                for _ in range(max(1, len(self._plan))):
+                    self._advance()
             self._stepped = False
             if requests.goals:
                 self._accept_goals()  # of a joint whose torque is on now

@@ -316,6 +316,14 @@ def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> N
     assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
 
 
+def test_torque_comes_on_within_few_cycles_that_leave_no_time_between_them() -> None:
+    rig = Rig(*[SimulatedServo(i) for i in range(1, 10)], latency=0.016)
+    on = submit(rig.bus, rig.bus.switching_torque(["j1"], True))
+    for _ in range(4):
+        rig.bus.step()
+    assert on.exception(0.0) is None
+
+
 def test_many_servos_behind_a_slow_adapter_start() -> None:
     rig = Rig(*[SimulatedServo(i) for i in range(1, 10)], latency=0.016)
     run(rig.bus.stopping(None), rig.bench.pass_time)
