@@ -501,7 +501,8 @@ class Head:
             The problem of each joint; empty if its servo has confirmed.
         """
         self._stopped_as = HeadState.STOPPED
-        return self._loop.stop()
+        with postponed_signals():
+            return self._loop.stop()
 
     def relax(self) -> None:
         """Switch off the torque, and refuse commands until `resume`.
@@ -514,7 +515,8 @@ class Head:
         self._end_following()
         if not self._owners.stopped:
             self._stopped_as = HeadState.RELAXED
-        problems = self._owners.stop(lambda: self._servos.relax_now(_TIMEOUT))
+        with postponed_signals():
+            problems = self._owners.stop(lambda: self._servos.relax_now(_TIMEOUT))
         if any(problems.values()):
             raise TorqueError(False, {joint: each for joint, each in problems.items() if each})
 
@@ -713,11 +715,14 @@ class Head:
 
     def _switch_on(self, epoch: int) -> None:
         """Switch the torque on, and wait until all servos have confirmed; not after a STOP."""
-        # Ctrl-C in `concurrent.futures.wait` could leave a lock locked, which the bus needs
-        switched, done = self._servos.switch_torque(None, True, epoch), SimpleQueue[Future[None]]()
-        for future in switched:
-            future.add_done_callback(done.put)
+        switched: list[Future[None]] = []
+        done = SimpleQueue[Future[None]]()
         try:
+            # Ctrl-C in a method of a future could leave a lock locked, which the bus needs
+            with postponed_signals():
+                switched += self._servos.switch_torque(None, True, epoch)
+                for future in switched:
+                    future.add_done_callback(done.put)
             for _ in switched:
                 done.get(timeout=_SWITCHING).result()
         except Empty:
@@ -728,8 +733,9 @@ class Head:
                 raise RefusedCommandError(self._stopped_as) from None
             raise
         finally:
-            for future in switched:  # one that is late switches nothing on later
-                future.cancel()
+            with postponed_signals():
+                for future in switched:  # one that is late switches nothing on later
+                    future.cancel()
 
     def _end_following(self, follower: CameraFollower | None = None) -> CameraFollower | None:
         """End and return the camera that controls the head; another one replaces it, or none."""

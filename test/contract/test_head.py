@@ -552,7 +552,7 @@ def test_ctrl_c_at_any_moment_leaves_the_head_usable(head):
         lambda: (head.relax(), head.resume()),
         lambda: (head.stop(), head.resume()),
     )
-    with on_alarm(signal.default_int_handler):
+    with on_alarm(lambda *_: signal.raise_signal(signal.SIGINT)):
         for number in range(120):
             with suppress(KeyboardInterrupt, DynamixelError, RefusedCommandError):
                 signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-4, 0.05))

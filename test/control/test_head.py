@@ -1,5 +1,6 @@
 """`Head` from within: moments between its steps that a program can hardly hit."""
 
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -90,6 +91,24 @@ def test_a_command_waits_for_a_bus_that_is_delayed_by_a_busy_machine():
             looking = threads.submit(head.look_at, (2.0, 0.3, 0.6))
             time.sleep(2.5)
         assert looking.result(PATIENCE).arrived
+
+
+@pytest.mark.parametrize("command", [Head.stop, Head.relax])
+def test_ctrl_c_is_raised_after_stop_and_relax(monkeypatch, command):
+    """Else it could end a thread that relaxes the servos."""
+    relax = DynamixelBackend.relax_now
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return relax(*arguments)
+
+    with Head.simulated() as head:
+        assert head.look_at((2.0, 0.3, 0.6)).arrived
+        monkeypatch.setattr(DynamixelBackend, "relax_now", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            command(head)
+        assert not any(head._bus.joint(joint).on for joint in head.joints)
+        monkeypatch.undo()
 
 
 def test_torque_that_comes_too_late_for_a_command_stays_off(monkeypatch):
