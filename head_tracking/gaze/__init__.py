@@ -1,6 +1,6 @@
 """Exact pointing: which joint positions put a camera's axis through a point."""
 
-from head_tracking.gaze.arrival import AT_GOAL, LONGEST_GAP, Arrival, at_goal
+from head_tracking.gaze.arrival import AT_GOAL, Arrival, at_goal
 from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Ray
 from head_tracking.gaze.pointing import (
     HeadCommand,
@@ -11,7 +11,6 @@ from head_tracking.gaze.pointing import (
 
 __all__ = [
     "AT_GOAL",
-    "LONGEST_GAP",
     "ON_LIMIT",
     "Arrival",
     "Gaze",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from head_tracking.gaze import AT_GOAL, LONGEST_GAP
+from head_tracking.gaze import AT_GOAL
 
 _FOLLOWED = 0.2  # of the commanded distance; a joint that moved less does not follow
 _PATIENCE = 0.8  # s
+_LONGEST_GAP = 0.04  # s; a busy machine or a slow bus delays commands as well as measurements
 
 
 class FollowingWatch:
@@ -19,7 +20,7 @@ class FollowingWatch:
     follow if it has moved less than 20 % of the commanded distance, and less than `AT_GOAL`, within
     `patience`, and has not arrived at its goal. It follows again once it has moved by more than
     that, or its goal is reached or lies on its other side. Of a gap in the measurements at most
-    `LONGEST_GAP` counts.
+    `_LONGEST_GAP` counts.
 
     Args:
         patience: length of the window that is judged [s].
@@ -57,8 +58,8 @@ class FollowingWatch:
             self._lowest = self._highest = position
             return self._stands
         passed, self._last = now - self._last, now
-        self._since += max(0.0, passed - LONGEST_GAP)
-        self._commanded += min(speed * min(passed, LONGEST_GAP), abs(left))
+        self._since += max(0.0, passed - _LONGEST_GAP)
+        self._commanded += min(speed * min(passed, _LONGEST_GAP), abs(left))
         self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
         moved = self._highest - self._lowest
         if moved > AT_GOAL:

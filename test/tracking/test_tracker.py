@@ -7,6 +7,7 @@ from ideal_head import DT, IdealHead
 
 from head_tracking.tracking import (
     LAWS,
+    FollowingWatch,
     SpeedLimits,
     TargetState,
     TargetStateParameters,
@@ -96,6 +97,14 @@ def test_joints_that_are_not_measured_are_not_taken_for_stalled(make, law):
         ideal.tracker.target_seen(ideal.now, TARGET, ideal.now)
         ideal.tracker.step(ideal.now)
         assert ideal.tracker.state is not TargetState.STALLED
+
+
+@pytest.mark.parametrize(("period", "fewest"), [(0.02, 16), (0.1, 8)])
+def test_a_joint_that_is_measured_rarely_gets_time_to_start(period, fewest):
+    """On a busy machine the servo gets its commands late, too."""
+    watch = FollowingWatch(0.3)
+    standing = [watch.check(1.0, 0.5, 0.0, period * k) for k in range(40)]
+    assert fewest <= standing.index(True) <= fewest + 2
 
 
 @pytest.mark.parametrize("age", [12.3, -4.2])
