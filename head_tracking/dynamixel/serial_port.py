@@ -7,13 +7,12 @@ can jump, for at least 34 ms; it accepts echoes and late replies as replies.
 from __future__ import annotations
 
 import errno
+import math
 import os
 import select
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -31,7 +30,6 @@ from head_tracking.dynamixel.exceptions import (
 )
 
 try:
-    from termios import TCIFLUSH, tcflush
     from termios import error as TerminalError
 except ImportError:  # Windows
     TerminalError = OSError  # type: ignore[assignment,misc]
@@ -61,7 +59,6 @@ class SerialDevice:
 
     Attributes:
         adapter: Facts about it.
-        discard_input: Discards the bytes received so far.
 
     Raises:
         PortError: The device cannot be opened; see `port_error`.
@@ -72,7 +69,6 @@ class SerialDevice:
             baudrate=baud_rate, timeout=0, write_timeout=_WRITE_TIMEOUT, exclusive=True
         )
         self._serial.port = port_name
-        self.discard_input: Callable[[], object] = self._serial.reset_input_buffer
         try:
             self._serial.open()
             self.adapter = self._prepare()
@@ -83,6 +79,10 @@ class SerialDevice:
 
     def _prepare(self) -> Adapter:
         return Adapter()
+
+    def discard_input(self) -> None:
+        """Discard the bytes received so far."""
+        self._serial.reset_input_buffer()
 
     def write(self, data: bytes) -> None:
         """Write all bytes.
@@ -114,7 +114,6 @@ class LinuxDevice(SerialDevice):
 
     def _prepare(self) -> Adapter:
         self._descriptor: int = self._serial.fileno()
-        self.discard_input = partial(tcflush, self._descriptor, TCIFLUSH)
         self._writable, self._readable = select.poll(), select.poll()
         self._writable.register(self._descriptor, select.POLLOUT)
         self._readable.register(self._descriptor, select.POLLIN)
@@ -154,7 +153,7 @@ class LinuxDevice(SerialDevice):
         """Wait for the last fraction of a millisecond: poll(), which is faster, counts whole ms."""
         rest = max(0.0, deadline - time.monotonic())
         if self._descriptor >= _SELECTABLE:
-            return bool(self._readable.poll(rest * 1e3))
+            return bool(self._readable.poll(math.ceil(rest * 1e3)))
         return bool(select.select((self._descriptor,), (), (), rest)[0])
 
 
