@@ -143,6 +143,12 @@ def verified(values: P) -> P:
     return changed(type(values)(), given)
 
 
+def check_kind(given: object, kind: type) -> None:
+    """Raise TypeError if an argument is neither None nor an object of a class."""
+    if not isinstance(given, kind | None):
+        raise TypeError(f"{given!r} is no {kind.__name__}")
+
+
 def allowed(info: ParameterInfo) -> str:
     """Return the range of a number as text, with its unit."""
     unit = f" {info.unit}" if info.unit else ""

@@ -16,6 +16,7 @@ from head_tracking.calibration.solver import CalibrationError, Reason, View, sol
 from head_tracking.calibration.targets import TARGETS, Observe, observer, what_to_show
 from head_tracking.exceptions import FrameError, SupersededError, UnreachableError
 from head_tracking.gaze import PanTiltHead
+from head_tracking.parameters import check_kind
 from head_tracking.transforms import JointLimits, TransformBuffer, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.camera_follower import DEFAULT_VIEW, checked_pictures
@@ -100,6 +101,7 @@ def calibrate_camera(
         FrameError: the frame is unknown, or the joints are not measured until the end.
         ValueError: there is no such target or marker, the marker has no size, the model is for
             other images, or the times of the images are of another clock.
+        TypeError: an argument is no camera, no `MarkerParameters` or no `Camera`.
     """
     try:
         import scipy  # noqa: F401
@@ -108,6 +110,8 @@ def calibrate_camera(
             Reason.NOT_INSTALLED,
             "SciPy is needed: pip install 'head_tracking[vision]', or apt install python3-scipy",
         ) from None
+    check_kind(marker, MarkerParameters)
+    check_kind(model, Camera)
     observe = observer(target, marker)
     robot = head.frames.model
     assert robot is not None

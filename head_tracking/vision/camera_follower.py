@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from head_tracking.exceptions import HeadTrackingError, RefusedCommandError, SupersededError
-from head_tracking.parameters import verified
+from head_tracking.parameters import check_kind, verified
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
 from head_tracking.vision.candidate import Detector, Frame
@@ -147,9 +147,8 @@ class CameraFollower:
         camera: Camera | None = None,
         distances: DistanceParameters | None = None,
     ) -> None:
-        for given, kind in ((camera, Camera), (distances, DistanceParameters)):
-            if not isinstance(given, kind | None):
-                raise TypeError(f"{given!r} is no {kind.__name__}")
+        check_kind(camera, Camera)
+        check_kind(distances, DistanceParameters)
         self.sighting: Sighting | None = None
         self.error: Exception | None = None
         self._tracker = VisualTracker(

@@ -307,6 +307,9 @@ def test_images_that_are_missing_or_unusable_and_unknown_markers_are_refused(mon
         ):
             with pytest.raises(ValueError):
                 head.calibrate(iter(given), marker=marker, model=model)
+        for wrong in ({"marker": 0.16}, {"marker": MARKER, "model": 60.0}):
+            with pytest.raises(TypeError, match="is no"):
+                head.calibrate(iter(images), **wrong)
         with pytest.raises(CalibrationError) as refusal:
             head.calibrate([], marker=MARKER)
         assert refusal.value.reason is Reason.NO_PICTURE
