@@ -115,6 +115,8 @@ class TransformBuffer:
             self._model = model
             for joint in model.joints.values():
                 self._edges[joint.child] = self._edge(model, joint)
+            if self._loop_above_model():
+                del self._edges[model.root]
             self._collect_names()
             self._routes.clear()
             self._routes_through.clear()
@@ -175,19 +177,15 @@ class TransformBuffer:
 
         Raises:
             InvalidArgumentException: a name is empty, both names are equal, a number is not finite,
-                the quaternion is not of unit length, or the model has the frame in another parent
-                or above this one.
+                the quaternion is not of unit length, the model has the frame in another parent, or
+                the root of the model would be in or below a loop. Lookups report other loops, as
+                in tf2.
         """
         stamp = _nanoseconds(stamp)
         parent, child = parent.removeprefix("/"), child.removeprefix("/")
         transform = _checked(parent, child, transform)
         with self._lock:
-            edge, model = self._edges.get(child), self._model
-            if model is not None and child == model.root and parent in model.links:
-                raise InvalidArgumentException(
-                    f"{child!r} in {parent!r} is refused: {child!r} is the root of the robot "
-                    "model, which has the other one below it; exchange them"
-                )
+            edge = self._edges.get(child)
             if edge is not None and self._is_known_by_model(edge):
                 if edge.parent != parent:
                     raise InvalidArgumentException(
@@ -195,6 +193,11 @@ class TransformBuffer:
                         f"{edge.parent!r}; use one of them (world_frame is a part of the model)"
                     )
                 return False
+            if (edge is None or edge.parent != parent) and self._loop_above_model(parent, child):
+                raise InvalidArgumentException(
+                    f"{child!r} in {parent!r} is refused: the robot model would be in a loop of "
+                    "frames; exchange them if the transform is meant the other way round"
+                )
             recorded = True
             if static:
                 new = StaticEdge(parent, child, transform)
@@ -361,14 +364,12 @@ class TransformBuffer:
         """Return whether a frame is below one of these joints, or below one that mimics them."""
         seen: set[str] = set()
         with self._lock:
-            while frame not in seen and (edge := self._edges.get(frame)) is not None:
+            while frame and frame not in seen:
                 seen.add(frame)
+                edge = self._edges.get(frame)
                 if isinstance(edge, JointEdge) and edge.leader.joint in joints:
                     return True
-                if isinstance(edge, SampledEdge):
-                    frame = edge.history.values[-1][0] if edge.history else ""
-                else:
-                    frame = edge.parent
+                frame = self._parent(frame)
         return False
 
     # Waiting
@@ -516,6 +517,24 @@ class TransformBuffer:
         if self._model is None or edge is None or edge.child not in self._model.children_of_joints:
             return False
         return isinstance(edge, StaticEdge) or (isinstance(edge, JointEdge) and bool(edge.history))
+
+    def _parent(self, frame: str) -> str:
+        """Return the latest parent of a frame; empty if there is none."""
+        edge = self._edges.get(frame)
+        if isinstance(edge, SampledEdge):
+            return edge.history.values[-1][0] if edge.history else ""
+        return "" if edge is None else edge.parent
+
+    def _loop_above_model(self, parent: str = "", child: str = "") -> bool:
+        """Return whether the model's root is in or below a loop, if `child` were in `parent`."""
+        if self._model is None:
+            return False
+        seen, frame = set(self._model.links), self._model.root
+        while frame := parent if frame == child else self._parent(frame):
+            if frame in seen:
+                return True
+            seen.add(frame)
+        return False
 
     def _first_position(self, name: str) -> JointHistory:
         """Create the history of a joint, and compute its links from it."""

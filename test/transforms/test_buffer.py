@@ -65,6 +65,33 @@ def test_the_root_of_the_model_is_not_put_below_its_own_links(buffer):
     assert buffer.can_transform("odom", "camera_link")
 
 
+@pytest.mark.parametrize("static", [False, True])
+def test_the_root_of_the_model_is_not_put_into_or_below_a_loop(kinectbot, static):
+    """Every lookup along the root would fail, also of the frames of the head."""
+    loops = (
+        [("odom", "base_link"), ("base_link", "odom")],
+        [("map", "base_link"), ("camera_link", "map")],
+        [("odom", "base_link"), ("map", "odom"), ("odom", "map")],
+        [("cup", "table"), ("table", "cup"), ("cup", "base_link")],
+    )
+    for *accepted, last in loops:
+        for before in (True, False):
+            buffer = TransformBuffer()
+            if before:
+                buffer.set_model(kinectbot)
+            for parent, child in accepted:
+                buffer.set_transform(SECOND, parent, child, moved(1), static=static)
+            if before:
+                with pytest.raises(InvalidArgumentException, match="loop"):
+                    buffer.set_transform(SECOND, *last, moved(1), static=static)
+            else:
+                buffer.set_transform(SECOND, *last, moved(1), static=static)
+                buffer.set_model(kinectbot)
+            buffer.set_joint_positions(SECOND, HEAD)
+            assert buffer.can_transform("torso_link", "base_link")
+            assert buffer.can_transform("camera_link", "base_link")
+
+
 def test_frames_that_joints_move_are_found_also_after_they_were_attached_elsewhere(buffer):
     def carried() -> set[str]:
         names = ("base_link", "camera_link", "nowhere", "tool", "ball")
