@@ -375,7 +375,7 @@ class ServoBus:
             self.requests.epoch.advance()
         self.requests.obeyed = self.requests.epoch.value
         deadline = self._procedures.monotonic() + round(timeout * 1e9)
-        self.requests.discard_older()
+        self.requests.discard()
         steps = self._procedures.relax(self._all)
         try:
             self._pause(next(steps))  # also without any time

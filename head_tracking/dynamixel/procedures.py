@@ -207,7 +207,7 @@ class Procedures:
     def obey_stop(self) -> None:
         """Carry out a STOP that did not get the port."""
         self.requests.obeyed = self.requests.epoch.value
-        self.requests.discard_older()
+        self.requests.discard()
         self.cut(*self.joints.values())
 
     # Torque on. All raise ServoError or CommunicationError, and then leave the joint relaxed.

@@ -229,10 +229,10 @@ class RequestQueue:
         for request in list(self.under_way):
             self.end(request, error)
 
-    def discard_older(self) -> None:
-        """End requests that were made before the last STOP."""
+    def discard(self) -> None:
+        """End the requests under way, except those that go on despite STOP."""
         for request in list(self.under_way):
-            if self._is_over(request):
+            if not request.despite_stop:
                 self.end(request, StoppedError(_STOPPED))
 
     def _is_over(self, request: Request) -> bool:

@@ -534,6 +534,8 @@ class Head:
         epoch, stopped = owners.epoch.value, owners.stopped
         try:
             self._switch_on(epoch)
+        except RefusedCommandError:
+            raise
         except BaseException:
             if stopped and epoch == owners.epoch.value:
                 self._loop.stop()
@@ -727,9 +729,9 @@ class Head:
                 done.get(timeout=_SWITCHING).result()
         except Empty:
             raise BusStoppedError(f"no servo has confirmed within {_SWITCHING} s") from None
-        except (StoppedError, TorqueError, BusStoppedError):
+        except (StoppedError, TorqueError, BusStoppedError) as error:
             self._require_open()
-            if epoch != self._owners.epoch.value:
+            if isinstance(error, StoppedError) or epoch != self._owners.epoch.value:
                 raise RefusedCommandError(self._stopped_as) from None
             raise
         finally:

@@ -4,7 +4,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 
@@ -14,7 +14,7 @@ from waiting import PATIENCE, wait_for
 
 from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
-from head_tracking.dynamixel import BusStoppedError
+from head_tracking.dynamixel import BusStoppedError, ServoBus
 from head_tracking.head.head_control import HeadControl
 
 
@@ -82,6 +82,30 @@ def test_a_command_is_refused_if_relax_comes_before_its_torque(monkeypatch, comm
         with pytest.raises(RefusedCommandError) as refused:
             command(head)
         assert refused.value.state == head.state == HeadState.RELAXED
+
+
+def test_resume_is_refused_if_its_torque_is_cut_by_a_relax_that_was_called_before(monkeypatch):
+    """It began in the epoch of the relax, before the servos were relaxed."""
+    relax = ServoBus.relax_at_once
+
+    def resuming_before(bus, *arguments, **named):  # the bus waits for its end
+        monkeypatch.setattr(ServoBus, "relax_at_once", relax)
+        resumed.append(threads.submit(head.resume))
+        wait_for(bus.requests.has_waiting)
+        bus.requests.begin_next()
+        while bus.joint("head_pan_joint").servos[0].held_by is None:
+            bus.requests.advance(bus.requests.under_way[-1])
+        return relax(bus, *arguments, **named)
+
+    resumed: list[Future[None]] = []
+    monkeypatch.setattr(ServoBus, "relax_at_once", resuming_before)
+    with Head.simulated() as head, ThreadPoolExecutor() as threads:
+        head.relax()
+        with pytest.raises(RefusedCommandError) as refused:
+            resumed[0].result(PATIENCE)
+        assert refused.value.state == head.state == HeadState.RELAXED
+        head.resume()
+        assert head.state is HeadState.HOLDING
 
 
 def test_a_command_waits_for_a_bus_that_is_delayed_by_a_busy_machine():
