@@ -1,8 +1,8 @@
 """The cycle of a bus: read all servos, take steps of procedures, write all goals.
 
     read     one instruction for each kind of servo, or one for each servo
-    steps    of procedures (torque on, a servo that returns, recovery, EEPROM), as many as there
-             were instructions to read, if there was no time for a step since the last cycle
+    steps    of procedures (torque on, a servo that returns, recovery, EEPROM), at least one, for
+             as long as the read took, unless a lost servo was asked
     write    goals and speeds, one sync write for each protocol
     steps    of procedures, until the next cycle is due
 
@@ -217,9 +217,8 @@ class Cycle:
             self._accept_goals()
         if requests.under_way:
             self._unusual = True
-            if not (self._stepped or self._polled):
-                for _ in range(max(1, len(self._plan))):
-                    self._advance()
+            if not self._polled:
+                self._take_steps()
             self._stepped = False
             if requests.goals:
                 self._accept_goals()  # of a joint whose torque is on now
@@ -239,6 +238,17 @@ class Cycle:
                 self._bus.begin(joint, self._bus.switching_on_for_goal(joint))
 
     # Steps of procedures
+
+    def _take_steps(self) -> None:
+        """Take steps, at least one, as long as they take no longer than the read of this cycle."""
+        begin = before = self._monotonic()
+        longest = 0
+        while self._advance():
+            now = self._monotonic()
+            longest = max(longest, now - before)
+            if now + longest - begin > self._read_time:
+                break
+            before = now
 
     def _advance(self) -> bool:
         """Take a step that is due; return whether there was one."""
@@ -294,8 +304,8 @@ class Cycle:
     def _poll_one_lost(self) -> bool:
         """Ask one lost servo that is due; return whether there was one.
 
-        One in each cycle, because a silent servo costs the others a timeout. In a cycle without
-        time for procedures it costs them their step, but not twice in a row.
+        One in each cycle, because a silent servo costs the others a timeout. It costs procedures
+        their steps in this cycle, but not twice in a row, if there is no time between the cycles.
         """
         now = self._monotonic()
         for joint, servo in self._each_servo():

@@ -316,10 +316,17 @@ def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> N
     assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
 
 
-def test_torque_comes_on_within_few_cycles_that_leave_no_time_between_them() -> None:
-    rig = Rig(*[SimulatedServo(i) for i in range(1, 10)], latency=0.016)
+@pytest.mark.parametrize(
+    ("name", "baud_rate", "latency"),
+    [("AX-12", 1_000_000, 0.016), ("XM430-W350", 57_600, 0.0), ("STS3215", 57_600, 0.0)],
+)
+def test_torque_comes_on_within_few_cycles_that_leave_no_time_between_them(
+    name: str, baud_rate: int, latency: float
+) -> None:
+    servos = [SimulatedServo(i, servo_model(name)) for i in range(1, 10)]
+    rig = Rig(*servos, baud_rate=baud_rate, latency=latency)
     on = submit(rig.bus, rig.bus.switching_torque(["j1"], True))
-    for _ in range(4):
+    for _ in range(6):
         rig.bus.step()
     assert on.exception(0.0) is None
 
