@@ -630,8 +630,9 @@ class Head:
             ValueError: the time is not finite.
         """
         at = _nanoseconds(stamp)
+        can_come = at and all(at >= self.frames.oldest_joint_stamp(name) for name in self._joints)
         try:
-            found = self.frames.lookup_transform(frame, link, at, _TIMEOUT if at else 0.0)
+            found = self.frames.lookup_transform(frame, link, at, _TIMEOUT if can_come else 0.0)
         except TransformException as error:
             unknown = link if frame in self.frames.frames() else frame
             raise FrameError(unknown, str(error)) from error

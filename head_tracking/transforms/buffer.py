@@ -239,6 +239,12 @@ class TransformBuffer:
             history = self._joints.get(name)
             return (history.stamps[-1], history.values[-1]) if history else None
 
+    def oldest_joint_stamp(self, name: str) -> int:
+        """Return the stamp of the oldest sample of a joint [ns]; 0 if there is none."""
+        with self._lock:
+            history = self._joints.get(name)
+            return history.oldest if history else LATEST
+
     # Lookups
 
     def lookup_transform(

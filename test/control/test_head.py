@@ -12,7 +12,7 @@ import pytest
 from rig import Servos, swing_until_learned
 from waiting import PATIENCE, wait_for
 
-from head_tracking import Head, HeadState, RefusedCommandError
+from head_tracking import FrameError, Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import BusStoppedError, ServoBus
 from head_tracking.head.head_control import HeadControl
@@ -106,6 +106,18 @@ def test_resume_is_refused_if_its_torque_is_cut_by_a_relax_that_was_called_befor
         assert refused.value.state == head.state == HeadState.RELAXED
         head.resume()
         assert head.state is HeadState.HOLDING
+
+
+def test_nothing_waits_for_joints_of_a_time_before_the_first_measurement(monkeypatch):
+    before = time.time()
+    with Head.simulated() as head:
+        monkeypatch.setattr("head_tracking.head.head._TIMEOUT", PATIENCE)
+        for stamp in (1.0, before):
+            began = time.monotonic()
+            with pytest.raises(FrameError):
+                head.pose("camera_link", stamp=stamp)
+            assert time.monotonic() - began < PATIENCE / 2
+        assert head.pose("camera_link", stamp=time.time() + 0.2)
 
 
 def test_a_command_waits_for_a_bus_that_is_delayed_by_a_busy_machine():
