@@ -140,6 +140,7 @@ class Head:
     Raises:
         DynamixelError: the port cannot be opened, a servo does not answer or is another model.
         HeadTrackingError: the model has no such head.
+        TypeError: `servos` is not a pair of `JointConfiguration`.
     """
 
     def __init__(
@@ -154,7 +155,7 @@ class Head:
         open_device: Callable[[str, int], Any] = open_serial,
         calibration: Calibration | None = None,
     ) -> None:
-        pan, tilt = servos
+        pan, tilt = _checked(servos)
         parameters = HeadParameters(
             pan.joint_name,
             tilt.joint_name,
@@ -261,7 +262,7 @@ class Head:
         from head_tracking.configuration.simulated import SimulatedJoints  # a robot needs none
 
         model, head, known = _load_robot(robot, calibration)
-        joints = servos or head.servos
+        joints = _checked(servos or head.servos)
         return cls(
             "simulated port",
             model,
@@ -565,6 +566,7 @@ class Head:
             raise BusStoppedError("; ".join(problems))
 
     def __enter__(self) -> Self:
+        self._require_open()
         self._signals.enter_context(ending_signals())
         return self
 
@@ -777,9 +779,16 @@ def _load_robot(
     return model, configured_head(robot_parameters(name)), known
 
 
+def _checked(servos: object) -> tuple[JointConfiguration, JointConfiguration]:
+    match servos:
+        case (JointConfiguration() as pan, JointConfiguration() as tilt):
+            return pan, tilt
+    raise TypeError(f"servos is {servos!r}; give a JointConfiguration for pan and one for tilt")
+
+
 def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:
     try:
-        x, y, z = map(float, point)
+        x, y, z = map(float, () if isinstance(point, str | bytes) else point)
     except (TypeError, ValueError):
         raise ValueError(f"the point is {point!r}; give x, y and z in metres") from None
     if not isinstance(frame, str):

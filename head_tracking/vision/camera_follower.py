@@ -88,9 +88,11 @@ def checked_pictures(
         ImageError: while they are read: an image cannot be used, or its time is not finite.
         NoPictureError: likewise; see `pictures`.
     """
-    if isinstance(camera, int | str):
-        return pictures(camera)
     try:
+        if isinstance(camera, bool):
+            raise TypeError
+        if isinstance(camera, int | str):
+            return pictures(camera)
         return _checked(iter(camera))
     except TypeError:
         raise TypeError(

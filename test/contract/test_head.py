@@ -280,7 +280,16 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
         assert unknown.value.frame == "nose"
     with pytest.raises(FrameError):
         head.look_at((2, 0, 0.5), "camera_link", stamp=1.0)  # 1970
-    for point in ((math.nan, 0, 0), (1, math.inf, 0), (1e308, 0, 0), (1, 2), "abc", None):
+    for point in (
+        (math.nan, 0, 0),
+        (1, math.inf, 0),
+        (1e308, 0, 0),
+        (1, 2),
+        "abc",
+        "123",
+        b"123",
+        None,
+    ):
         with pytest.raises(ValueError):
             head.look_at(point)
         with pytest.raises(ValueError):
@@ -301,6 +310,19 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
                 ask((1, 0, 0), frame)
     assert servos.torque == [0, 0]
     assert servos.true == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("servos", [(1, 2), (None, None), 5, "ab"])
+def test_servos_that_are_no_pair_of_configurations_are_refused(servos):
+    with pytest.raises(TypeError, match="JointConfiguration"):
+        Head.simulated(servos=servos)
+
+
+def test_a_closed_head_does_not_begin_a_block():
+    head = Head.simulated()
+    head.close()
+    with pytest.raises(RefusedCommandError), head:
+        pass
 
 
 def test_numbers_of_any_type_are_accepted(head):

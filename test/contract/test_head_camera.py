@@ -128,7 +128,8 @@ def test_invalid_cameras_and_detectors_are_refused(head):
     with pytest.raises(FrameError):
         head.follow_camera("face", frame="nowhere")
     for what, options in (
-        ("face", {"camera": None}), ("face", {"camera": 1.5}), (None, {}), (print, {}),
+        ("face", {"camera": None}), ("face", {"camera": 1.5}),
+        ("face", {"camera": True}), (None, {}), (print, {}),
         ("face", {"camera": [], "model": 60.0}), ("face", {"camera": [], "distances": 2.0}),
     ):  # fmt: skip
         with pytest.raises(TypeError):
