@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -91,13 +93,19 @@ def test_an_image_of_one_pixel_is_an_image(encoding):
     assert picture.hsv.shape == (1, 1, 3)
 
 
-def test_the_images_of_a_file_come_at_its_rate_and_end(tmp_path):
+def test_the_images_of_a_file_come_at_its_rate_and_end(tmp_path, monkeypatch):
     """Else what it shows would move many times as fast, and the head with it."""
     file = str(tmp_path / "film.avi")
     writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*"MJPG"), 20, (64, 48))
     for grey in range(10):
         writer.write(np.full((48, 64, 3), grey, np.uint8))
     writer.release()
+    now = [100.0]
+    clock = SimpleNamespace(
+        time=lambda: now[0],
+        monotonic=lambda: now[0],
+        sleep=lambda period: now.append(now.pop() + period),
+    )
+    monkeypatch.setattr("head_tracking.vision.camera_follower.time", clock)
     stamps = [stamp for stamp, _ in pictures(file)]
-    assert len(stamps) == 10
-    assert stamps[-1] - stamps[0] > 0.4
+    assert stamps == pytest.approx([100.0 + 0.05 * number for number in range(1, 11)])
