@@ -21,6 +21,7 @@ from head_tracking.vision.images import ImageError, Picture, Pixels
 from head_tracking.vision.opencv import cv2
 from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
 
+_LOG = logging.getLogger(__name__)
 _USUAL_RATE, _FASTEST_RATE = 30.0, 240.0  # images a second, of a file that does not tell
 
 DEFAULT_VIEW = math.radians(60.0)
@@ -126,7 +127,7 @@ class CameraFollower:
     """Passes detected points to a head, in a thread; logs a warning if it fails.
 
     Args:
-        detector: detects the object.
+        detector: detects the object; without a selection that it needs, a warning is logged.
         source: images (blue, green, red; shape (height, width, 3)) with their times [s, as
             time.time()].
         follow: receives each point in the optical frame [m], and its time [s].
@@ -151,6 +152,9 @@ class CameraFollower:
     ) -> None:
         check_kind(camera, Camera)
         check_kind(distances, DistanceParameters)
+        if not detector.has_selection:
+            name = type(detector).__name__
+            _LOG.warning("%s detects nothing before its select(frame, box) is called", name)
         self.sighting: Sighting | None = None
         self.error: Exception | None = None
         self._tracker = VisualTracker(
@@ -185,7 +189,7 @@ class CameraFollower:
             self.error = error
             if not isinstance(error, RefusedCommandError | SupersededError):
                 is_ours = isinstance(error, HeadTrackingError)
-                logging.getLogger(__name__).warning(
+                _LOG.warning(
                     "the camera is not followed any more: %s",
                     error if is_ours else repr(error),
                     exc_info=not is_ours,

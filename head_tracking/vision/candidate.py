@@ -102,6 +102,11 @@ class Detector(ABC):
             raise TypeError(f"the parameters are {parameters!r}; give {kind.__name__}")
         self.parameters = parameters if kind is None else verified(parameters)
 
+    @property
+    def has_selection(self) -> bool:
+        """Whether it can detect something; False: not before `select`."""
+        return True
+
     @abstractmethod
     def detect(self, frame: Frame, hints: Sequence[Box]) -> list[Candidate]:
         """Return all detected objects.

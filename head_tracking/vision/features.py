@@ -60,6 +60,11 @@ class FeatureDetector(Detector):
         self._points: Points = np.zeros((0, 2), np.float32)
         self._box = Box(0, 0, 0, 0)
 
+    @property
+    def has_selection(self) -> bool:
+        """Whether an object was selected."""
+        return self._template is not None
+
     def select(self, frame: Frame, box: Box) -> None:
         """Learn the object in a box, if it is large and has contrast."""
         self.reset()

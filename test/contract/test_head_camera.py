@@ -17,13 +17,18 @@ from head_tracking import (
     TargetState,
 )
 from head_tracking.vision import (
+    DETECTORS,
+    Box,
     ColourDetector,
     ColourParameters,
     Detector,
     DistanceParameters,
     FaceParameters,
+    Frame,
     ImageError,
     NoPictureError,
+    Picture,
+    camera_with_view,
 )
 
 pytest.importorskip("cv2")
@@ -143,6 +148,17 @@ def test_invalid_cameras_and_detectors_are_refused(head):
     head.stop()
     with pytest.raises(RefusedCommandError):
         head.follow_camera("face")
+
+
+def test_a_detector_without_a_selection_is_reported(head, caplog):
+    detector = DETECTORS["features"].make()
+    noise = np.random.default_rng(0).integers(0, 255, GREY.shape, np.uint8)
+    camera = camera_with_view(noise.shape[1], noise.shape[0], 1.0)
+    for expected in (1, 0):
+        caplog.clear()
+        head.follow_camera(detector, [])
+        assert sum("select" in record.getMessage() for record in caplog.records) == expected
+        detector.select(Frame(1, camera, Picture(noise)), Box(10, 10, 60, 60))
 
 
 def unplugged():
