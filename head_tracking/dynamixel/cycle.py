@@ -302,24 +302,29 @@ class Cycle:
             joint.drop_goal(resumes=True)
 
     def _poll_one_lost(self) -> bool:
-        """Ask one lost servo that is due; return whether there was one.
+        """Ask the lost servo that is due for the longest time; return whether there was one.
 
         One in each cycle, because a silent servo costs the others a timeout. It costs procedures
         their steps in this cycle, but not twice in a row, if there is no time between the cycles.
         """
         now = self._monotonic()
-        for joint, servo in self._each_servo():
-            if servo.lost and servo.ask_at <= now and not joint.busy:
-                servo.ask_at = now + POLL_INTERVAL
-                with suppress(CommunicationError):
-                    if servo.damaged_cycles:  # two servos with one id may answer pings
-                        servo.read_feedback()
-                        servo.damaged_cycles = 0
-                    else:
-                        servo.ping()
-                    self._bus.begin(joint, self._bus.returning(joint, servo))
-                return True
-        return False
+        due = [
+            (joint, servo)
+            for joint, servo in self._each_servo()
+            if servo.lost and servo.ask_at <= now and not joint.busy
+        ]
+        if not due:
+            return False
+        joint, servo = min(due, key=lambda each: each[1].ask_at)
+        servo.ask_at = now + POLL_INTERVAL
+        with suppress(CommunicationError):
+            if servo.damaged_cycles:  # two servos with one id may answer pings
+                servo.read_feedback()
+                servo.damaged_cycles = 0
+            else:
+                servo.ping()
+            self._bus.begin(joint, self._bus.returning(joint, servo))
+        return True
 
     def _find_port(self) -> bool:
         """Look for a port that was lost; return whether it is open."""

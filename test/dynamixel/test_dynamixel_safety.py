@@ -331,6 +331,17 @@ def test_torque_comes_on_within_few_cycles_that_leave_no_time_between_them(
     assert on.exception(0.0) is None
 
 
+@pytest.mark.parametrize("returning", [12, 14])
+def test_each_of_several_lost_servos_is_asked_though_cycles_take_long(returning: int) -> None:
+    rig = Rig(*[SimulatedServo(i, boot_time=0.0) for i in range(1, 15)], latency=0.016)
+    for servo in rig.servos[11:]:
+        servo.power_off()
+    rig.step(20)
+    rig.servos[returning - 1].power_on()
+    rig.step(8)
+    assert not rig.bus.joint(f"j{returning}").lost
+
+
 def test_many_servos_behind_a_slow_adapter_start() -> None:
     rig = Rig(*[SimulatedServo(i) for i in range(1, 10)], latency=0.016)
     run(rig.bus.stopping(None), rig.bench.pass_time)
