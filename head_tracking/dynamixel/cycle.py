@@ -32,7 +32,7 @@ from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, Servo
 _LOST_AFTER: Final = 5  # failed cycles in a row
 _RECONNECT_INTERVAL: Final = 200_000_000  # ns between two attempts to open a lost port
 _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; detectors need 60 ms and more
-_RESTART: Final = 200_000_000  # ns without a read in which a servo may have restarted
+_RESTART: Final = 0.2  # s without an instruction in which a servo may have restarted
 
 Members = list[tuple[BusJoint, Servo]]
 """Servos that one instruction reads, with their joints."""
@@ -69,7 +69,7 @@ class Cycle:
     def begin(self) -> None:
         """Begin, once the servos have been found."""
         self._search_at = None
-        self._last = self._monotonic()
+        self._port.take_silence()
         self._make_plan()
         self.diagnosis.report_swapped()
 
@@ -88,9 +88,9 @@ class Cycle:
             self._bus.obey_stop()
         try:
             if (self._search_at is None and self._port.is_open) or self._find_port():
-                gap = start - self._last - self._read_time
-                if gap > _RESTART:
-                    self._after_gap(gap)
+                silence = self._port.take_silence()
+                if silence > _RESTART:
+                    self._after_silence(silence)
                 self._last = start
                 if self._planned != self._version.number:
                     self._make_plan()
@@ -278,8 +278,8 @@ class Cycle:
 
     # Servos and ports that are lost and return
 
-    def _after_gap(self, gap: int) -> None:
-        """Check joints after a time without cycles, ns, in which servos may have lost their power.
+    def _after_silence(self, silence: float) -> None:
+        """Check joints after s without an instruction, in which servos may have lost their power.
 
         A servo whose Bus Watchdog has tripped answers reads and ignores goals: it is cleared.
         """
@@ -287,9 +287,9 @@ class Cycle:
             for servo in joint.servos:
                 servo.interrupt()
             watched = any(servo.has_watchdog for servo in joint.servos)
-            tripped = watched and 0.0 < self._settings.watchdog * 1e9 < gap
+            tripped = watched and 0.0 < self._settings.watchdog < silence
             if tripped and joint.on and joint.complete:
-                why = f"the bus stood still for {gap * 1e-9:.1f} s"
+                why = f"the bus stood still for {silence:.1f} s"
                 self._bus.clear_watchdog(joint, why)
 
     def _lose(self, joint: BusJoint, servo: Servo) -> None:

@@ -121,6 +121,7 @@ class DynamixelPort:
         self._seconds_per_byte = 10.0 / baud_rate
         self._sent: deque[bytes] = deque(maxlen=4)
         self._buffer = b""
+        self._silence = self._sent_at = 0.0  # s
         self._wire_free = 0.0
         self._suspect_until = 0.0  # unexpected status packets have been received
         self._echoed = False  # the last instruction was received, too
@@ -162,6 +163,7 @@ class DynamixelPort:
         self._late = LateReplies(self.clock)
         self._sent.clear()
         self._buffer = b""
+        self._sent_at = self.clock()
         self._line = line
 
     def close(self) -> None:
@@ -169,6 +171,13 @@ class DynamixelPort:
         line, self._line = self._line, None
         if line is not None:
             line.close()
+
+    def take_silence(self) -> float:
+        """Return the longest time without an instruction, s, since the last call."""
+        now = self.clock()
+        silence = max(self._silence, now - self._sent_at)
+        self._silence, self._sent_at = 0.0, now
+        return silence
 
     # Reading
 
@@ -332,6 +341,9 @@ class DynamixelPort:
         self._sent.append(packet)
         line.write(packet)
         free, now = self._wire_free, self.clock()
+        if now - self._sent_at > self._silence:
+            self._silence = now - self._sent_at
+        self._sent_at = now
         free = (now if now > free else free) + len(packet) * self._seconds_per_byte
         self._wire_free = free
         return free

@@ -7,6 +7,7 @@ from dynamixel_fakes import submit
 from simulated_device import PERIOD, Bench, Rig
 
 from head_tracking.dynamixel import (
+    BusSettings,
     ConfigurationError,
     CorruptReplyError,
     EepromSettings,
@@ -340,6 +341,41 @@ def test_each_of_several_lost_servos_is_asked_though_cycles_take_long(returning:
     rig.servos[returning - 1].power_on()
     rig.step(8)
     assert not rig.bus.joint(f"j{returning}").lost
+
+
+@pytest.mark.parametrize("where", ["read", "write"])
+def test_a_pause_of_the_process_within_a_cycle_is_noticed_at_once(where: str) -> None:
+    settings = BusSettings(watchdog=0.2)
+    rig = Rig(SimulatedServo(1, servo_model("XM430-W350")), settings=settings)
+    rig.go(0.2)
+    line, pauses = rig.bench.line, [2.0]
+    original = getattr(line, where)
+
+    def late(*arguments: object) -> object:
+        if pauses:
+            rig.bench.pass_time(pauses.pop())
+            rig.bench.bus.advance(rig.bench.now())
+        return original(*arguments)
+
+    setattr(line, where, late)
+    rig.step(3)
+    assert not pauses
+    assert [event.text for event in rig.events if event.kind is EventKind.HELD] == [
+        "j1 (id 1): the bus stood still for 2.0 s; it holds its present position"
+    ]
+
+
+def test_a_long_cycle_is_no_pause() -> None:
+    rig = Rig(*[SimulatedServo(i) for i in range(1, 15)], latency=0.016)
+    before = rig.bench.now()
+    rig.step()
+    usual = rig.bench.now() - before
+    rig.bus.requests.add(lambda: rig.bus.switching_torque(None, True))
+    rig.bus.requests.begin_next()
+    for _ in range(10):
+        before = rig.bench.now()
+        rig.step()
+        assert rig.bench.now() - before < 2.3 * usual
 
 
 def test_many_servos_behind_a_slow_adapter_start() -> None:
