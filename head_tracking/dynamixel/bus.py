@@ -263,23 +263,17 @@ class ServoBus:
             if len(found) < len(servos):
                 self._pause(_PATIENCE)
                 found += answering(servo for servo in servos if servo.id not in found)
-            problem: DynamixelError | None = None
             for servo in servos:
                 if servo.id not in found:
                     servo.lose(0)
-                    continue
-                try:
-                    try:
-                        self._identify_at_once(servo)
-                    except DynamixelError:
-                        self._pause(_PATIENCE)
-                        self._identify_at_once(servo)
-                except DynamixelError as cause:
-                    problem = problem or cause
+            problems = self._identify(servo for servo in servos if servo.id in found)
+            if problems:
+                self._pause(_PATIENCE)
+                problems = self._identify(problems)
             if len(found) < len(servos) and not allow_missing:
                 asked = [servo.id for servo in servos]
                 raise ServoNotFoundError(asked, found, self.port.name, self.port.baud_rate)
-            if problem is not None:
+            for problem in problems.values():
                 raise problem
             for joint in self._all:
                 joint.require_range()
@@ -294,12 +288,18 @@ class ServoBus:
         self.cycle.begin()
         return self.summary
 
-    def _identify_at_once(self, servo: Servo) -> None:
-        try:
-            run(servo.identify())
-            servo.read_feedback(MOST_TRIES)
-        except CorruptReplyError as cause:
-            raise CorruptReplyError(f"{cause}; {advice(servo)}") from cause
+    def _identify(self, servos: Iterable[Servo]) -> dict[Servo, DynamixelError]:
+        """Identify servos; return what is wrong with those that cannot be used."""
+        problems: dict[Servo, DynamixelError] = {}
+        for servo in servos:
+            try:
+                run(servo.identify())
+                servo.read_feedback(MOST_TRIES)
+            except CorruptReplyError as cause:
+                problems[servo] = CorruptReplyError(f"{cause}; {advice(servo)}")
+            except DynamixelError as cause:
+                problems[servo] = cause
+        return problems
 
     def close(self) -> tuple[str, ...]:
         """Brake and relax every servo, and close the port; return joints that did not confirm."""

@@ -81,6 +81,19 @@ def test_connect_asks_again_if_a_servo_that_answers_pings_then_falls_silent(firs
     assert len(rig.step().states) == 2
 
 
+def test_many_servos_of_another_model_are_refused_soon() -> None:
+    rig = FakeRig(
+        *[replace(PAN, joint_name=f"j{i}", controller=f"c{i}", id=i) for i in range(9)],
+        connect=False,
+    )
+    for servo in rig.servos:
+        servo.set_register("Model Number", 29)
+    begin = rig.bench.now()
+    with pytest.raises(ServoError, match="servo 0 "):
+        rig.connect()
+    assert rig.bench.now() - begin < 500_000_000
+
+
 @pytest.mark.parametrize(
     ("registers", "ignored", "error", "message"),
     [
