@@ -142,8 +142,8 @@ class Program:
         """Wait for a line with these words and return it."""
 
         def found() -> str:
+            ended = not self._reader.is_alive()  # first: its last lines come after its end
             lines = [line for line in self.output.splitlines() if words in line]
-            ended = self.process.poll() is not None
             assert lines or not ended, f"ended without {words!r}:\n{self.output}"
             return lines[0] if lines else ""
 
