@@ -283,7 +283,7 @@ class _Gathering:
                 view
                 for number, view in found.items()
                 if number in before
-                and float(np.abs(view.corners - before[number].corners).max()) < self._still
+                and np.abs((view.corners - before[number].corners).mean(axis=0)).max() < self._still
             ]
             if still or (stamp > end and compared >= _COMPARED):
                 return still

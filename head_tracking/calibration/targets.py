@@ -21,7 +21,8 @@ from head_tracking.vision.markers import (
 from head_tracking.vision.opencv import cv2
 
 TARGETS: Final = {"marker": 1.0, "face": 4.0, "room": 2.0}
-"""By name: maximum motion between two images of a still one [px]; a corner is located best."""
+"""By name: maximum motion between two images of a still one [px]; the middle of a marker is located
+best."""
 
 SMALLEST_MARKER: Final = 0.005
 LARGEST_MARKER: Final = 2.0
