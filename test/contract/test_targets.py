@@ -3,49 +3,60 @@
 import math
 import signal
 import time
+from itertools import product
 
 import pytest
+import yaml
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
-from rig import DEGREE, bearing
+from rig import DEGREE, SOURCE, bearing
 from std_msgs.msg import Float64, String
 from waiting import wait_for
 
 from head_tracking.tf import Buffer, TransformListener
 
 MUX = ("-p", "target_mux:sources:=[clicked_point, target_pose, face]")
-
-
-@pytest.fixture
-def tracked(bench):
-    """A simulated head that looks at what it is given."""
-    bench.start("head_tracking", "--sim", "--target", "none")
-    bench.person.wait_for_joints()
-    return bench
+PROMISES = [
+    *product(
+        (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
+        (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+    )
+]
 
 
 @pytest.fixture(scope="module")
 def mixed(module_bench):
-    """One that looks at the most important of several targets."""
+    """Somebody beside a simulated head that looks at the most important of several targets."""
     module_bench.start("head_tracking", "--sim", "--target", "mux", "--ros-args", *MUX)
     module_bench.person.wait_for_joints()
     wait_for(lambda: module_bench.person.latched("target_mux/selected") == "")
     return module_bench.person
 
 
-def test_a_frame_is_followed_and_one_that_does_not_exist_is_named(tracked):
-    person = tracked.person
+@pytest.fixture
+def tracked(mixed):
+    """The same; the head looks ahead, and at what is published on its own topic."""
+    mixed.publish("target_mux/pin", String(data="face"))
+    wait_for(lambda: mixed.latched("target_mux/selected") == "")
+    mixed.until_done("head_tracker/recenter")
+    wait_for(lambda: mixed.looks_at(0.0, 0.0))
+    yield mixed
+    mixed.publish("target_mux/pin", String())
+
+
+def test_a_frame_is_followed_and_one_that_does_not_exist_is_named(module_bench, tracked):
     frame = ("frame_target", "--ros-args", "-p")
-    unknown = tracked.start(*frame, "frame:=left_hand")
-    person.complaint("frame_target", "left_hand")
+    unknown = module_bench.start(*frame, "frame:=left_hand")
+    tracked.complaint("frame_target", "left_hand")
     assert unknown.end(signal.SIGINT) == 0, unknown.output
-    eye = tracked.start(*frame, "frame:=left_eye_link", "-p", "offset:=[1.0, 1.0, 0.0]")
-    targets = person.hear("target_point", PointStamped)
-    wait_for(lambda: person.state("head_tracker") != "idle")
-    wait_for(lambda: person.pan > 0.3)
+    eye = module_bench.start(*frame, "frame:=left_eye_link", "-p", "offset:=[1.0, 1.0, 0.0]")
+    targets = tracked.hear("target_point", PointStamped)
+    wait_for(lambda: tracked.state("head_tracker") != "idle")
+    wait_for(lambda: tracked.pan > 0.3)
     assert all(math.isfinite(target.point.x) for target in targets)
     assert eye.end(signal.SIGINT) == 0, eye.output
-    wait_for(lambda: person.state("head_tracker") == "holding")
+    wait_for(lambda: tracked.state("head_tracker") == "holding")
 
 
 def test_the_most_important_target_is_taken_smoothly_and_the_next_when_it_ends(mixed):
@@ -119,19 +130,58 @@ def test_the_fictitious_target_is_switched_off_and_on(bench):
 
 def test_a_target_of_the_heads_camera_is_used_at_its_stamp(tracked):
     """A ball stands still; the camera says where it saw it late, but with the picture's time."""
-    person, ball = tracked.person, PointStamped(point=Point(x=1.5, y=0.8, z=0.3))
+    ball = PointStamped(point=Point(x=1.5, y=0.8, z=0.3))
     ball.header.frame_id = "base_link"
     buffer = Buffer()
-    listener = TransformListener(buffer, person.node)
-    errors = person.hear("head_tracker/tracking_error", Float64)
+    listener = TransformListener(buffer, tracked.node)
+    errors = tracked.hear("head_tracker/tracking_error", Float64)
 
     def followed():
         if buffer.can_transform("camera_optical_frame", "base_link", Time()):
             seen = buffer.transform(ball, "camera_optical_frame")
             time.sleep(0.08)  # the picture is processed
-            person.publish("target_point", seen)
-        is_there = abs(person.pan - bearing(1.5, 0.8)) < 2 * DEGREE
+            tracked.publish("target_point", seen)
+        is_there = abs(tracked.pan - bearing(1.5, 0.8)) < 2 * DEGREE
         return is_there and len(errors) > 40 and errors[-1].data < 1.5 * DEGREE
 
     wait_for(followed)
     listener.unregister()
+
+
+@pytest.mark.parametrize("topic", ["target_point", "clicked_point"])
+def test_targets_are_received_from_publishers_of_any_qos(request, topic):
+    person = request.getfixturevalue("tracked" if topic == "target_point" else "mixed")
+    sides = 0.4, -0.4, 0.4, -0.4
+    for y, (reliability, durability) in zip(sides, PROMISES, strict=True):
+        qos = QoSProfile(depth=5, reliability=reliability, durability=durability)
+        publisher = person.node.create_publisher(PointStamped, topic, qos)
+
+        def is_seen(y=y, publisher=publisher):
+            publisher.publish(person.point(2, y, 0.6))
+            return abs(person.pan - bearing(2, y)) < 2 * DEGREE
+
+        wait_for(is_seen)
+        person.node.destroy_publisher(publisher)
+
+
+def test_rviz_finds_its_topics_frame_and_tool_with_a_quality_that_fits(mixed):
+    """RViz itself is not here."""
+    rviz = yaml.safe_load((SOURCE / "config/head.rviz").read_text())["Visualization Manager"]
+    displays = {display["Name"]: display for display in rviz["Displays"]}
+    for topic, kind in (
+        (displays["Robot"]["Description Topic"], "std_msgs/msg/String"),
+        (displays["Target point"]["Topic"], "geometry_msgs/msg/PointStamped"),
+    ):
+        senders = mixed.node.get_publishers_info_by_topic(topic["Value"])
+        assert senders
+        for sender in senders:
+            assert sender.topic_type == kind
+            if topic["Reliability Policy"] == "Reliable":
+                assert sender.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+            if topic["Durability Policy"] == "Transient Local":
+                assert sender.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+    frames = mixed.call("robot_state_publisher/frames").message.split()
+    assert rviz["Global Options"]["Fixed Frame"] in frames
+    (tool,) = [one for one in rviz["Tools"] if one["Class"].endswith("/PublishPoint")]
+    listeners = mixed.node.get_subscriptions_info_by_topic(tool["Topic"]["Value"])
+    assert {one.topic_type for one in listeners} == {"geometry_msgs/msg/PointStamped"}

@@ -13,12 +13,14 @@ import pytest
 import rclpy
 from rclpy.node import Node
 from rig import own_domain
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from waiting import PATIENCE, wait_for
 
 from head_tracking.ros.kit.spinning import start_ros
 from head_tracking.ros.kit.stop_signal import ENDING
 from head_tracking.ros.kit.threads import UrgentServices, Worker
+from head_tracking.ros.kit.topics import TopicListener
 
 PROGRAM = Path(__file__).parents[1] / "support" / "exit_paths.py"
 
@@ -188,3 +190,30 @@ def test_an_error_of_an_urgent_service_is_an_answer_without_success(threads):
             wait_for(future.done)
             assert not future.result().success
     bus.destroy_node()
+
+
+# Publishes one message on each topic, as soon as somebody listens, and stays for their delivery.
+PERSON = """
+import sys, time, rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("person")
+for topic in sys.argv[1:]:
+    publisher = node.create_publisher(String, topic, 10)
+    while not publisher.get_subscription_count():
+        time.sleep(0.001)
+    publisher.publish(String(data=topic))
+sys.stdin.read()
+"""
+
+
+def test_the_only_message_of_a_new_publisher_is_received(bench):
+    topics, heard = [f"topic_{number}" for number in range(60)], []
+    for topic in topics:
+        TopicListener(bench.person.node, String, topic, lambda message: heard.append(message.data))
+    with subprocess.Popen(
+        [sys.executable, "-c", PERSON, *topics],
+        env=os.environ | {"ROS_DOMAIN_ID": bench.domain},
+        stdin=subprocess.PIPE,
+    ):
+        wait_for(lambda: sorted(heard) == sorted(topics))
