@@ -489,22 +489,29 @@ class Tracking(TargetMotion):
         for target, point in frames.take(now, joints.positions):
             seen = target.stamp * 1e-9 if target.stamp else now
             moving = bool(target.stamp) and frames.moves_with_head(target.frame_id)
-            verdict = tracker.target_seen(seen, point, now, moving=moving)
-            if not verdict.used and verdict in tracker.machine.refusal:
-                control.refuse(Refusal(target, tracker.machine.refusal))
+            tracker.target_seen(seen, point, now, moving=moving)
+            self._log_refusal(target)
         refusal = frames.take_refusal()
         if refusal is not None:
-            control.refuse(refusal)
             tracker.machine.refused(refusal.reason, now)
-        control.refusal = tracker.machine.refusal
+            self._log_refusal(refusal.target)
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
+        self._log_refusal(frames.target)
+        control.refusal = tracker.machine.refusal
         self.miss, control.held = step.error, None
         if tracker.camera.fault:
             control.send(step.command)
             control.disable(Blocked.FAULT, tracker.camera.fault)
             return None
         return step.command
+
+    def _log_refusal(self, target: Target | None) -> None:
+        """Log the refusal of a target, if there is a new one."""
+        assert self.tracker is not None
+        reason = self.tracker.machine.take_refusal()
+        if reason and target is not None:
+            self.control.refuse(Refusal(target, reason))
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
         """See `Motion`: the measured states of a head that moves."""

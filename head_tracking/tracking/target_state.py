@@ -75,6 +75,7 @@ class TargetStateMachine:
         self._state = TargetState.IDLE
         self._reason = "no target has come yet"
         self.refusal, self._refused = "", 0.0
+        self._not_taken = ""
         self._head = head
         self._sweep = Sweep(head)
         self._seen: float | None = None
@@ -105,9 +106,15 @@ class TargetStateMachine:
         self._seen, self._centring = now, False
 
     def refused(self, reason: str, now: float) -> None:
-        """Record why a target was refused; a reason is kept for 1 s before another replaces it."""
+        """Record why a target was refused; `refusal` is kept for 1 s before another replaces it."""
+        self._not_taken = reason
         if not self.refusal or now - self._refused > 0.5 * _REFUSAL_SHOWN:
             self.refusal, self._refused = reason, now
+
+    def take_refusal(self) -> str:
+        """Return why a target was refused since the last call; empty: none was."""
+        reason, self._not_taken = self._not_taken, ""
+        return reason
 
     def forget(self, reason: str) -> None:
         """Return to the state before the first target."""

@@ -4,6 +4,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -117,6 +118,24 @@ def test_short_pauses_of_the_target_are_not_logged(track, capfd):
         tracked.world.run(0.3)
         assert tracked.fields["state"] == "coasting"
     assert capfd.readouterr().err.count("tracking: ") == 1
+
+
+def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
+    """The state keeps the first reason for a second."""
+    tracked = track()
+    control, refusals = tracked.node.control, []
+    monkeypatch.setattr(control, "refuse", refusals.append)
+    sent = []
+    for age in (5, 9):
+        target = tracked.target(0.1)
+        sent.append((replace(target, stamp=target.stamp - age * SECOND), age))
+        control.accept(sent[-1][0])
+        tracked.world.run(2 * STEP)
+    assert [target for target, _ in refusals] == [target for target, _ in sent]
+    for refusal, (_, age) in zip(refusals, sent, strict=True):
+        number = float(re.search(r"([\d.]+) s", refusal.reason)[1])
+        assert number == pytest.approx(age, abs=0.1)
+    assert "5" in tracked.fields["refusal"]
 
 
 def test_a_resumed_head_keeps_max_joint_speed(track):
