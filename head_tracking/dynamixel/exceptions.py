@@ -55,7 +55,8 @@ class PortMissingError(PortError):
         found = "is the adapter plugged in?"
         if existing:
             found = f"serial ports that exist: {_join(existing)}"
-        super().__init__(port_name, f"there is no such device; {found}")
+        simulated = "without servos: `head_tracking --sim`, or Head.simulated()"
+        super().__init__(port_name, f"there is no such device; {found} ({simulated})")
 
 
 class PortBusyError(PortError):
