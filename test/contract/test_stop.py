@@ -10,7 +10,8 @@ from contextlib import closing, contextmanager
 from functools import partial
 
 import pytest
-from rig import JOINTS, Bench, child
+from diagnostic_msgs.msg import DiagnosticStatus
+from rig import JOINTS, LATCHED, Bench, child
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
 from waiting import join, repeating, wait_for
@@ -76,17 +77,34 @@ def bench(running):
     return running
 
 
+def fields(person, topic):
+    """Return level and fields of a latched topic."""
+    messages = person.hear(topic, DiagnosticStatus, LATCHED)
+    latest = wait_for(lambda: messages)[-1]
+    return {"level": latest.level} | {each.key: each.value for each in latest.values}
+
+
 def test_stop_relaxes_the_servos_and_is_published(bench, person):
+    def status():
+        found = fields(person, "head_tracker/status")
+        return [found[name] for name in ("level", "state", "enabled", "stopped", "slow")]
+
+    wait_for(lambda: status() == [DiagnosticStatus.OK, "tracking", "true", "false", "false"])
     answer = person.until_done("stop")
     assert bench.servos.torque == [0, 0]
     assert all(joint in answer.message for joint in JOINTS)
     wait_for(lambda: person.stopped)
     wait_for(lambda: person.latched("head_tracker/enabled", Bool) is False)
+    wait_for(lambda: status() == [DiagnosticStatus.WARN, "disabled", "false", "true", "true"])
     wait_for(lambda: person.state("head_tracker") == "disabled")
+    messages = person.hear("head_tracker/status", DiagnosticStatus, LATCHED)
+    wait_for(lambda: messages[-1].message == person.latched("head_tracker/state"))
     before = bench.servos.at_rest()
     time.sleep(0.5)  # targets keep coming
     assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
     person.until_done("stop")  # a second one is as good as the first
+    person.until_done("resume")
+    wait_for(lambda: status()[2:4] == ["true", "false"])
 
 
 def test_a_crash_does_not_end_a_stop(tmp_path):
@@ -159,14 +177,39 @@ def test_requests_to_relax_are_executed_while_stopped(bench, person):
     assert bench.servos.torque == [1, 1]
 
 
-def test_a_claim_takes_over_the_head_until_it_is_enabled_again(person):
-    claim = JointState(name=list(JOINTS))
+@pytest.mark.parametrize("claimed", [JOINTS, JOINTS[1:]])
+def test_a_claim_takes_over_the_head_until_it_is_enabled_again(person, claimed):
+    """A controller that loses one joint releases the other."""
+    claim = JointState(name=list(claimed))
     claim.header.frame_id = "/other"
     person.publish("joint_claims", claim)
-    wait_for(lambda: set(person.owners.values()) == {"/other"})
+    owners = dict.fromkeys(JOINTS, "") | dict.fromkeys(claimed, "/other")
+    wait_for(lambda: person.owners == owners)
     wait_for(lambda: person.latched("head_tracker/enabled", Bool) is False)
     assert person.call("head_tracker/enable", True).success
     wait_for(lambda: set(person.owners.values()) == {"/head_tracker"})
+
+
+def test_commands_of_an_earlier_epoch_are_discarded(bench, person):
+    """As a message that was long on its way."""
+
+    def publish(epoch):
+        onward.header.frame_id = f"/elsewhere#{epoch}"
+        person.publish("joint_commands", onward)
+
+    def epoch():
+        return int(fields(person, "joint_control")["epoch"])
+
+    assert person.call("head_tracker/enable", False).success
+    old = epoch()
+    person.until_done("stop")
+    person.until_done("resume")
+    wait_for(lambda: epoch() > old)
+    before = bench.servos.at_rest()
+    onward = JointState(name=[JOINTS[0]], position=[before[0] + 0.5])
+    person.complaint("servo_bus", "/elsewhere", of=lambda: publish(old))
+    assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
+    wait_for(lambda: publish(epoch()) or abs(person.pan - before[0]) > 0.4)
 
 
 def test_resume_restores_the_owner_and_starts_slowly(bench, person):

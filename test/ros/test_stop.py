@@ -5,9 +5,7 @@ import time
 
 import pytest
 from contract_nodes import BusStandIn
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from waiting import join, wait_for
 
@@ -84,26 +82,6 @@ def test_a_sender_that_names_no_epoch_is_a_name():
         assert sender_from(f"{name}#7") == (name[:LONGEST_NAME], 7)
 
 
-def test_commands_of_an_earlier_epoch_are_discarded(robot):
-    """With the epoch of before, as a message that was long on its way."""
-    tracking(robot)
-    assert robot.call("head_tracker/enable", False).success
-    old = robot.composition.loop.owners.epoch.value
-    robot.until_done("stop")
-    robot.until_done("resume")
-    where = robot.at_rest()
-    command = JointState(name=["head_pan_joint"], position=[where[0] + 0.5])
-    command.header.frame_id = f"/elsewhere#{old}"
-    robot.log.clear()
-    commands = robot.node.create_publisher(JointState, "joint_commands", 1)
-    wait_for(commands.get_subscription_count)
-    commands.publish(command)
-    robot.logged("joint_commands of /elsewhere refused")
-    assert robot.at_rest() == pytest.approx(where, abs=STILL)
-    command.header.frame_id = f"/elsewhere#{robot.composition.loop.owners.epoch.value}"
-    wait_for(lambda: commands.publish(command) or abs(robot.pan - where[0]) > 0.4)
-
-
 def test_stop_waits_for_no_controller_that_hangs(robot):
     tracking(robot)
     going_on = threading.Event()
@@ -136,15 +114,6 @@ def test_stop_waits_for_no_callback_that_hangs(robot):
         going_on.set()
 
 
-def test_a_controller_that_loses_one_joint_releases_the_other(robot):
-    tracking(robot)
-    claim = JointState(name=["head_tilt_joint"])
-    claim.header.frame_id = "/other"
-    robot.publish("joint_claims", claim)
-    wait_for(lambda: robot.owners == {"head_pan_joint": "", "head_tilt_joint": "/other"})
-    wait_for(lambda: not robot.latched("head_tracker/enabled", Bool))
-
-
 def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     tracking(robot)
     tracker = robot.composition.nodes["head_tracker"]
@@ -162,20 +131,3 @@ def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     listener.destroy_node()
     with pytest.raises(NodeDied):  # (by the loop, or by the node, whichever notices the STOP first)
         wait_for(lambda: False)
-
-
-def test_the_state_is_published_as_fields(robot):
-    messages = robot.hear("head_tracker/status", DiagnosticStatus, LATCHED)
-    wait_for(lambda: messages)
-
-    def fields():
-        latest = messages[-1]
-        found = {each.key: each.value for each in latest.values}
-        return latest.level, found["state"], found["enabled"], found["stopped"], found["slow"]
-
-    wait_for(lambda: fields() == (DiagnosticStatus.OK, "tracking", "true", "false", "false"))
-    robot.until_done("stop")
-    wait_for(lambda: fields() == (DiagnosticStatus.WARN, "disabled", "false", "true", "true"))
-    wait_for(lambda: messages[-1].message == robot.latched("head_tracker/state"))
-    robot.until_done("resume")
-    wait_for(lambda: fields()[2:4] == ("true", "false"))
