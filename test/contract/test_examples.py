@@ -6,14 +6,12 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from rig import PYTHONPATH, SOURCE
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from waiting import wait_for
 
 EXAMPLES = SOURCE / "examples"
 
@@ -75,25 +73,11 @@ def test_other_servos():
     assert [line.count("XL430-W250") for line in lines[1:]] == [1, 1]
 
 
-@contextmanager
-def node_of(bench, *words):
-    node = subprocess.Popen(
-        ["env", "--default-signal", sys.executable, EXAMPLES / words[0], *words[1:]],
-        env=os.environ | {"PYTHONPATH": PYTHONPATH, "ROS_DOMAIN_ID": bench.domain},
-    )
-    try:
-        yield
-        node.send_signal(signal.SIGINT)
-        wait_for(lambda: node.poll() == 0)
-    finally:
-        node.kill()
-        node.wait(30.0)
-
-
 def test_ros_node(bench):
-    with node_of(bench, "ros_node.py", "--sim"):
-        errors = bench.person.hear("tracking_error", Float64)
-        bench.person.keep_looking(2, 0.5, 0.6, lambda: errors and errors[-1].data < 0.03)
+    node = bench.start(str(EXAMPLES / "ros_node.py"), "--sim")
+    errors = bench.person.hear("tracking_error", Float64)
+    bench.person.keep_looking(2, 0.5, 0.6, lambda: errors and errors[-1].data < 0.03)
+    assert node.end(signal.SIGINT) == 0, node.output
 
 
 def test_own_driver(bench):
@@ -101,8 +85,9 @@ def test_own_driver(bench):
     driver = EXAMPLES / "own_driver.py"
     for command in re.findall(r"^ros2 run head_tracking (.*)", driver.read_text(), re.MULTILINE):
         bench.start(*command.split())
-    with node_of(bench, "own_driver.py"):
-        states = bench.person.hear("joint_states", JointState)
-        bench.person.keep_looking(
-            2, 1, 0.5, lambda: states and abs(states[-1].position[0] - math.atan2(1, 2)) < 0.02
-        )
+    node = bench.start(str(driver))
+    states = bench.person.hear("joint_states", JointState)
+    bench.person.keep_looking(
+        2, 1, 0.5, lambda: states and abs(states[-1].position[0] - math.atan2(1, 2)) < 0.02
+    )
+    assert node.end(signal.SIGINT) == 0, node.output

@@ -84,12 +84,6 @@ def test_a_relaxed_joint_is_turned_by_hand_and_does_not_jump_back(bench, person)
     assert bench.servos.at_rest()[0] == pytest.approx(before, abs=DEGREE)
 
 
-def test_torque_holds_a_joint_against_a_force(bench):
-    bench.servos.turn_by_hand(1, -0.7)
-    time.sleep(0.7)
-    assert bench.servos.at_rest()[0] == pytest.approx(0.0, abs=6 * DEGREE)
-
-
 def test_relax_switches_all_torque_off_until_torque_enable(bench, person):
     person.until_done("relax")
     assert bench.servos.torque == [0, 0]
@@ -212,12 +206,3 @@ def test_commands_of_another_sender_wait_until_the_first_ends(person):
     )
     wait_for(lambda: owned("/second", 0.4))
     wait_for(lambda: abs(person.pan - 0.4) < DEGREE)
-
-
-def test_a_reconnected_adapter_is_found(bench, person):
-    bench.servos.port.close()
-    heard, _ = person.measured[JOINTS[0]]
-    bench.servos.port.open()
-    wait_for(lambda: person.measured[JOINTS[0]][0] > heard + 0.5)
-    person.command(PAN, 0.3)
-    wait_for(lambda: abs(person.pan - 0.3) < DEGREE)

@@ -128,13 +128,6 @@ def test_a_run_continues_with_a_closed_pipe_and_a_full_disk(bench):
     assert [run.end() for run in runs] == [0, 0]
 
 
-def test_a_tool_that_waits_for_a_head_ends_by_ctrl_c_with_130(bench):
-    relax = bench.start("relax")
-    bench.person.wait_for_node("relax")
-    assert relax.end(signal.SIGINT) == 130, relax.output
-    assert "Traceback" not in relax.output
-
-
 # the end
 
 

@@ -16,6 +16,7 @@ from head_tracking import FrameError, Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import BusStoppedError, ServoBus
 from head_tracking.head.head_control import HeadControl
+from head_tracking.transforms import TransformBuffer
 
 
 @pytest.fixture
@@ -66,22 +67,34 @@ def test_learned_servo_values_are_saved_for_the_next_run(servos, kinectbot, tmp_
     assert found == ["not observable", "saved", "saved", "not observable"]
 
 
+LOOK = partial(Head.look_at, point=(2.0, 2.0, 0.6))
+
+
 @pytest.mark.parametrize(
-    "command", [lambda head: head.look_at((2.0, 2.0, 0.6)), lambda head: head.resume()]
+    ("kind", "step", "command"),
+    [
+        (TransformBuffer, "lookup_transform", LOOK),
+        (DynamixelBackend, "switch_torque", LOOK),
+        (DynamixelBackend, "switch_torque", Head.resume),
+    ],
 )
-def test_a_command_is_refused_if_relax_comes_before_its_torque(monkeypatch, command):
-    switch = DynamixelBackend.switch_torque
+def test_a_command_is_refused_if_relax_comes_before_one_of_its_steps(
+    servos, kinectbot, monkeypatch, kind, step, command
+):
+    carry_out = getattr(kind, step)
 
-    def relaxing_before(*arguments):
-        monkeypatch.setattr(DynamixelBackend, "switch_torque", switch)
+    def relaxing_before(*arguments, **named):
+        monkeypatch.undo()
         head.relax()
-        return switch(*arguments)
+        assert servos.torque == [0, 0]
+        return carry_out(*arguments, **named)
 
-    monkeypatch.setattr(DynamixelBackend, "switch_torque", relaxing_before)
-    with Head.simulated() as head:
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        monkeypatch.setattr(kind, step, relaxing_before)
         with pytest.raises(RefusedCommandError) as refused:
             command(head)
         assert refused.value.state == head.state == HeadState.RELAXED
+        assert servos.torque == [0, 0]
 
 
 def test_resume_is_refused_if_its_torque_is_cut_by_a_relax_that_was_called_before(monkeypatch):

@@ -163,17 +163,6 @@ def test_any_axis_can_be_pointed(kinectbot):
     assert miss_by_kinematics(kinectbot, head, target, gaze.pan, gaze.tilt, axis) < 1e-7
 
 
-def test_behind_the_head_is_out_of_reach_and_the_miss_is_told(kinectbot):
-    head = PanTiltHead(kinectbot, PAN, TILT, "camera_link")
-    gaze = head.gaze((-2.0, 0.1, 0.0), 0.0, 0.0)
-    assert gaze.status is GazeStatus.OUT_OF_REACH
-    assert gaze.pan == 2.6
-    assert gaze.miss == pytest.approx(
-        miss_by_kinematics(kinectbot, head, (-2.0, 0.1, 0.0), gaze.pan, gaze.tilt), abs=1e-7
-    )
-    assert PAN in gaze.reason
-
-
 @pytest.mark.parametrize("options", [{}, *(crooked(random.Random(seed)) for seed in range(8))])
 def test_the_answer_out_of_reach_is_the_nearest_gaze(options):
     _, head = make_head(options)

@@ -252,23 +252,6 @@ def test_stop_needs_the_mark_of_the_page(robot: _Robot, page: Page) -> None:
     assert robot.stops == before
 
 
-@pytest.mark.parametrize(
-    ("name", "body", "status"),
-    [
-        ("nonsense", b"{}", 404),
-        ("mode", b"\xff", 400),
-        ("mode", b"[" * 60_000, 400),
-        ("mode", b'{"mode": "dance"}', 400),
-        ("aim", b'{"joints": {"a": NaN}}', 400),
-        ("aim", b" " * 70_000, 413),
-    ],
-)
-def test_bad_requests_are_refused(
-    client: httpx.Client, name: str, body: bytes, status: int
-) -> None:
-    assert client.post(f"/head/do/{name}", content=body).status_code == status
-
-
 _GARBLED = """
 JSON.parse = ((parse) => (text) => {
   const said = parse(text);

@@ -141,31 +141,6 @@ def test_a_target_is_shown_while_the_controller_has_it(kinectbot, has_target):
         assert (recording.at(time).target is not None) is has_target
 
 
-def test_a_refused_point_is_not_shown_as_the_target_of_the_head(kinectbot):
-    def status(refusal: str) -> Any:
-        fields = {"state": "holding", "target": "true", "refusal": refusal}
-        values = [{"key": key, "value": value} for key, value in fields.items()]
-        return {"name": "point_head", "values": values}
-
-    def point(x: float) -> Any:
-        return {"header": header(0, "base_link"), "point": xyz((x, 0.0, 0.0))}
-
-    messages = [
-        *moving(kinectbot, 6.0),
-        (0.5, "point_head/status", status("")),
-        (1.0, "target_point", point(1.0)),
-        *((time, "target_point", point(-time)) for time in (2.0, 3.0)),
-        *((time + 0.01, "point_head/status", status("out of reach")) for time in (2.0, 3.0)),
-        (4.0, "target_point", point(4.0)),
-        (4.01, "point_head/status", status("")),
-    ]
-    recording = read(bag(messages))
-    for time, x in ((1.5, 1.0), (5.0, 4.0)):
-        assert recording.at(time).target[0] == pytest.approx(x), time
-    for time in (2.5, 3.5):
-        assert recording.at(time).target is None, time
-
-
 def test_what_happened_is_found_on_the_time_line(kinectbot):
     hot = {"name": "servo_bus: pan", "level": 2, "message": "too hot", "values": []}
     messages = [

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import pytest
-import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
@@ -28,36 +27,23 @@ class Example:
             raise ValueError("axis needs three numbers")
 
 
+pytestmark = pytest.mark.usefixtures("threads")
 ONCE = {"depth": 1, "reliability": "best_effort"}
 
 
-@pytest.fixture
-def make():
-    rclpy.init()
-    nodes: list[Node] = []
-
-    def make(**overrides):
-        node = Node(
-            "example",
-            parameter_overrides=[Parameter(name, value=v) for name, v in overrides.items()],
-        )
-        nodes.append(node)
-        return node
-
-    yield make
-    for node in nodes:
-        node.destroy_node()
-    rclpy.shutdown()
+def make(**overrides):
+    given = [Parameter(name, value=value) for name, value in overrides.items()]
+    return Node("example", parameter_overrides=given)
 
 
-def test_defaults_and_given_values(make):
+def test_defaults_and_given_values():
     assert NodeParameters(make(), Example).value == Example()
     given = NodeParameters(make(speed=2, axis=[0, 1, 0]), Example).value
     assert given == Example(speed=2.0, axis=(0.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize("distribution", ["humble", "jazzy"])
-def test_a_value_can_be_changed_while_running(make, monkeypatch, distribution):
+def test_a_value_can_be_changed_while_running(monkeypatch, distribution):
     if distribution == "humble":
         monkeypatch.delattr(Node, "add_post_set_parameters_callback")
     node, seen = make(), []
@@ -67,7 +53,7 @@ def test_a_value_can_be_changed_while_running(make, monkeypatch, distribution):
     assert seen == [Example(speed=0.5)]
 
 
-def test_parameters_change_the_delivery_of_topics(make):
+def test_parameters_change_the_delivery_of_topics():
     publisher = {f"qos_overrides./angle.publisher.{k}": v for k, v in ONCE.items()}
     subscription = {f"qos_overrides./angle.subscription.{k}": v for k, v in ONCE.items()}
     node = make(**publisher, **subscription)
@@ -80,8 +66,7 @@ def test_parameters_change_the_delivery_of_topics(make):
     assert node.get_parameter("qos_overrides./angle.publisher.depth").value == 1
 
 
-def test_an_empty_topic_of_a_source_is_the_usual_one(threads):
+def test_an_empty_topic_of_a_source_is_the_usual_one():
     node = TargetMuxNode(parameter_overrides=[Parameter("clicked_point.topic", value="")])
     topics = dict(node.get_subscriber_names_and_types_by_node("target_mux", "/"))
-    node.destroy_node()
     assert {"/clicked_point/target_point", "/visual_target/target_point"} <= topics.keys()

@@ -53,7 +53,6 @@ def test_a_value_is_for_the_nodes_that_ros_gives_it_to(started, nodes, node, tak
     assert made.has_parameter("mine") is taken
     if taken:
         assert source(made, "mine") == str(tmp_path / "mine.yaml")
-    made.destroy_node()
 
 
 @pytest.mark.parametrize(
@@ -73,7 +72,6 @@ def test_what_no_node_knows_is_named_with_its_file_and_the_nearest_that_exists(
     node = started(text)()
     with pytest.raises(UnknownParametersError) as error:
         check_parameters([node])
-    node.destroy_node()
     for word in [str(tmp_path / "mine.yaml"), *words]:
         assert word in str(error.value)
 
@@ -82,8 +80,6 @@ def test_a_parameter_without_a_node_is_refused_with_the_node_that_has_it(started
     tracker, other = started("", "-p", "law:=position")(), Node("other")
     with pytest.raises(UnknownParametersError, match="-p head_tracker:law:=position"):
         check_parameters([tracker, other])
-    tracker.destroy_node()
-    other.destroy_node()
 
 
 def test_a_file_of_another_kind_is_named_without_its_contents(tmp_path):
@@ -109,7 +105,6 @@ def test_a_file_of_another_kind_is_named_without_its_contents(tmp_path):
 def test_what_is_known_or_others_own_is_no_mistake(started, text):
     node = started(text)()
     check_parameters([node])
-    node.destroy_node()
 
 
 def test_each_wrong_value_is_named_with_node_and_file(started, tmp_path):
@@ -139,7 +134,6 @@ def test_the_latest_value_wins_also_with_another_type(
     check_parameters([node])
     assert node.get_parameter("rate").value == rate
     assert node.get_parameter("law").value == law
-    node.destroy_node()
 
 
 @pytest.mark.parametrize(

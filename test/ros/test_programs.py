@@ -189,7 +189,6 @@ def test_an_error_of_an_urgent_service_is_an_answer_without_success(threads):
             future = client.call_async(Trigger.Request())
             wait_for(future.done)
             assert not future.result().success
-    bus.destroy_node()
 
 
 # Publishes one message on each topic, as soon as somebody listens, and stays for their delivery.

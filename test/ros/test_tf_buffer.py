@@ -247,15 +247,6 @@ def test_messages_and_full_lookups_wait_as_well(buffer):
     join(bring)
 
 
-def test_a_future_waits_and_is_done_when_it_can_be(buffer):
-    future = buffer.wait_for_transform_async("map", "ball", Time(seconds=6))
-    buffer.set_transform(message(5.0, 5))
-    assert not future.done()
-    buffer.set_transform(message(7.0, 7))
-    assert future.done()
-    assert future.result().transform.translation.x == pytest.approx(6.0)
-
-
 def test_an_executor_awaits_while_it_works(buffer):
     """Two tasks wait in one thread, and a timer of the same executor brings what they want."""
     rclpy.init()

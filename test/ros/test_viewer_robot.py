@@ -10,12 +10,15 @@ from robot_under_test import Robot
 from viewing import view
 from waiting import wait_for
 
+from head_tracking.calibration import Calibration, gathering
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.page.calibrating import CameraCalibration
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.other_topics import image_of
 from head_tracking.page.path import ClosedPath
 from head_tracking.page.status import Word
 from head_tracking.page.viewer import ViewerNode
+from head_tracking.ros.kit.diagnostics import Level, Part
 from head_tracking.ros.kit.target_point import target_from_message
 from head_tracking.run.node_sets import CAMERA
 from head_tracking.run.options import parse_arguments
@@ -47,6 +50,12 @@ def seen(robot, page) -> Any:
     page.modes.centre()
     wait_for(lambda: page.modes.mode() is Mode.TRACK and head_is_at(robot, 0.0))
     return page
+
+
+@pytest.fixture(scope="module")
+def camera(robot) -> None:
+    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+    robot.threads.start(CAMERA.make({"buffer": robot.composition.buffer}))
 
 
 def head_is_at(robot: Robot, pan: float, tolerance: float = 2 * DEGREE) -> bool:
@@ -156,10 +165,10 @@ def magenta(picture: Any) -> int:
     return int(np.count_nonzero((r > g + 60) & (b > g + 60)))
 
 
-def test_the_page_shows_the_target_as_the_camera_sees_it_and_subscribes_only_then(robot, seen):
-    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+def test_the_page_shows_the_target_as_the_camera_sees_it_and_subscribes_only_then(
+    robot, seen, camera
+):
     seen.modes.look_at("base_link", (1.0, 0.0, 0.5))
-    robot.threads.start(CAMERA.make({"buffer": robot.composition.buffer}))
     wait_for(lambda: "/image" in seen.topics.images())
     assert robot.node.count_subscribers("/image/compressed") == 0
 
@@ -175,8 +184,7 @@ def test_the_page_shows_the_target_as_the_camera_sees_it_and_subscribes_only_the
     wait_for(lambda: robot.node.count_subscribers("/image/compressed") == 0)
 
 
-def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen):
-    pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
+def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, seen, camera):
     assert Mode.FACE in seen.modes.possible()
     selected, place = robot.hear("visual_target/select_point", PointStamped), (0.3, 0.1, 2.0)
     with pytest.raises(HeadTrackingError):
@@ -206,3 +214,88 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
     monkeypatch.setattr("head_tracking.page.viewer.installed", lambda: False)
     with pytest.raises(HeadTrackingError, match="pip install"):
         ViewerNode()
+
+
+# calibration of the camera
+
+
+@pytest.fixture
+def calibration(camera, seen, monkeypatch, tmp_path) -> CameraCalibration:
+    """A short calibration, with the head in the middle, where it sees the marker."""
+    wait_for(lambda: seen.modes.value("simulated_camera", "scene") is not None)
+    seen.modes.set_value("simulated_camera", "scene", "still marker")
+    wait_for(lambda: seen.topics.picture("/image") is not None)
+    monkeypatch.setattr(gathering, "LONGEST", 250.0)  # a busy machine needs longer
+    monkeypatch.setattr(gathering, "MOST_VIEWS", 10)
+    monkeypatch.setattr(gathering, "_SETTLING", 0.2)
+    monkeypatch.setattr(gathering, "_SPEED", 3.0)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return CameraCalibration(seen, lambda _: seen.topics.picture("/image"))
+
+
+def ended(calibration: CameraCalibration) -> bool:
+    return not calibration.progress.runs
+
+
+def test_a_marker_without_a_size_is_refused(calibration):
+    for size in (0.0, float("nan")):
+        with pytest.raises(ValueError, match="allowed"):
+            calibration.begin(size, "")
+    assert ended(calibration)
+
+
+def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, monkeypatch):
+    used = Part("robot_state_publisher: calibration", Level.OK, "3 days old", ())
+    monkeypatch.setattr(seen.topics, "health", lambda: (used,))
+    with pytest.raises(HeadTrackingError):
+        calibration.begin(0.16, "")
+    assert ended(calibration)
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_head_moves(
+    calibration, tmp_path, monkeypatch
+):
+    moved = []
+    monkeypatch.setattr(gathering, "calibrate_camera", moved.append)
+    (tmp_path / "head_tracking" / "calibration" / "kinectbot.yaml").mkdir(parents=True)
+    calibration.begin(0.16, "")
+    wait_for(lambda: ended(calibration))
+    assert "kinectbot.yaml" in calibration.progress.text
+    assert not moved
+
+
+def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, calibration, tmp_path):
+    usual = seen.modes.value("point_head", "max_velocity")
+    calibration.begin(0.16, "")
+    with pytest.raises(HeadTrackingError):
+        calibration.begin(0.16, "")
+    wait_for(lambda: ended(calibration))
+    (file,) = tmp_path.rglob("*.yaml")
+    assert str(file) in calibration.progress.text
+    found = Calibration.load(file)
+    assert found.robot == "kinectbot"
+    assert found.views >= 8
+    assert abs(found.estimates["camera yaw"].value) < 0.02  # rad: it sits as the model says
+    assert [name for name, *_ in calibration.progress.rows] == list(found.estimates)
+    wait_for(lambda: seen.modes.value("point_head", "max_velocity") == (usual or 2.0))
+
+
+@pytest.mark.parametrize("what", ["stop", "torque"])
+def test_stop_and_a_relaxed_joint_end_it(robot, seen, calibration, what, tmp_path):
+    calibration.begin(0.16, "")
+    wait_for(lambda: "direction 2" in calibration.progress.text)
+    if what == "stop":
+        robot.call("stop")  # on a busy computer it may not be confirmed in time, but it counts
+    else:
+        seen.joints.set_torque("head_tilt_controller", False)
+    wait_for(lambda: ended(calibration))
+    assert not list(tmp_path.rglob("*.yaml"))
+    if what == "torque":
+        assert "head_tilt_joint" in calibration.progress.text
+        seen.joints.set_torque("head_tilt_controller", True)
+        wait_for(lambda: not any(servo.refuses for servo in seen.joints.servos()))
+    else:
+        with pytest.raises(HeadTrackingError):
+            calibration.begin(0.16, "")
+        robot.until_done("resume")
+        wait_for(lambda: not seen.stop.stopped)

@@ -389,8 +389,3 @@ def test_without_hardware_one_page_says_where_the_joints_are_and_stop_is_not_con
         seen.modes.centre()
     with pytest.raises(HeadTrackingError, match="not running"):
         seen.modes.set_mode(Mode.TRACK)
-
-
-def test_the_log_has_the_token_of_a_page_for_the_network(threads, capfd):
-    node = view(threads, host="0.0.0.0")
-    assert f"/?token={node.page.token}" in capfd.readouterr().err

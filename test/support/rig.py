@@ -91,7 +91,9 @@ def bearing(x: float, y: float) -> float:
 
 
 def command(name: str) -> list[str]:
-    """Return the words that start an executable."""
+    """Return the words that start an executable, or a file of Python."""
+    if name.endswith(".py"):
+        return [sys.executable, name]
     words = [sys.executable, "-u", "-m", "head_tracking"]
     return words if name == "head_tracking" else [*words, name]
 

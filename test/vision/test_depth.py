@@ -44,14 +44,6 @@ def test_too_few_depths_give_no_surface(rng, parts):
     assert surface_depth(depths, 0.2, 8.0) is None
 
 
-def test_either_can_come_first():
-    pairs = Pairing(10)
-    assert pairs.picture(1000, "a") is None
-    assert pairs.depth(1005, "A") == ("a", "A")
-    assert pairs.depth(2000, "B") is None
-    assert pairs.picture(1995, "b") == ("b", "B")
-
-
 def test_stamps_too_far_apart_are_no_pair_and_are_counted():
     pairs = Pairing(10)
     for i in range(5):

@@ -71,13 +71,6 @@ def test_one_entry_makes_a_detector_a_target_of_a_run(what):
     assert spec.scene in SCENES
 
 
-def test_no_target_without_a_distance(kinectbot):
-    blind = tracker("colour")
-    seen = watch(blind, View(scene("ball"), kinectbot, SMALL, depth=""), "ball", 6)
-    assert not seen.misses
-    assert blind.without_distance == 1
-
-
 @pytest.mark.parametrize("what", ["face", "colour", "marker"])
 def test_an_empty_room_has_no_targets(kinectbot, what):
     view = View(scene("empty"), kinectbot, SMALL, noise=6.0)

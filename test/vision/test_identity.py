@@ -36,10 +36,6 @@ def tracker():
     return VisualTracker(None, DistanceParameters(), IdentityParameters())
 
 
-def test_one_or_two_detections_are_not_confirmed(tracker):
-    assert follow(tracker, [[seen(0.0)], [seen(0.0)], [], [], []]) == [None] * 5
-
-
 def test_the_larger_of_two_is_chosen_and_kept(tracker):
     big, small = seen(-0.3), seen(0.3)
     big = Located(
