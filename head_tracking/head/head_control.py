@@ -230,11 +230,12 @@ class HeadControl(Controller):
             if self._is_troubled:
                 self._end_motion(MotionEnd.ABORTED, str(self.trouble))
 
-    def _check_owners(self) -> None:
+    def _check_owners(self) -> bool:
+        """Return whether this owns the joints; restart if that has changed, or after a STOP."""
         owners = self._owners
         noticed = owned, epoch = owners.owns(self.name, self.joints), owners.epoch.value
         if noticed == self._noticed:
-            return
+            return owned
         (was_owner, old_epoch), self._noticed = self._noticed, noticed
         others = self._others()
         if was_owner and not owned and others:
@@ -244,17 +245,18 @@ class HeadControl(Controller):
             self.is_cautious, self._cautious_for = True, 0.0
         self._end_motion(MotionEnd.DISABLED, str(self.off or Obstacle(Blocked.STOPPED)))
         self._restart_targets()
+        return owned
 
     # The cycle
 
     def update(self) -> None:
         """Decide where the joints go now, and write it; see `ControlLoop`."""
         with self.lock:
-            self._check_owners()
+            is_owner = self._check_owners()
             joints = self._measure()
             if joints is None:
                 self.error = None
-            elif self.off is not None:
+            elif not is_owner:
                 self.error = None
                 self.frames.forget()
             elif self._is_due(joints.stamp, self._clock.checked):

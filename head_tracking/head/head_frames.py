@@ -42,6 +42,7 @@ class HeadFrames(TargetPlacer):
         self.base: HeadBase | None = None
         self.target: Target | None = None
         self._parameters = parameters
+        self._joints = parameters.head_pan_joint, parameters.head_tilt_joint
         self._model: RobotModel | None = None
         self._latency = round(parameters.target_latency * 1e9)
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_KEPT)
@@ -55,9 +56,8 @@ class HeadFrames(TargetPlacer):
         p = self._parameters
         head = p.head(model)
         fixed_frame = p.fixed_frame or head.base_frame
-        joints = {head.pan_joint, head.tilt_joint}
         if fixed_frame in model.links and any(
-            joint.name in joints for joint in model.joints_above(fixed_frame)
+            joint.name in self._joints for joint in model.joints_above(fixed_frame)
         ):
             raise RobotModelError(
                 f"fixed_frame is {fixed_frame!r}, which moves with the head; choose a frame that "
@@ -102,7 +102,8 @@ class HeadFrames(TargetPlacer):
             positions: pan and tilt [rad] for a target without a stamp that the head carries.
             latest_only: see `TargetPlacer.place`.
         """
-        placed = self.place(now, self._named(positions), latest_only=latest_only)
+        joints = dict(zip(self._joints, positions, strict=True))
+        placed = self.place(now, joints, latest_only=latest_only)
         for target, point in placed:
             self.target = target
             self._recent.append((target.stamp * 1e-9 if target.stamp else now, point))
@@ -121,8 +122,7 @@ class HeadFrames(TargetPlacer):
 
     def moves_with_head(self, frame_id: str) -> bool:
         """Return whether a frame moves when pan and tilt do."""
-        assert self.head is not None
-        return self._buffer.is_moved_by(frame_id, (self.head.pan_joint, self.head.tilt_joint))
+        return self._buffer.is_moved_by(frame_id, self._joints)
 
     def in_fixed_frame(self, target: Target, positions: tuple[float, float]) -> Vector3:
         """Return a target in `fixed_frame` [m], at its stamp; for `positions` see `take`.
@@ -130,7 +130,8 @@ class HeadFrames(TargetPlacer):
         Raises:
             TransformException: its transform is not known, or not yet.
         """
-        return self.place_one(self._corrected(target), self._named(positions))
+        joints = dict(zip(self._joints, positions, strict=True))
+        return self.place_one(self._corrected(target), joints)
 
     def in_base(self, point: Vector3, now: float) -> Vector3:
         """Return a point of `fixed_frame` in the head's base frame as that is now [m].
@@ -156,10 +157,6 @@ class HeadFrames(TargetPlacer):
         assert self.head is not None
         found = self._buffer.lookup_transform(self.head.base_frame, target.frame_id, LATEST)
         return found.transform @ target.point, found.stamp * 1e-9 if found.stamp else None
-
-    def _named(self, positions: tuple[float, float]) -> dict[str, float]:
-        assert self.head is not None
-        return {self.head.pan_joint: positions[0], self.head.tilt_joint: positions[1]}
 
     def _corrected(self, target: Target) -> Target:
         """Return the target with `target_latency` taken off its stamp."""

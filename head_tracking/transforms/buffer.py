@@ -237,7 +237,9 @@ class TransformBuffer:
         """Return stamp [ns] and position [rad or m] of the latest sample of a joint, or None."""
         with self._lock:
             history = self._joints.get(name)
-            return (history.stamps[-1], history.values[-1]) if history else None
+            if history is None or not history.stamps:
+                return None
+            return history.stamps[-1], history.values[-1]
 
     def oldest_joint_stamp(self, name: str) -> int:
         """Return the stamp of the oldest sample of a joint [ns]; 0 if there is none."""
