@@ -232,29 +232,6 @@ def test_a_false_detection_that_recurs_throws_the_head_once():
     assert thrown <= 1
 
 
-def after_a_gap(*pans, gap=1.0):
-    """A target at pan 0, a gap, and points at these pans; verdicts, estimator and time."""
-    estimator = fed(lambda t: at(0.0), 1.0)
-    times = [1.0 + gap + k / RATE for k in range(len(pans))]
-    verdicts = [estimator.add(t, at(pan), t) for t, pan in zip(times, pans, strict=True)]
-    return verdicts, estimator, times[-1]
-
-
-@pytest.mark.parametrize("gap", [0.6, 20.0])
-def test_after_a_gap_the_first_point_is_the_target(gap):
-    """A head that waits for a second one loses who walks out of its view."""
-    verdicts, estimator, now = after_a_gap(0.5, gap=gap)
-    assert verdicts == [Verdict.NEW_TARGET]
-    assert estimator.estimate.ray_at(now).pan == pytest.approx(0.5, abs=1e-3)
-
-
-def test_a_false_detection_after_a_gap_costs_one_point():
-    """A target that was at rest before the gap is back at once."""
-    verdicts, estimator, now = after_a_gap(0.3, 0.0)
-    assert verdicts == [Verdict.NEW_TARGET, Verdict.NEW_TARGET]
-    assert estimator.estimate.ray_at(now).pan == pytest.approx(0.0, abs=1e-3)
-
-
 def test_a_target_that_is_lost_is_where_its_last_two_points_were():
     """It left the view while its points waited for confirmation; one may be a false detection."""
     estimator = fed(lambda t: at(0.0), 1.0)
@@ -271,14 +248,6 @@ def test_a_target_that_is_lost_has_not_gone_on_if_its_last_point_was_behind():
     assert not estimator.settle(1.5, is_lost=False)
     assert estimator.settle(1.5, is_lost=True)
     assert estimator.estimate.ray_at(1.5).pan == pytest.approx(0.8, abs=1e-3)
-
-
-def test_a_target_that_went_away_by_false_points_is_back_at_once():
-    """Two false detections in one direction are a motion; who was at rest may be there still."""
-    estimator = fed(lambda t: at(0.0), 2.0)
-    estimator.add(2.1, at(0.13), 2.1)
-    assert estimator.add(2.2, at(0.26), 2.2) is Verdict.TAKEN
-    assert estimator.add(2.3, at(0.0), 2.3) is Verdict.NEW_TARGET
 
 
 @pytest.mark.parametrize("rate", [15, 30])
@@ -299,25 +268,6 @@ def test_a_target_that_stops_is_not_predicted_on(seed):
         if t >= 2.0
     ]
     assert sum(missed) / len(missed) < 0.0163
-
-
-@pytest.mark.parametrize(
-    "false",
-    [
-        [(0.0, 0.17, -0.24), (0.2, 0.1, 0.0)],
-        [(0.0, 0.17, -0.24), (0.4, 0.1, 0.24)],
-        [(0.0, -0.08, -0.13), (0.14, 0.12, -0.17), (0.4, -0.22, -0.21)],  # to and fro
-        [(0.0, -0.14, 0.19), (0.04, -0.22, 0.2)],  # near each other, but fast
-    ],
-)
-def test_false_detections_beside_a_target_at_rest_are_no_motion(false):
-    """Each at a time [s] since the first; pan and tilt from the target [rad]."""
-    estimator = fed(lambda t: at(0.7, -0.06), 2.0, 15, 0.1)
-    for t, pan, tilt in false:
-        assert estimator.add(2.0 + t, at(0.7 + pan, tilt - 0.06), t + 2.1) is Verdict.JUMP
-    pan, tilt, _ = estimator.estimate.ray_at(2.5 + false[-1][0])
-    assert abs(pan - 0.7) < 0.02
-    assert abs(tilt + 0.06) < 0.02
 
 
 def test_a_false_detection_after_the_first_point_behind_a_gap_is_no_motion():
@@ -349,18 +299,43 @@ def test_a_slow_detector_sees_few_outliers_in_a_person_who_starts_and_stops():
     assert sum(used) > 0.955 * len(used)
 
 
+T, J, NEW = Verdict.TAKEN, Verdict.JUMP, Verdict.NEW_TARGET
+
+
 @pytest.mark.parametrize(
-    ("rate", "late", "motion", "verdicts"),
+    ("seconds", "rate", "late", "points", "verdicts", "where"),
     [
-        # after 0.7 s unseen: the speed that was good at rest says nothing any more
-        (15, 0.1, ((0.7, 0.03), (0.7 + 1 / 15, 0.09)), [Verdict.NEW_TARGET, Verdict.TAKEN]),
-        # a slow detector: the second point of the motion is far from the first
-        (5, 0.6, ((0.2, 0.01), (0.4, 0.09)), [Verdict.TAKEN, Verdict.TAKEN]),
+        # After a gap the first point is the target: a head that waits loses who walks away.
+        (1.0, 30, 0.0, [(0.6, 0.5, 0.0)], [NEW], (0.5, 0.0)),
+        (1.0, 30, 0.0, [(20.0, 0.5, 0.0)], [NEW], (0.5, 0.0)),
+        # A false detection after a gap: a target that was at rest before is back at once.
+        (1.0, 30, 0.0, [(1.0, 0.3, 0.0), (1.0 + 1 / 30, 0.0, 0.0)], [NEW, NEW], (0.0, 0.0)),
+        # Two false detections in one direction are a motion; who was at rest may be there still.
+        (2.0, 30, 0.1, [(0.1, 0.13, 0), (0.2, 0.26, 0), (0.3, 0, 0)], [J, T, NEW], (0.0, 0.0)),
+        # False detections beside a target at rest are no motion.
+        (2.0, 15, 0.1, [(0.0, 0.17, -0.24), (0.2, 0.1, 0.0)], [J, J], (0.0, 0.0)),
+        (2.0, 15, 0.1, [(0.0, 0.17, -0.24), (0.4, 0.1, 0.24)], [J, J], (0.0, 0.0)),
+        (
+            *(2.0, 15, 0.1),  # to and fro
+            [(0.0, -0.08, -0.13), (0.14, 0.12, -0.17), (0.4, -0.22, -0.21)],
+            *([J, J, J], (0.0, 0.0)),
+        ),
+        # (near each other, but fast)
+        (2.0, 15, 0.1, [(0.0, -0.14, 0.19), (0.04, -0.22, 0.2)], [J, J], (0.0, 0.0)),
+        # Who walks on after 0.7 s unseen: the speed that was good at rest says nothing any more.
+        (4.0, 15, 0.1, [(0.7 - 1 / 15, 0.03, 0), (0.7, 0.09, 0)], [NEW, T], (0.09, 0.0)),
+        # A slow detector: the second point of the motion is far from the first.
+        (4.0, 5, 0.6, [(0.0, 0.01, 0.0), (0.2, 0.09, 0.0)], [T, T], (0.09, 0.0)),
     ],
 )
-def test_who_walks_on_after_a_rest_is_believed_at_the_second_point(rate, late, motion, verdicts):
+def test_points_after_a_rest_are_a_motion_or_false_detections(
+    seconds, rate, late, points, verdicts, where
+):
+    """Each at a time [s] since the rest; pan and tilt from the target [rad]."""
     rnd = random.Random(3)
-    estimator = fed(lambda t: at(rnd.gauss(0.0, 0.003)), 4.0, rate, late)
-    rest = (4 * rate - 1) / rate
-    found = [estimator.add(rest + t, at(pan), rest + t + late) for t, pan in motion]
-    assert found == verdicts
+    estimator = fed(lambda t: at(0.7 + rnd.gauss(0.0, 0.001), -0.06), seconds, rate, late)
+    for (t, pan, tilt), verdict in zip(points, verdicts, strict=True):
+        now = seconds + t
+        assert estimator.add(now, at(0.7 + pan, tilt - 0.06), now + late) is verdict
+    pan, tilt, _ = estimator.estimate.ray_at(now)
+    assert (pan - 0.7, tilt + 0.06) == pytest.approx(where, abs=0.02)
