@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import runs
-from closed_loop import START, ClosedLoop, Mounted, ax12
-from runs import HEAD, Watched, around, circle, tracker
+from closed_loop import START, Mounted, ax12
+from runs import HEAD, Watched, around, circle, run, tracker
 
 from head_tracking.tracking import LAWS, JointReadings, TargetState, Tracker
 
@@ -23,8 +23,8 @@ def still(t):
 def mounted(path, turns, note=lambda now, steered: None, steered=None, **changes):
     """Run a head whose servos turn it so; return the result and the tracker."""
     conditions = replace(ON_HEAD, servos=lambda start: Mounted(ax12()(start), turns), **changes)
-    watched = Watched(steered or tracker(HEAD), note)
-    return ClosedLoop(path, conditions).run(watched), watched.tracker
+    watched = Watched(steered or tracker(), note)
+    return run(path, conditions, watched), watched.tracker
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_it_is_named_and_the_head_stops(law, turns, said):
         if steered.camera.fault:
             named.append(now - START)
 
-    outcome, steered = mounted(still, turns, note, tracker(HEAD, law))
+    outcome, steered = mounted(still, turns, note, tracker(law))
     assert said in steered.machine.reason
     assert steered.state is TargetState.IDLE
     trace = outcome.recording

@@ -5,55 +5,27 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from closed_loop import WEBCAM, ClosedLoop, Conditions
+from closed_loop import BASE_FRAME, WEBCAM, ClosedLoop, Conditions
 from plant import PlainServo
-from runs import ON_HEAD, circle, from_rest, sine, still, swing, tracker
+from runs import HEAD, ON_HEAD, error, from_rest, run, still, swing, tracker
 
-
-def error(head, path, conditions, start=3.0, law="predictive"):
-    loop = ClosedLoop(path, conditions)
-    return loop.run(tracker(head, law)).recording.between(start).rms
+from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
 
 
 @pytest.mark.parametrize(
     ("law", "path"), [("predictive", still), ("speed", swing), ("position", swing)]
 )
-def test_stamps_that_are_wrong_make_no_head_swing(head, law, path):
+def test_stamps_that_are_wrong_make_no_head_swing(law, path):
     conditions = replace(ON_HEAD, rate=10.0 if law == "speed" else 50.0)
-    usual = error(head, path, conditions, law=law)
-    wrong = error(head, path, replace(conditions, stamp_error=-0.12), law=law)
+    usual = error(path, conditions, law=law)
+    wrong = error(path, replace(conditions, stamp_error=-0.12), law=law)
     assert wrong < 4.0 * usual + 0.006
 
 
-def test_a_camera_beside_the_head_has_no_stamp_errors_to_learn(head):
-    steered = tracker(head)
-    ClosedLoop(swing, replace(ON_HEAD, on_head=False)).run(steered)
+def test_a_camera_beside_the_head_has_no_stamp_errors_to_learn():
+    steered = tracker()
+    run(swing, replace(ON_HEAD, on_head=False), steered)
     assert steered.camera.applied == 0.0
-
-
-def walked_up(t):
-    """Walk up to the head, and move on after a pause."""
-    bearing, distance = 0.3 * math.sin(max(t - 32.0, 0.0)), max(3.0 - 1.2 * t, 0.5)
-    return distance * math.cos(bearing), distance * math.sin(bearing), 0.16
-
-
-LATE, HEAVY = PlainServo(dead_time=0.15), PlainServo(acceleration=5.0)
-
-
-@pytest.mark.parametrize(
-    ("path", "ordeal", "start", "most"),
-    [
-        (sine(0.5), {"servos": LATE}, 3.0, 0.04),
-        (swing, {"servos": HEAVY, "duration": 20.0, "field": (3.0, 3.0)}, 14.0, 0.03),
-        (circle, {"range_noise": 0.2}, 3.0, 0.01),
-        (circle, {"outliers": 0.05, "outlier": 0.1, "seed": 2}, 3.0, 0.022),
-        (sine(0.5), {"outliers": 0.09, "outlier": 1.5, "lost": 0.15, "seed": 2}, 3.0, 0.03),
-        (walked_up, {"servos": PlainServo(), "duration": 38.0}, 33.0, 0.03),
-    ],
-    ids=["late servos", "heavy head", "distances", "outliers", "fast swing", "walked up"],
-)
-def test_the_head_follows_through_an_ordeal(head, path, ordeal, start, most):
-    assert error(head, path, replace(ON_HEAD, **ordeal), start) < most
 
 
 NOISY = replace(WEBCAM, duration=30.0, servos=PlainServo())
@@ -67,16 +39,68 @@ NOISY = replace(WEBCAM, duration=30.0, servos=PlainServo())
         *((replace(NOISY, seed=seed), 1.2) for seed in (1, 3, 7)),
     ],
 )
-def test_at_rest_the_head_is_quieter_than_the_points(head, conditions, most):
-    outcome = ClosedLoop(still, conditions).run(tracker(head))
+def test_at_rest_the_head_is_quieter_than_the_points(conditions, most):
+    outcome = run(still, conditions)
     goals = outcome.goals[200:]
     assert sum(a != b for a, b in pairwise(goals)) / (len(goals) / 50.0) < most
     assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * conditions.noise
 
 
-def test_gaps_do_not_carry_the_head_past_its_target(head):
+def test_gaps_do_not_carry_the_head_past_its_target():
     gaps = tuple((start, start + 1.5) for start in (3.8, 6.1, 8.4, 10.7))
     conditions = replace(ON_HEAD, duration=12.0, servos=PlainServo(), gaps=gaps)
-    recording = ClosedLoop(from_rest(0.5, 0.16), conditions).run(tracker(head)).recording
+    recording = run(from_rest(0.5, 0.16), conditions).recording
     assert abs(recording.positions[:, 0]).max() < 0.75
     assert recording.rms < 0.43
+
+
+# A base that turns or drives under a target that stands still
+
+WORLD = (3.0, 0.5, 0.2)  # m
+
+
+def turn(t):
+    """At 1 rad/s, from one side to the other."""
+    return 0.0, 0.0, min(max(t - 2.0, -1.9), 1.9)
+
+
+def drive(t):
+    """An arc to and fro, at up to 1 rad/s."""
+    yaw = math.sin(t)
+    return 0.3 * math.sin(yaw), 0.1 * yaw, yaw
+
+
+def stop_and_go(t):
+    """It turns by 0.6 rad at up to 1 rad/s, stands for a while, and goes on."""
+    turns, since = divmod(t, 1.2)
+    if since < 0.25:
+        way = 2.0 * since * since
+    elif since < 0.6:
+        way = 0.125 + since - 0.25
+    else:
+        way = 0.6 - 2.0 * max(0.85 - since, 0.0) ** 2
+    return 0.0, 0.0, 0.6 * turns + way - 0.9
+
+
+def moving_error(base, fixed_frame="odom", duration=3.6, start=1.2):
+    """Return the error while the base moves [rad rms]."""
+    conditions = Conditions(
+        duration=duration, points=25.0, delay=0.06, on_head=True, base=base, start=(0.4, 0.0),
+        field=(6.3, 3.1), servos=PlainServo(), fixed_frame=fixed_frame,
+    )  # fmt: skip
+    loop = ClosedLoop(lambda t: WORLD, conditions)
+    base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if fixed_frame == "odom" else None
+    steered = Tracker(HEAD, LAWS["predictive"](HEAD, 0.02), base=base)
+    recording = loop.run(steered).recording.between(start)
+    assert steered.state is TargetState.TRACKING
+    return recording.rms
+
+
+@pytest.mark.parametrize(("base", "most"), [(turn, 0.005), (drive, 0.006), (stop_and_go, 0.03)])
+def test_a_base_that_moves_costs_little_where_the_fixed_frame_stands_still(base, most):
+    assert moving_error(base) < most
+
+
+def test_a_fixed_frame_is_better_than_one_that_turns_by_fits_and_starts():
+    fixed, carried = (moving_error(stop_and_go, frame) for frame in ("odom", BASE_FRAME))
+    assert fixed < 0.75 * carried

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_loop import ClosedLoop, Conditions, ax12
 from plant import Deaf, Pair, PlainServo
-from runs import LEVEL, around, sine, tracker
+from runs import BESIDE, LEVEL, around, run, sine, tracker
 
 from head_tracking.tracking import Learning, LearningParameters
 
@@ -19,12 +18,6 @@ def both(t):
     return around(0.4 * math.sin(math.pi * t), LEVEL - 2.0 * math.tan(tilt))
 
 
-def run(head, path, conditions, law="predictive"):
-    steered = tracker(head, law)
-    return ClosedLoop(path, conditions).run(steered).recording, steered
-
-
-BESIDE = Conditions(duration=16.0, noise=0.002, delay=0.05, field=(3.0, 3.0))
 LATE_AND_WEAK = PlainServo(dead_time=0.08, acceleration=15.0)
 
 
@@ -56,74 +49,46 @@ SLOW = {"duration": 40.0, "points": 15.0, "servos": PlainServo()}
     ],
     ids=["late and weak", "profile", "late computer", "wanders", "wanders, noise"],
 )
-def test_the_simplest_law_is_not_better(head, path, changes, start, ratio, farthest):
+def test_the_simplest_law_is_not_better(path, changes, start, ratio, farthest):
     conditions = replace(BESIDE, **changes)
-    ours, simplest = (run(head, path, conditions, law)[0] for law in ("predictive", "position"))
+    ours, simplest = (
+        run(path, conditions, tracker(law)).recording for law in ("predictive", "position")
+    )
     assert ours.between(start).rms < ratio * simplest.between(start).rms
     assert abs(ours.positions).max() < farthest
 
 
-def drift(speed):
-    """To and fro; the law `position` has 1.9 to 7.6 mrad."""
-    return lambda t: around(speed * abs((t + 2.0) % 16.0 - 8.0))
-
-
-def stop_and_go(t):
-    phase = t % 4.0
-    return around(0.4 * (min(phase, 1.0) - min(max(phase - 2.0, 0.0), 1.0)))
-
-
-WEAK = PlainServo(acceleration=5.0)
-DRIFT = {"duration": 20.0, "on_head": True}
-
-
-@pytest.mark.parametrize(
-    ("path", "changes", "start", "most"),
-    [
-        # too fast for the servo: a swing of 0.5 rad needs accelerations of up to 4.9 rad/s^2
-        (swing, {"servos": PlainServo(acceleration=4.0)}, 10.0, 0.8 * 0.5 / math.sqrt(2.0)),
-        # a weak servo that leaves its commands is caught where it is
-        (stop_and_go, {"duration": 12.0, "delay": 0.08, "servos": WEAK, "seed": 2}, 0.0, 0.06),
-        (drift(0.006), DRIFT | {"start": (0.036, 0.0), "servos": PlainServo()}, 4.0, 0.0044),
-        (drift(0.015), DRIFT | {"start": (0.09, 0.0), "servos": ax12()}, 4.0, 0.00575),
-    ],
-    ids=["too fast", "weak", "drifts slowly", "drifts"],
-)
-def test_a_target_is_followed(head, path, changes, start, most):
-    recording, _ = run(head, path, replace(BESIDE, **changes))
-    assert recording.between(start).rms < most
-
-
-def test_a_weak_servo_stops_at_a_target_that_has_jumped(head):
+def test_a_weak_servo_stops_at_a_target_that_has_jumped():
     weak = PlainServo(dead_time=0.018, lag=0.02, acceleration=20.0, resolution=0.005)
     path = lambda t: around(0.25 if t % 3.0 < 1.5 else -0.25)  # noqa: E731
-    recording, _ = run(head, path, replace(BESIDE, servos=weak))
+    recording = run(path, replace(BESIDE, servos=weak)).recording
     assert abs(recording.between(6.0).positions[:, 0]).max() < 0.25 + 0.06
 
 
 @pytest.mark.parametrize(("seconds", "lag"), [(0.26, 0.03), (0.3, 0.07)])
-def test_a_servo_that_hears_late_is_not_driven_past_its_target(head, seconds, lag):
+def test_a_servo_that_hears_late_is_not_driven_past_its_target(seconds, lag):
     servo = PlainServo(dead_time=0.03, lag=lag, resolution=0.005)
     deaf = {"servos": lambda start: Deaf(servo(start), seconds)}
     conditions = replace(BESIDE, duration=3.0, noise=0.0, delay=0.02, **deaf)
     for target in (0.24, 0.36, 0.43):
-        recording, _ = run(head, lambda t, target=target: around(target), conditions)
+        recording = run(lambda t, target=target: around(target), conditions).recording
         assert recording.positions[:, 0].max() < target + 0.06
 
 
-def test_a_servo_with_a_long_lag_comes_to_rest(head):
+def test_a_servo_with_a_long_lag_comes_to_rest():
     servo = PlainServo(profile=40.0, lag=0.077)
     conditions = replace(BESIDE, servos=servo, on_head=True, delay=0.1)
-    recording, _ = run(head, lambda t: around(0.3 if t > 2.0 else 0.0), conditions)
+    recording = run(lambda t: around(0.3 if t > 2.0 else 0.0), conditions).recording
     standing = recording.between(6.0).positions[:, 0]
     assert standing.max() - standing.min() < 0.01
     assert recording.between(6.0).rms < 0.01
 
 
-def test_each_joint_is_predicted_at_its_own_delay(head):
+def test_each_joint_is_predicted_at_its_own_delay():
     servos = Pair(PlainServo(dead_time=0.15), PlainServo(dead_time=0.02))
-    recording, steered = run(head, both, replace(BESIDE, servos=servos))
-    alike, _ = run(head, both, replace(BESIDE, servos=PlainServo(dead_time=0.15)))
+    steered = tracker()
+    recording = run(both, replace(BESIDE, servos=servos), steered).recording
+    alike = run(both, replace(BESIDE, servos=PlainServo(dead_time=0.15))).recording
     assert recording.between(6.0).rms < 1.5 * alike.between(6.0).rms
     pan, tilt = steered.law.lead_times
     assert pan - tilt == pytest.approx(0.13, abs=0.02)
@@ -135,18 +100,18 @@ def test_each_joint_is_predicted_at_its_own_delay(head):
     ("servos", "camera"),
     [*((how, how) for how in Learning), (Learning.FREEZE, Learning.LEARN)],
 )
-def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
-    steered = tracker(head)
+def test_what_was_learned_is_kept_or_forgotten_as_chosen(servos, camera):
+    steered = tracker()
     before = steered.learned
     ordinary = replace(BESIDE, duration=8.0, servos=PlainServo(dead_time=0.02), on_head=True)
-    ClosedLoop(swing, ordinary).run(steered)
+    run(swing, ordinary, steered)
     learned = steered.learned
     assert {each.source for each in learned.values()} >= {"learned"}
     steered.learn(LearningParameters(servos, camera))
     steered.reset("a new run")
     slow = PlainServo(dead_time=0.12)
     other = replace(ordinary, duration=12.0, servos=slow, stamp_error=0.09)
-    ClosedLoop(swing, other).run(steered)
+    run(swing, other, steered)
     now = steered.learned
     assert list(now) == list(learned)
     (pan, tilt), (*of_servos, stamps) = (name for name in now if "delay" in name), now
@@ -169,6 +134,6 @@ def test_what_was_learned_is_kept_or_forgotten_as_chosen(head, servos, camera):
     else:
         assert (now[stamps].value, now[stamps].source) == (before[stamps].value, "not observable")
     steered.learn(LearningParameters(servo_delay=0.05, camera_delay=0.12))
-    ClosedLoop(swing, replace(other, duration=1.0)).run(steered)
+    run(swing, replace(other, duration=1.0), steered)
     assert (steered.learned[pan].value, steered.learned[pan].source) == (0.05, "given")
     assert (steered.learned[stamps].value, steered.learned[stamps].source) == (0.12, "given")

@@ -8,7 +8,7 @@ import pytest
 import runs
 from closed_loop import ClosedLoop
 from plant import PlainServo
-from runs import around, circle, from_rest, sine, still, swing
+from runs import HEAD, around, circle, from_rest, run, sine, still, swing, tracker
 
 from head_tracking.tracking import LAWS, HeadBase, LearningParameters, TargetState, Tracker
 
@@ -18,15 +18,15 @@ ON_HEAD = replace(runs.ON_HEAD, duration=8.0)
 class Watched(runs.Watched):
     """A tracker; the errors that it has applied are kept."""
 
-    def __init__(self, head, base=None):
+    def __init__(self, base=None):
         self.applied = [0.0]
-        tracker = Tracker(head, LAWS["predictive"](head, 0.02), base=base)
+        tracker = Tracker(HEAD, LAWS["predictive"](HEAD, 0.02), base=base)
         super().__init__(tracker, lambda now, steered: self.applied.append(steered.camera.applied))
 
 
-def run(head, path, conditions):
-    watched = Watched(head)
-    return watched, ClosedLoop(path, conditions).run(watched).recording
+def watch(path, conditions):
+    watched = Watched()
+    return watched, run(path, conditions, watched).recording
 
 
 @pytest.mark.parametrize(
@@ -46,40 +46,40 @@ def run(head, path, conditions):
         ),
     ],
 )
-def test_the_error_is_found(head, path, late, changes, most):
+def test_the_error_is_found(path, late, changes, most):
     conditions = replace(ON_HEAD, **({"stamp_error": late, "field": (3.0, 3.0)} | changes))
-    watched, _ = run(head, path, conditions)
+    watched, _ = watch(path, conditions)
     assert watched.applied[-1] == pytest.approx(late, abs=most)
 
 
 @pytest.mark.parametrize(("bearing", "late"), [(0.3, 0.15), (0.8, 0.45)])
-def test_a_still_face_that_is_seen_late_is_not_overshot(head, bearing, late):
+def test_a_still_face_that_is_seen_late_is_not_overshot(bearing, late):
     """Its points move with the head at first; no speed of its own explains that."""
     conditions = replace(ON_HEAD, duration=4.0, delay=late, stamp_error=late, field=(2.2, 1.5))
-    _, recording = run(head, lambda _: around(bearing), conditions)
+    _, recording = watch(lambda _: around(bearing), conditions)
     off = recording.positions[:, 0] - recording.wanted[0, 0]
     assert math.degrees(off.max()) < 1.0
     settled = recording.times - recording.times[0] > late + 1.0
     assert math.degrees(np.abs(off[settled]).max()) < 1.0
 
 
-def test_a_delay_that_is_given_is_right_from_the_first_point_on(head):
+def test_a_delay_that_is_given_is_right_from_the_first_point_on():
     late = 0.25
     conditions = replace(ON_HEAD, delay=0.25, field=(3.0, 3.0), duration=4.0)
-    watched = Watched(head)
+    watched = Watched()
     watched.tracker.learn(LearningParameters(camera_delay=late))
     false = replace(conditions, stamp_error=late)
     right, given = (
-        ClosedLoop(swing, each).run(steered).recording.rms
-        for each, steered in ((conditions, Watched(head)), (false, watched))
+        run(swing, each, steered).recording.rms
+        for each, steered in ((conditions, Watched()), (false, watched))
     )
     assert set(watched.applied[1:]) == {late}
     assert given < 1.2 * right
 
 
-def test_a_correction_beyond_the_timeout_does_not_end_tracking(head):
+def test_a_correction_beyond_the_timeout_does_not_end_tracking():
     conditions = replace(ON_HEAD, duration=12.0, stamp_error=0.7, field=(3.0, 3.0))
-    watched, recording = run(head, swing, conditions)
+    watched, recording = watch(swing, conditions)
     assert watched.applied[-1] == pytest.approx(0.7, abs=0.05)
     assert recording.between(6.0).rms < 0.2
 
@@ -101,39 +101,39 @@ def servo(dead_time, lag):
         (from_rest(1.0), FAST | {"servos": servo(0.08, 0.012)}),
     ],
 )
-def test_no_error_is_believed_where_there_is_none(head, path, changes):
-    watched, _ = run(head, path, replace(ON_HEAD, **({"duration": 12.0} | changes)))
+def test_no_error_is_believed_where_there_is_none(path, changes):
+    watched, _ = watch(path, replace(ON_HEAD, **({"duration": 12.0} | changes)))
     assert not any(watched.applied)
 
 
-def test_wrong_stamps_that_jitter_cost_little(head):
+def test_wrong_stamps_that_jitter_cost_little():
     jitter = replace(ON_HEAD, duration=10.0, stamp_jitter=0.0115, seed=2)
     usual, wrong = (
-        run(head, circle, replace(jitter, stamp_error=error))[1].between(6.0).rms
+        watch(circle, replace(jitter, stamp_error=error))[1].between(6.0).rms
         for error in (0.0, 0.09)
     )
     assert wrong < 1.5 * usual + 0.005
 
 
-def test_one_point_from_the_future_keeps_nobody_from_learning(head):
-    watched = Watched(head)
+def test_one_point_from_the_future_keeps_nobody_from_learning():
+    watched = Watched()
     watched.target_seen(1_060.0, around(0.0), 1_000.0)
-    ClosedLoop(swing, replace(ON_HEAD, stamp_error=0.07)).run(watched)
+    run(swing, replace(ON_HEAD, stamp_error=0.07), watched)
     assert watched.applied[-1] == pytest.approx(0.07, abs=0.015)
 
 
-def test_points_from_the_future_do_not_pile_up(head):
-    tracker = Tracker(head, LAWS["predictive"](head, 0.02))
+def test_points_from_the_future_do_not_pile_up():
+    steered = tracker()
     for k in range(3000):
         now = 1_000.0 + 0.02 * k
-        tracker.joints_read(now, (0.0, 0.0))
-        tracker.target_seen(now + 100.0, around(0.1), now, moving=True)
-        tracker.step(now)
-    assert len(tracker.camera.waiting) < 100
+        steered.joints_read(now, (0.0, 0.0))
+        steered.target_seen(now + 100.0, around(0.1), now, moving=True)
+        steered.step(now)
+    assert len(steered.camera.waiting) < 100
 
 
-def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head):
-    watched = Watched(head)
+def test_nothing_of_before_a_recentring_comes_back_with_a_found_error():
+    watched = Watched()
     step, seen = watched.step, watched.target_seen
     asked = []
 
@@ -148,18 +148,18 @@ def test_nothing_of_before_a_recentring_comes_back_with_a_found_error(head):
 
     watched.step, watched.target_seen = recentring, before
     conditions = replace(ON_HEAD, stamp_error=0.12, duration=6.0)
-    positions = ClosedLoop(still, conditions).run(watched).recording.positions
+    positions = run(still, conditions, watched).recording.positions
     assert watched.tracker.state is TargetState.IDLE
     assert np.abs(positions[-1]).max() < 0.05
 
 
-def test_the_error_is_found_while_the_base_turns(head):
+def test_the_error_is_found_while_the_base_turns():
     def sway(t):
         return 0.0, 0.0, 0.4 * math.sin(math.tau * 0.25 * t)
 
     conditions = replace(ON_HEAD, base=sway, field=(3.0, 3.0), stamp_error=-0.09)
     loop = ClosedLoop(swing, conditions)
-    watched = Watched(head, HeadBase(loop.buffer, "odom", head.base_frame))
+    watched = Watched(HeadBase(loop.buffer, "odom", HEAD.base_frame))
     recording = loop.run(watched).recording
     assert watched.applied[-1] == pytest.approx(-0.09, abs=0.015)
     assert recording.between(4.0).rms < 0.03

@@ -14,6 +14,7 @@ LEVEL = 0.08  # m above the head's base frame
 HEAD = PanTiltHead(
     kinectbot(), "head_pan_joint", "head_tilt_joint", "camera_link", tilt_limits=(-1.08, 1.47)
 )
+BESIDE = Conditions(duration=16.0, noise=0.002, delay=0.05, field=(3.0, 3.0))
 ON_HEAD = Conditions(duration=10.0, noise=0.002, delay=0.1, on_head=True)
 
 
@@ -45,16 +46,19 @@ def circle(t: float) -> Vector3:
     return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
 
 
-def tracker(
-    head: PanTiltHead, law: str = "predictive", rate: float = 50.0, **others: Any
-) -> Tracker:
-    """Return a tracker; `others` are arguments of its law."""
-    return Tracker(head, LAWS[law](head, 1.0 / rate, **others))
+def tracker(law: str = "predictive", rate: float = 50.0, **others: Any) -> Tracker:
+    """Return a tracker of `HEAD`; `others` are arguments of its law."""
+    return Tracker(HEAD, LAWS[law](HEAD, 1.0 / rate, **others))
 
 
-def run(head: PanTiltHead, path: Path, conditions: Conditions, controller: Any = None) -> Outcome:
+def run(path: Path, conditions: Conditions, controller: Any = None) -> Outcome:
     """Run a controller, by default a tracker with the law `predictive`."""
-    return ClosedLoop(path, conditions).run(controller or tracker(head))
+    return ClosedLoop(path, conditions).run(controller or tracker(rate=conditions.rate))
+
+
+def error(path: Path, conditions: Conditions, start: float = 3.0, law: str = "predictive") -> float:
+    """Return the error of a law from a time [s] on [rad rms]."""
+    return run(path, conditions, tracker(law, conditions.rate)).recording.between(start).rms
 
 
 class Watched:
