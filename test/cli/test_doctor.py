@@ -13,7 +13,7 @@ from head_tracking.cli.doctor import __main__ as doctor
 from head_tracking.cli.doctor import configured, network
 from head_tracking.cli.doctor.findings import Finding, Grade, show
 from head_tracking.cli.doctor.network import Traffic, check_clocks
-from head_tracking.dynamixel import Adapter, DynamixelPort, PortBusyError, servo_model
+from head_tracking.dynamixel import Adapter, PortBusyError, servo_model
 from head_tracking.dynamixel.exceptions import PortMissingError, PortPermissionError
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedLine, SimulatedServo
 
@@ -32,13 +32,13 @@ def head_of(model: str, more: str = "") -> str:
 """
 
 
-class Head:
+class Head(Bench):
     """Two simulated servos on a port, and doctor."""
 
     def __init__(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        super().__init__([SimulatedServo(1), SimulatedServo(2)], reply_timeout=0.03)
         self.tmp_path, self._monkeypatch = tmp_path, monkeypatch
         self.found: list[Finding] = []
-        self.bench = Bench([SimulatedServo(1), SimulatedServo(2)])
         self.adapter = Adapter("ftdi_sio", 0.001)
         self.latency = 0.0  # s
         self.opening: Callable[[], object] = lambda: None
@@ -47,35 +47,26 @@ class Head:
         self.sent: list[bytes] = []
 
     def servos(self, *servos: SimulatedServo, faults: Faults | None = None) -> None:
-        self.bench = Bench(SimulatedBus(servos, faults=faults))
-
-    def __getitem__(self, servo_id: int) -> SimulatedServo:
-        return self.bench.bus[servo_id]
+        self.bus = SimulatedBus(servos, faults=faults)
 
     def params(self, text: str) -> None:
         file = self.tmp_path / "params.yaml"
         file.write_text(text)
         self.arguments += ["--params", str(file)]
 
-    def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
-        def open_device(*_: object) -> SimulatedLine:
-            self.opening()
-            line = SimulatedLine(self.bench.bus, self.bench.clock, baud_rate, latency=self.latency)
-            device = as_device(line)
-            device.adapter = self.adapter
-            write = line.write
+    def open_device(self, name: str, baud_rate: int) -> SimulatedLine:
+        self.opening()
+        line = SimulatedLine(self.bus, self.clock, baud_rate, latency=self.latency)
+        device, write = as_device(line), line.write
+        device.adapter = self.adapter
 
-            def note(data: bytes) -> None:
-                self.sent.append(data)
-                if self.baud_rate in (0, baud_rate):
-                    write(data)
+        def note(data: bytes) -> None:
+            self.sent.append(data)
+            if self.baud_rate in (0, baud_rate):
+                write(data)
 
-            line.write = note  # type: ignore[method-assign]
-            return device
-
-        return DynamixelPort(
-            name, baud_rate, reply_timeout=0.03, open_device=open_device, clock=self.bench.clock
-        )
+        device.write = note
+        return device
 
     def check(self) -> int:
         def note(finding: Finding) -> None:
@@ -84,7 +75,7 @@ class Head:
 
         self.found.clear()
         self._monkeypatch.setattr(doctor, "show", note)
-        return doctor.main(self.arguments, self._make_port)
+        return doctor.main(self.arguments, self.make_port)
 
     @property
     def levels(self) -> dict[str, Grade]:
@@ -208,14 +199,14 @@ def test_minor_problems_are_amber(check: str, spoil: Callable[[Head], None], hea
 
 def test_servos_are_only_pinged_and_read(head: Head) -> None:
     """Servos keep torque and position."""
-    for servo in head.bench.bus:
+    for servo in head.bus:
         servo.set_register("Torque Enable", 1)
-    before = [servo.true_position for servo in head.bench.bus]
+    before = [servo.true_position for servo in head.bus]
     head.check()
     assert len(head.sent) > 100
     assert {data[4] for data in head.sent} == {1, 2}  # PING, READ
-    assert [servo.register("Torque Enable") for servo in head.bench.bus] == [1, 1]
-    assert [servo.true_position for servo in head.bench.bus] == before
+    assert [servo.register("Torque Enable") for servo in head.bus] == [1, 1]
+    assert [servo.true_position for servo in head.bus] == before
 
 
 def test_without_hardware_no_port_is_opened(head: Head) -> None:

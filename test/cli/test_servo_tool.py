@@ -19,7 +19,6 @@ from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import servo_model
-from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.simulation import (
     SimulatedBus,
@@ -44,7 +43,8 @@ class Tool(Bench):
                 SimulatedServo(2, AX_12, eeprom_time=0.006, position=300),
                 SimulatedServo(7, XL430, eeprom_time=0.006, position=1000),
                 SimulatedServo(8, XL_320, eeprom_time=0.006),
-            ]
+            ],
+            reply_timeout=0.03,
         )
         for servo in self.bus:
             code = {rate: code for code, rate in servo.model.baud_rates.items()}[1_000_000]
@@ -56,31 +56,21 @@ class Tool(Bench):
         self._capsys, self._monkeypatch = capsys, monkeypatch
         self.output = self.messages = ""
 
-    def __getitem__(self, servo_id: int) -> SimulatedServo:
-        return self.bus[servo_id]
-
-    def _make_port(self, name: str, baud_rate: int) -> DynamixelPort:
-        def open_device(name: str, baud_rate: int) -> SimulatedLine:
-            if name == "/dev/none":
-                raise PortMissingError(name, ())
-            if name == "/dev/null":
-                raise port_error(name, OSError(errno.ENOTTY, "Could not configure port"))
-            if baud_rate == self.impossible:
-                raise port_error(name, ValueError("Failed to set custom baud rate"))
-            line = SimulatedLine(
-                self.bus, self.clock, baud_rate, match_baud_rate=not self.accepts_any_rate
-            )
-            return as_device(line)
-
-        return DynamixelPort(
-            name, baud_rate, reply_timeout=0.03, open_device=open_device, clock=self.clock
-        )
+    def open_device(self, name: str, baud_rate: int) -> SimulatedLine:
+        if name == "/dev/none":
+            raise PortMissingError(name, ())
+        if name == "/dev/null":
+            raise port_error(name, OSError(errno.ENOTTY, "Could not configure port"))
+        if baud_rate == self.impossible:
+            raise port_error(name, ValueError("Failed to set custom baud rate"))
+        match = not self.accepts_any_rate
+        return as_device(SimulatedLine(self.bus, self.clock, baud_rate, match_baud_rate=match))
 
     def run(self, *arguments: str) -> int:
         """Run the tool; its text is in `output` and `messages` afterwards."""
 
         def session(terminal: Terminal, port_name: str, baud_rate: int) -> Session:
-            return Session(terminal, port_name, baud_rate, self._make_port, self.pass_time)
+            return Session(terminal, port_name, baud_rate, self.make_port, self.pass_time)
 
         self._monkeypatch.setattr(Terminal, "wait_for_enter", lambda *_: self.on_enter.pop(0)())
         self._monkeypatch.setattr("sys.stdin", Keyboard(self.answers))

@@ -68,7 +68,7 @@ class Head(Rig):
         super().__init__(SimulatedBus(servos, faults=self.faults), joints=joints, **options)
 
     def __getitem__(self, servo_id: int) -> SimulatedServo:
-        return self.bench.bus[servo_id]
+        return self.bench[servo_id]
 
     @property
     def time(self) -> float:

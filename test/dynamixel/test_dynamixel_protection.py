@@ -284,10 +284,17 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
 
 @pytest.mark.parametrize("name", ["AX-12", "XL-320", "XM430-W350", "STS3215", "SCS0009"])
 def test_a_servo_that_acknowledges_no_writes_is_set_up_and_recovered(name: str) -> None:
-    rig = Rig(SimulatedServo(1, name, boot_time=0.1))
-    for level in (1, 2, 1):
+    servo = SimulatedServo(1, name, boot_time=0.1)
+    servo.set_register("Status Return Level", 1)
+    rig = Rig(servo)
+    rig.go(0.2)
+    run(rig.bus.switching_torque(None, False), rig.bench.pass_time)
+    assert rig.torque == [0]
+    assert rig.bus.statistics().servos[0].counters.timeouts == 0  # nothing was waited for
+    for level in (2, 1):
         settings = EepromSettings(status_return_level=level)
         run(rig.bus.writing_eeprom("j1", settings), rig.bench.pass_time)
+    run(rig.bus.switching_torque(None, True), rig.bench.pass_time)
     rig.go(0.2)
     rig.servos[0].overload()
     rig.step(5)

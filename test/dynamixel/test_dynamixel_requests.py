@@ -1,6 +1,5 @@
 """Requests, goals, STOP and resume in any order: nothing made before a STOP acts after it."""
 
-import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from random import Random
@@ -8,7 +7,6 @@ from random import Random
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeRig, submit
 from simulated_device import Bench, Rig
-from waiting import join
 
 from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -205,20 +203,6 @@ def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig: FakeRig) 
     run(rig.bus.switching_torque(None, True))
     rig.step(5)
     assert rig.torque == [1, 1]
-
-
-def test_an_epoch_counts_every_stop_of_many_threads() -> None:
-    epoch = Epoch()
-    numbers: list[int] = []
-
-    def stop() -> None:
-        numbers.extend(epoch.advance() for _ in range(500))
-
-    threads = [threading.Thread(target=stop) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    join(*threads)
-    assert sorted(numbers) == list(range(1, 2001)) and epoch.value == 2000
 
 
 def test_a_function_that_was_cancelled_is_not_called(rig: FakeRig) -> None:

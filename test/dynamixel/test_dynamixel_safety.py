@@ -321,7 +321,7 @@ def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> N
     ("name", "baud_rate", "latency"),
     [("AX-12", 1_000_000, 0.016), ("XM430-W350", 57_600, 0.0), ("STS3215", 57_600, 0.0)],
 )
-def test_torque_comes_on_within_few_cycles_that_leave_no_time_between_them(
+def test_torque_comes_on_and_joints_start_within_few_cycles_that_leave_no_time_between_them(
     name: str, baud_rate: int, latency: float
 ) -> None:
     servos = [SimulatedServo(i, servo_model(name)) for i in range(1, 10)]
@@ -330,6 +330,11 @@ def test_torque_comes_on_within_few_cycles_that_leave_no_time_between_them(
     for _ in range(6):
         rig.bus.step()
     assert on.exception(0.0) is None
+    run(rig.bus.stopping(None), rig.bench.pass_time)
+    starting = submit(rig.bus, rig.bus.starting(None))
+    while not starting.done():
+        rig.step()
+    assert starting.exception() is None
 
 
 @pytest.mark.parametrize("returning", [12, 14])
@@ -376,15 +381,6 @@ def test_a_long_cycle_is_no_pause() -> None:
         before = rig.bench.now()
         rig.step()
         assert rig.bench.now() - before < 2.3 * usual
-
-
-def test_many_servos_behind_a_slow_adapter_start() -> None:
-    rig = Rig(*[SimulatedServo(i) for i in range(1, 10)], latency=0.016)
-    run(rig.bus.stopping(None), rig.bench.pass_time)
-    starting = submit(rig.bus, rig.bus.starting(None))
-    while not starting.done():
-        rig.step()
-    assert starting.exception() is None
 
 
 @pytest.mark.parametrize("name", MODELS)

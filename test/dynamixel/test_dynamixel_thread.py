@@ -227,14 +227,26 @@ def test_of_several_buses_all_are_connected_or_none() -> None:
     assert [bench.port.is_open for bench in benches] == [False, False]
 
 
-def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reported() -> None:
+@pytest.mark.parametrize("lost", [False, True], ids=["relaxed", "lost"])
+def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reported(
+    lost: bool,
+) -> None:
     reported: list[str] = []
     bench, loop = fake_bench(), ControlLoop(None)
     bus = ServoBus(bench.port, [PAN, TILT], epoch=loop.owners.epoch)
     backend = DynamixelBackend([bus], loop, 50.0, lambda subject, text: reported.append(subject))
     backend.connect()
-    run(bus.switching_torque(["head_tilt_joint"], False))
+    if lost:
+        bench.bus[2].set_register("ID", 9)
+        for _ in range(5):
+            bus.step()
+    else:
+        run(bus.switching_torque(["head_tilt_joint"], False))
     goals = {"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)}
+    with pytest.raises(GoalError):  # all or none
+        bus.command(goals)
+    bus.step()
+    assert bench.torque == [0, 0]
     backend.write("somebody", goals, loop.owners.epoch.value)
     for _ in range(10):
         bus.step()

@@ -77,15 +77,23 @@ class Bench:
         self.bus = servos if isinstance(servos, SimulatedBus) else SimulatedBus(servos)
         self.clock = SimulatedClock(1_000_000_000)
         self.line = SimulatedLine(self.bus, self.clock, baud_rate, latency=latency)
-        self.port = DynamixelPort(
-            "simulated",
+        self._reply_timeout = reply_timeout
+        self.port = self.make_port("simulated", baud_rate)
+
+    def __getitem__(self, servo_id: int) -> SimulatedServo:
+        return self.bus[servo_id]
+
+    def make_port(self, name: str, baud_rate: int) -> DynamixelPort:
+        """Return a closed port on the line."""
+        return DynamixelPort(
+            name,
             baud_rate,
-            reply_timeout=reply_timeout,
-            open_device=self._open,
+            reply_timeout=self._reply_timeout,
+            open_device=self.open_device,
             clock=self.clock,
         )
 
-    def _open(self, name: str, baud_rate: int) -> Any:
+    def open_device(self, name: str, baud_rate: int) -> Any:
         if not self.line.plugged:
             raise PortMissingError(name, ())
         return as_device(self.line)
