@@ -18,39 +18,22 @@ IDS = st.one_of(st.integers(0, 252), st.just(254))
 both = pytest.mark.parametrize("kind", KINDS.values(), ids=("1.0", "2.0"))
 
 
-def parser(kind: type[InstructionPacket], **options: int) -> PacketParser:
-    return PacketParser(kind.PROTOCOL, **options)
-
-
-def damaged(packet: InstructionPacket) -> bytes:
-    data = bytearray(packet.encode())
-    data[-1] ^= 0x40
-    return bytes(data)
-
-
 GARBAGE = ("FF", "FF FF", "01 02 03", "FF FF FF", "FF FF 01 00", "FF FF 01 FF", "FF FF FD FD")
 
 
 @both
-def test_garbage_before_a_packet_is_skipped(kind: type[InstructionPacket]) -> None:
-    ping = kind.ping(1)
-    for garbage in GARBAGE:
-        assert parser(kind).feed(bytes.fromhex(garbage) + ping.encode(), 0) == [ping], garbage
-
-
-@both
-def test_damaged_packet_is_reported_once_and_the_next_one_found(
+def test_packets_behind_garbage_and_damaged_and_truncated_ones_are_found(
     kind: type[InstructionPacket],
 ) -> None:
-    ping = kind.ping(1)
-    found = parser(kind).feed(damaged(kind.read(7, 36, 2)) + ping.encode(), 0)
+    ping, read = kind.ping(1), kind.read(1, 36, 8)
+    damaged = bytearray(kind.read(7, 36, 2).encode())
+    damaged[-1] ^= 0x40
+    for garbage in map(bytes.fromhex, GARBAGE):
+        assert PacketParser(kind.PROTOCOL).feed(garbage + ping.encode(), 0) == [ping], garbage
+    found = PacketParser(kind.PROTOCOL).feed(bytes(damaged) + ping.encode(), 0)
     assert found == [DamagedPacket(7), ping]
-
-
-@both
-def test_packet_behind_a_truncated_one_is_found(kind: type[InstructionPacket]) -> None:
-    ping, read = kind.ping(1), kind.read(1, 36, 8)  # the ping is taken for the missing end
-    found = parser(kind).feed(read.encode()[:-2] + ping.encode() + read.encode(), 0)
+    truncated = read.encode()[:-2] + ping.encode()  # the ping is taken for the missing end
+    found = PacketParser(kind.PROTOCOL).feed(truncated + read.encode(), 0)
     assert [packet for packet in found if not isinstance(packet, DamagedPacket)] == [read]
 
 
@@ -60,7 +43,7 @@ def test_packet_behind_a_truncated_one_is_found(kind: type[InstructionPacket]) -
 def test_parser_never_raises_and_recovers(
     kind: type[InstructionPacket], chunks: list[bytes]
 ) -> None:
-    heard = parser(kind)
+    heard = PacketParser(kind.PROTOCOL)
     for chunk in chunks:
         heard.feed(chunk, 0)
         assert len(heard._held) <= 1100
@@ -77,7 +60,7 @@ def test_parser_finds_all_packets_for_any_split(
     packets = data.draw(st.lists(st.builds(kind, IDS, codes, PARAMETERS), max_size=5))
     stream = b"".join(packet.encode() for packet in packets)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=10)))
-    heard = parser(kind)
+    heard = PacketParser(kind.PROTOCOL)
     found = []
     for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
         found += heard.feed(stream[start:end], 0)
