@@ -20,12 +20,7 @@ from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.serial_port import port_error
-from head_tracking.simulation import (
-    SimulatedBus,
-    SimulatedLine,
-    SimulatedPort,
-    SimulatedServo,
-)
+from head_tracking.simulation import SimulatedBus, SimulatedLine, SimulatedPort, SimulatedServo
 from head_tracking.simulation.faults import Fault, Faults
 
 AX_12 = servo_model("AX-12")

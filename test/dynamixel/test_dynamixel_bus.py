@@ -29,11 +29,7 @@ from head_tracking.dynamixel import (
     TorqueError,
     servo_model,
 )
-from head_tracking.dynamixel.exceptions import (
-    NotConnectedError,
-    ServoError,
-    ServoNotFoundError,
-)
+from head_tracking.dynamixel.exceptions import NotConnectedError, ServoError, ServoNotFoundError
 from head_tracking.dynamixel.protocol import ErrorBits
 from head_tracking.dynamixel.servo import run
 from head_tracking.dynamixel.state import Counters

@@ -29,12 +29,7 @@ from head_tracking.dynamixel.exceptions import (
     PortMissingError,
     PortPermissionError,
 )
-from head_tracking.dynamixel.serial_port import (
-    LinuxDevice,
-    SerialDevice,
-    port_error,
-    serial_ports,
-)
+from head_tracking.dynamixel.serial_port import LinuxDevice, SerialDevice, port_error, serial_ports
 
 
 class Peer:

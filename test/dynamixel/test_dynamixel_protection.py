@@ -1,15 +1,7 @@
 """Faults, heat, watchdogs, timeouts; joints stopped, started and changed while running."""
 
 import pytest
-from dynamixel_fakes import (
-    PAN,
-    TILT,
-    TORQUE,
-    FakeRig,
-    speed_ticks,
-    submit,
-    writes,
-)
+from dynamixel_fakes import PAN, TILT, TORQUE, FakeRig, speed_ticks, submit, writes
 from simulated_device import Rig
 
 from head_tracking.dynamixel import (

@@ -23,10 +23,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.dynamixel.servo import run
-from head_tracking.simulation import (
-    SimulatedBus,
-    SimulatedServo,
-)
+from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 MODELS = ["AX-12", "XM430-W350", "STS3215"]
 
