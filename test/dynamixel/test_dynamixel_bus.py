@@ -206,21 +206,15 @@ def test_stamp_is_when_the_servo_had_heard_the_request() -> None:
     assert tilt == pytest.approx(2 * request + reply, abs=20_000)
 
 
-def test_failed_read_is_repeated_at_once(rig: FakeRig) -> None:
-    rig.pan.mute.append(True)
-    reading = rig.step()
-    assert set(reading.states) == {"head_pan_joint", "head_tilt_joint"}
-    assert [request[:2] for request in rig.log[:3]] == [("read", 1), ("read", 1), ("read", 2)]
-    statistics = rig.bus.statistics().servos[0]
-    assert statistics.counters == Counters(statistics.counters.replies, 1, 1, 0)
-
-
 @pytest.mark.parametrize("register", ["Present Position", "Present Speed", "Present Load"])
-def test_impossible_feedback_counts_as_corrupt(register: str) -> None:
-    rig = FakeRig()
+def test_impossible_feedback_counts_as_corrupt_and_is_asked_for_again_at_once(
+    rig: FakeRig, register: str
+) -> None:
     rig.pan[register] = 0xFFFF
     assert set(rig.step().states) == {"head_tilt_joint"}
-    assert rig.bus.statistics().servos[0].counters.corrupt == 2  # and its repetition
+    assert [request[:2] for request in rig.log[:3]] == [("read", 1), ("read", 1), ("read", 2)]
+    counters = rig.bus.statistics().servos[0].counters
+    assert counters == Counters(counters.replies, retries=1, timeouts=0, corrupt=2)
 
 
 # Losing and finding servos

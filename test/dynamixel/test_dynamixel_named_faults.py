@@ -36,6 +36,17 @@ SOON = 0.6  # s: some show no sign where the head turns round
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 
 
+class Noise(Random):
+    """The noise of an encoder, which may jump to and fro."""
+
+    jumps = False
+    drawn = 0
+
+    def gauss(self, mu: float = 0.0, sigma: float = 1.0) -> float:
+        self.drawn += 1
+        return super().gauss(mu, sigma) + (120.0 if self.jumps and self.drawn % 16 < 8 else 0.0)
+
+
 class Head(Rig):
     """A head that follows a swinging goal; noise on encoders, supply and line."""
 
@@ -51,11 +62,10 @@ class Head(Rig):
     ) -> None:
         self.random = Random(seed)
         self.faults = Faults(Random(seed), loss, [Fault.CORRUPT, Fault.DROP])
+        self.noise = {each: Noise(seed + each) for each in ((1, 2, 3) if pair else (1, 2))}
         servos = [
-            SimulatedServo(
-                each, model, position_noise=0.4, start_delay=delay, random=Random(seed + each)
-            )
-            for each in ((1, 2, 3) if pair else (1, 2))
+            SimulatedServo(each, model, position_noise=0.4, start_delay=delay, random=noise)
+            for each, noise in self.noise.items()
         ]
         last = model.ticks - 1
         second = ServoCalibration(PAN, 3, model.center, 0, last, model) if pair else None
@@ -141,17 +151,6 @@ def overrule(head: Head) -> None:
     head.each_cycle.append(lambda: head[1].set_register("Goal Position", 700))
 
 
-def jump(head: Head) -> None:
-    count, gauss = [0], head[1]._random.gauss
-
-    class Dirty(Random):
-        def gauss(self, mu: float = 0.0, sigma: float = 1.0) -> float:
-            count[0] += 1
-            return gauss(mu, sigma) + (120.0 if count[0] % 16 < 8 else 0.0)
-
-    head[1]._random = Dirty()
-
-
 def double(head: Head) -> None:
     twin = SimulatedServo(1, head[1].model, position=100)
     head.bench.bus._servos = (*head.bench.bus._servos, twin)
@@ -180,7 +179,9 @@ NAMED = {
     ),
     "second servo with its id": (double, ("two servos",), AX, STS),
     "disturbed line": (lambda head: setattr(head.faults, "rate", 0.4), ("line disturbed",), AX),
-    "encoder jumps": (jump, ("encoder jumps",), AX),
+    "encoder jumps": (
+        lambda head: setattr(head.noise[1], "jumps", True), ("encoder jumps",), AX,
+    ),
     "another master": (overrule, ("overruled",), AX, STS),
     "wheel mode": (registers(CW_Angle_Limit=0, CCW_Angle_Limit=0), ("wrong mode",), AX),
     "operating mode": (registers(Operating_Mode=1), ("wrong mode",), STS),
