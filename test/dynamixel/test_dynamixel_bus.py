@@ -348,16 +348,6 @@ def test_the_first_command_holds_the_servo_where_it_stands_before_it_moves() -> 
     assert rig.bus.joint("head_tilt_joint").torque is Torque.OFF_UNTIL_COMMANDED
 
 
-def test_goal_of_the_moment_before_torque_off_is_dropped(rig: FakeRig) -> None:
-    rig.bus.command({"head_pan_joint": Goal(0.5)})
-    run(rig.bus.switching_torque(["head_pan_joint"], False))
-    run(rig.bus.switching_torque(["head_pan_joint"], True))
-    assert rig.step().states["head_pan_joint"].goal == PAN.position(512)
-    assert rig.pan["Goal Position"] == 512
-    run(rig.bus.switching_torque(["head_pan_joint"], False))
-    assert rig.step().states["head_pan_joint"].goal is None
-
-
 @pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])
 def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(
     present: int, goal: int
@@ -496,12 +486,19 @@ def test_a_command_that_closing_overtakes_moves_nothing_when_the_bus_is_connecte
     assert writes(rig.log) == []
 
 
-def test_a_command_that_relaxing_overtakes_is_dropped_and_no_failure(rig: FakeRig) -> None:
-    def relax(_: object) -> None:
+@pytest.mark.parametrize("overtakes", [False, True])
+def test_a_command_before_its_joint_is_relaxed_is_dropped_and_no_failure(
+    rig: FakeRig, overtakes: bool
+) -> None:
+    def relax(_: object = None) -> None:
         run(rig.bus.switching_torque(["head_pan_joint"], False))
 
-    rig.bus.command({"head_pan_joint": Goal(0.5)}, claim=relax)
+    rig.bus.command({"head_pan_joint": Goal(0.5)}, claim=relax if overtakes else None)
+    if not overtakes:
+        relax()
     assert [event.kind for event in rig.step().events] == [EventKind.TORQUE_OFF]
     run(rig.bus.switching_torque(["head_pan_joint"], True))
-    rig.step()
+    assert rig.step().states["head_pan_joint"].goal == PAN.position(512)
     assert rig.pan["Goal Position"] == 512
+    relax()
+    assert rig.step().states["head_pan_joint"].goal is None

@@ -15,6 +15,7 @@ from head_tracking.dynamixel import (
     CommunicationError,
     Goal,
     GoalError,
+    ReplyTimeoutError,
     Torque,
     servo_model,
 )
@@ -134,6 +135,9 @@ def test_an_adapter_that_echoes_or_is_slow_loses_nothing(echo: bool, latency: fl
     assert rig.reading.states["j1"].position == pytest.approx(0.3, abs=0.02)
     assert rig.reading.states["j2"].position == pytest.approx(-0.3, abs=0.02)
     assert sum(servo.counters.failed for servo in rig.bus.statistics().servos) == 0
+    for protocol in (1, 2):
+        with pytest.raises(ReplyTimeoutError):  # the echo of a request is nobody
+            rig.bench.port.ping(5, protocol)
 
 
 def stalled(*stalls: int) -> OnAnswers:

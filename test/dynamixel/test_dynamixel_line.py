@@ -226,12 +226,6 @@ def test_any_bytes_are_replies_of_the_right_length_or_errors(
         assert isinstance(reply, CommunicationError) or len(reply.data) == group.length
 
 
-def test_all_servos_answer_a_broadcast_ping() -> None:
-    bench = Bench([SimulatedServo(1, servo_model("XM430-W350")), SimulatedServo(7)])
-    bench.port.open()
-    assert {key: value[0] for key, value in bench.port.find_all().items()} == {1: 1020}
-
-
 # Another program on the line: every wait is bounded, and STOP finds a gap
 
 

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import pytest
 from dynamixel_fakes import submit
-from simulated_device import PERIOD, Bench, Rig
+from simulated_device import PERIOD, Rig
 
 from head_tracking.dynamixel import (
     BusSettings,
@@ -15,7 +15,6 @@ from head_tracking.dynamixel import (
     Goal,
     GoalError,
     Health,
-    ReplyTimeoutError,
     ServoError,
     Symptom,
     Torque,
@@ -23,7 +22,7 @@ from head_tracking.dynamixel import (
     servo_model,
 )
 from head_tracking.dynamixel.servo import run
-from head_tracking.simulation import SimulatedBus, SimulatedServo
+from head_tracking.simulation import SimulatedServo
 
 MODELS = ["AX-12", "XM430-W350", "STS3215"]
 
@@ -489,15 +488,6 @@ def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None
     rig.servos[0].power_off()
     rig.step(50)
     assert rig.kinds.count(EventKind.LOST) == 3
-
-
-def test_the_echo_of_a_request_is_nobody() -> None:
-    bench = Bench(SimulatedBus([SimulatedServo(1)], echo=True))
-    bench.port.open()
-    for protocol in (1, 2):
-        with pytest.raises(ReplyTimeoutError):
-            bench.port.ping(5, protocol)
-    assert bench.port.ping(1, 1) == 0
 
 
 @pytest.mark.parametrize(("name", "between"), zip(MODELS, range(3), strict=True))

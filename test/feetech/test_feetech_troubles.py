@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 from dynamixel_fakes import submit
-from simulated_device import Rig
+from simulated_device import Rig, joint_of
 
 from head_tracking.configuration.bus_parameters import (
     ControllerParameters,
@@ -19,6 +19,7 @@ from head_tracking.dynamixel import (
     EventKind,
     Goal,
     JointConfiguration,
+    ServoModel,
     Torque,
     check_configuration,
     servo_model,
@@ -38,10 +39,10 @@ def rig_of(servo: SimulatedServo, joint: JointConfiguration = JOINT) -> Rig:
 # Offsets (lerobot issue 1296: "Magnitude 2114 exceeds 2047")
 
 
-@pytest.mark.parametrize("offset", [2048, -2048])
-def test_an_offset_that_overflows_is_refused(offset: int) -> None:
+@pytest.mark.parametrize(("model", "offset"), [(STS, 2048), (STS, -2048), (SCS, 10)])
+def test_an_offset_that_a_model_cannot_have_is_refused(model: ServoModel, offset: int) -> None:
     with pytest.raises(ConfigurationError):
-        replace(JOINT, offset=offset)
+        replace(joint_of(1, model), offset=offset)
 
 
 def test_a_memory_that_is_being_written_when_the_bus_is_closed_is_locked() -> None:
@@ -74,11 +75,6 @@ def test_a_memory_that_a_killed_program_was_writing_is_locked_at_the_next_start(
     rig.servos[0].set_register("EEPROM Lock", 0)
     rig.bus.connect()
     assert rig.servos[0].register("EEPROM Lock") == 1
-
-
-def test_a_model_without_an_offset_takes_none() -> None:
-    with pytest.raises(ConfigurationError):
-        JointConfiguration("pan", 1, 512, 100, 900, controller="pan", model=SCS, offset=10)
 
 
 # A calibration that is not that of the servo (lerobot issues 1342, 1360)
