@@ -209,8 +209,9 @@ def _spans_decades(low: float, high: float, value: Any) -> bool:
 
 
 def _factor(setting: Setting) -> float:
+    """Return the page's unit; what replaces a learned value has the unit of that."""
     angle = isinstance(setting.value, float) and setting.unit in _DEGREES
-    return math.degrees(1.0) if angle else 1.0
+    return math.degrees(1.0) if angle and setting.name not in _LEARNING else 1.0
 
 
 def _base(node: str) -> str:

@@ -35,6 +35,9 @@ def test_angles_are_degrees_on_the_page_and_radians_for_the_node():
     assert sent_value(angle, 45.0) == pytest.approx(math.radians(45.0))
     assert shown_value(setting("max_joint_acceleration", 80.0, "rad/s^2")) == 4584
     assert shown_value(setting("success_angle_threshold", 0.01, "rad")) == 0.573
+    given = setting("servo_dead_band", 0.004, "rad")  # beside a learned value in rad
+    assert (shown_value(given), sent_value(given, 0.005)) == (0.004, 0.005)
+    assert described(given)["unit"] == "rad"
     seconds = setting("target_timeout", 0.5, "s")
     assert (shown_value(seconds), sent_value(seconds, 0.7)) == (0.5, 0.7)
     fast = replace(angle, minimum=0.0, maximum=100.0)
