@@ -335,6 +335,12 @@ def test_learned_values_are_frozen_given_and_learned_again_on_the_tab_health(rob
     wait_for(lambda: "frozen" not in (values.text_content() or ""))
     assert node.get_parameter("servo_learning").value == "learn"
     assert node.get_parameter("servo_delay").value == 0.0
+    slider = page.get_by_role("slider", name="camera delay")
+    for share, given in ((0.5, 0.35), (0.182, 0.0)):  # its step beside 0.2 of 1.1 s, which is 0
+        slider.evaluate(
+            "(one, share) => { one.value = share; one.dispatchEvent(new Event('change')); }", share
+        )
+        wait_for(lambda given=given: node.get_parameter("camera_delay").value == given)
 
 
 def test_what_protects_the_servos_asks_and_no_browser_shows_a_value_that_is_not_set(

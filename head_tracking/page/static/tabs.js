@@ -1,7 +1,7 @@
 // The tabs Joints, Tune, Health and Record.
 import { button, by, command, degrees, element, get, hold, isHeld, latestOnly, offer, radians, rows, send, toast, write } from "./dom.js";
 
-const REFRESH = 1000; // ms
+const REFRESH = 1000, STEP = 0.002; // ms, of a slider
 const isSlide = (joint) => joint.type === "prismatic";
 const shown = (joint, position) => (isSlide(joint) ? 1000 * position : degrees(position));
 const meant = (joint, value) => (isSlide(joint) ? value / 1000 : radians(value));
@@ -161,14 +161,14 @@ export class Tuning {
     return known;
   }
 
-  /** Add a slider beside a number; logarithmic over decades, with 0 at its left end. */
+  /** Add a slider beside a number; logarithmic over decades, with 0 at its left end. One across 0 has a step that is 0. */
   addSlider(row, known, input, set) {
     const { low, high, logarithmic, whole, label } = known.about;
     const least = low > 0 ? low : high / 1e4;
     const toValue = (share) => (!logarithmic ? low + share * (high - low) : share === 0 ? low : least * (high / least) ** share);
     const toShare = (value) => (!logarithmic ? (value - low) / (high - low || 1) : value <= least ? 0 : Math.log(value / least) / Math.log(high / least));
-    const slider = element(row, "input", { type: "range", min: 0, max: 1, step: 0.002, "aria-label": label });
-    const value = () => { const exact = toValue(Number(slider.value)); return whole ? Math.round(exact) : Number(exact.toPrecision(3)); };
+    const slider = element(row, "input", { type: "range", min: 0, max: 1, step: STEP, "aria-label": label });
+    const value = () => { const found = toValue(Number(slider.value)), exact = low < 0 && Math.abs(found) < (STEP * (high - low)) / 2 ? 0 : found; return whole ? Math.round(exact) : Number(exact.toPrecision(3)); };
     slider.oninput = () => { hold(input); hold(slider); input.value = value(); };
     slider.onchange = () => { set(input, value()); slider.blur(); };
     known.follow = (current) => { if (!isHeld(slider)) slider.value = toShare(current); };
