@@ -69,7 +69,7 @@ class Tuning:
         """Set a parameter to a value in the page's unit; return the answer of its node.
 
         Raises:
-            ValueError: there is no such parameter, or the value does not fit its type.
+            ValueError: there is no such parameter, or the value does not fit it.
         """
         for one in self._settings():
             if (one.node, one.name) == (node, name):
@@ -126,14 +126,14 @@ class Tuning:
 
 def described(setting: Setting) -> dict[str, Any]:
     """Return a parameter for JSON: its value, range and label in the page's unit."""
-    factor, unit = _factor(setting), setting.unit
+    factor = _factor(setting)
     low, high = factor * setting.minimum, factor * setting.maximum
     value = shown_value(setting)
     return {
         "node": setting.node,
         "name": setting.name,
         "label": label(setting),
-        "unit": _DEGREES.get(unit, unit) if factor != 1.0 else unit,
+        "unit": _unit(setting),
         "hint": setting.description,
         "value": value,
         "whole": isinstance(setting.value, int) and not isinstance(setting.value, bool),
@@ -171,7 +171,7 @@ def sent_value(setting: Setting, shown: Any) -> Any:
     A number that is beyond the range only because it was rounded becomes the end of the range.
 
     Raises:
-        ValueError: it does not fit the type.
+        ValueError: it does not fit the type or the range.
     """
     if isinstance(setting.value, list):
         return [finite(word) for word in str(shown).replace(",", " ").split()]
@@ -181,14 +181,16 @@ def sent_value(setting: Setting, shown: Any) -> Any:
         return shown
     if isinstance(setting.value, str):
         return str(shown)
-    number = finite(shown)
-    if isinstance(setting.value, int):
-        if number != round(number):
-            raise ValueError(f"{setting.name} must be a whole number, not {shown!r}.")
-        return int(number)
+    number, is_whole = finite(shown), isinstance(setting.value, int)
+    if is_whole and number != round(number):
+        raise ValueError(f"{setting.name} must be a whole number, not {shown!r}.")
     sent = number / _factor(setting)
     nearest = min(max(sent, setting.minimum), setting.maximum)
-    return nearest if math.isclose(sent, nearest, rel_tol=_ROUNDED) else sent
+    if not math.isclose(sent, nearest, rel_tol=0.0 if is_whole else _ROUNDED):
+        low, high = (_factor(setting) * end for end in (setting.minimum, setting.maximum))
+        allowed = f"{low:g} to {high:g} {_unit(setting)}".strip()
+        raise ValueError(f"{label(setting)} is {number:g}; allowed are {allowed}.")
+    return int(nearest) if is_whole else nearest
 
 
 def finite(shown: Any) -> float:
@@ -212,6 +214,10 @@ def _factor(setting: Setting) -> float:
     """Return the page's unit; what replaces a learned value has the unit of that."""
     angle = isinstance(setting.value, float) and setting.unit in _DEGREES
     return math.degrees(1.0) if angle and setting.name not in _LEARNING else 1.0
+
+
+def _unit(setting: Setting) -> str:
+    return setting.unit if _factor(setting) == 1.0 else _DEGREES[setting.unit]
 
 
 def _base(node: str) -> str:

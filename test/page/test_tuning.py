@@ -42,8 +42,9 @@ def test_angles_are_degrees_on_the_page_and_radians_for_the_node():
     assert (shown_value(seconds), sent_value(seconds, 0.7)) == (0.5, 0.7)
     fast = replace(angle, minimum=0.0, maximum=100.0)
     assert sent_value(fast, 5730.0) == 100.0, "the right end of a slider, rounded"
-    for beyond in (5770.0, 5900.0):
-        assert sent_value(fast, beyond) > 100.0, "it is refused by the node"
+    for beyond in (-1.0, 5770.0, 5900.0):
+        with pytest.raises(ValueError, match=r"0 to 5729\.58 °"):  # in the page's unit
+            sent_value(fast, beyond)
     whole = setting("motor.max", 1023, "ticks")
     assert sent_value(whole, 1000) == 1000
     assert sent_value(setting("center", [0.0, 1.0], "m"), "1, 2 3") == [1.0, 2.0, 3.0]

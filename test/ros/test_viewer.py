@@ -353,7 +353,7 @@ def test_what_protects_the_servos_asks_and_no_browser_shows_a_value_that_is_not_
         one.locator("#experts").wait_for()
         one.evaluate("document.getElementById('experts').open = true")
     field, seen = (parameter(one, "servo_bus", "head pan motor: max") for one in (page, other))
-    for answer in ("Cancel", "Set it", "Escape"):  # the node refuses it, and Escape is no STOP
+    for answer in ("Cancel", "Set it", "Escape"):  # it is refused, and Escape is no STOP
         field.fill("-5")
         field.press("Enter")
         page.locator("#sure").wait_for()
