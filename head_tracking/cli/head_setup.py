@@ -65,8 +65,14 @@ def udev_steps(share: Path) -> list[Step]:
     ]
 
 
-def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
-    """Return the steps for a systemd service that runs `head_tracking ARGUMENTS`."""
+def service_steps(share: Path, arguments: Sequence[str], folder: Path) -> list[Step]:
+    """Return the steps for a systemd service that runs `head_tracking ARGUMENTS`.
+
+    Args:
+        share: has the template of the unit.
+        arguments: of the head.
+        folder: of the unit until it is installed.
+    """
     prefix = _workspace()
     above = prefix.parent / "setup.bash"
     text = (share / "machine" / _UNIT.name).read_text()
@@ -78,7 +84,7 @@ def service_steps(share: Path, arguments: Sequence[str]) -> list[Step]:
     }
     for word, value in words.items():
         text = text.replace(word, value)
-    file = Path(tempfile.mkdtemp(prefix="head_tracking"), _UNIT.name)
+    file = folder / _UNIT.name
     file.write_text(text)
     return [
         Step(f"install the unit as {_UNIT}", _root("install", "-m", "0644", str(file), str(_UNIT))),
@@ -166,12 +172,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
 
     def run() -> None:
-        if options.what in _LIBRARIES:
-            steps = library_steps(options.what)
-        elif options.what == "udev":
-            steps = udev_steps(share_directory())
-        else:
-            steps = service_steps(share_directory(), rest)
-        carry_out(steps, Terminal(assume_yes=options.yes))
+        with tempfile.TemporaryDirectory(prefix=PACKAGE) as folder:
+            if options.what in _LIBRARIES:
+                steps = library_steps(options.what)
+            elif options.what == "udev":
+                steps = udev_steps(share_directory())
+            else:
+                steps = service_steps(share_directory(), rest, Path(folder))
+            carry_out(steps, Terminal(assume_yes=options.yes))
 
     return exit_code("head_setup", run)

@@ -51,21 +51,29 @@ def test_a_failed_step_ends_the_set_up() -> None:
 
 
 def test_the_unit_is_complete_with_the_arguments_of_the_head(
-    workspace: Path, capsys: pytest.CaptureFixture[str]
+    workspace: Path, tmp_path: Path
 ) -> None:
-    words = ["--port", "/dev/tty'1", "--sim", "--params", "a b.yaml"]
-    assert head_setup.main(["service", *words]) == REFUSED  # it cannot ask: no terminal
-    printed = capsys.readouterr().out.split()
-    text = Path(printed[printed.index("0644") + 1]).read_text()
+    words = ["--port", "/dev/tty'1", "--params", "a b.yaml", "--mode", "point"]
+    install, *_ = head_setup.service_steps(share_directory(), words, tmp_path)
+    text = Path(install.command[-2]).read_text()
     unit = configparser.RawConfigParser(strict=False)
     unit.optionxform = str  # type: ignore[assignment, method-assign]
     unit.read_string(text)
     start = unit["Service"]["ExecStart"]
     assert f'source "{workspace.parent}/setup.bash"' in start
     assert f'exec "{workspace}/lib/head_tracking/head_tracking" --keep-stop --port' in start
-    assert "--sim --params \\'a b.yaml\\'" in start
+    assert "--params \\'a b.yaml\\' --mode point" in start
     assert unit["Service"]["KillSignal"] == "SIGINT"
     assert "@" not in text.partition("[Unit]")[2]
+
+
+def test_a_set_up_that_is_not_confirmed_leaves_no_file(
+    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    before = set(tmp_path.iterdir())
+    assert head_setup.main(["service"]) == REFUSED  # it cannot ask: no terminal
+    assert set(tmp_path.iterdir()) == before
 
 
 def test_libraries_of_the_requirements_are_installed_into_the_workspace(
