@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import exit_code
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.run.options import parse_arguments
 from head_tracking.share import PACKAGE, share_directory
 
 _RULES: Final = Path("/etc/udev/rules.d/99-dynamixel.rules")
@@ -66,18 +67,23 @@ def udev_steps(share: Path) -> list[Step]:
 
 
 def service_steps(share: Path, arguments: Sequence[str], folder: Path) -> list[Step]:
-    """Return the steps for a systemd service that runs `head_tracking ARGUMENTS`.
+    """Return the steps for a systemd service that runs `head_tracking ARGUMENTS` in this folder.
 
     Args:
         share: has the template of the unit.
-        arguments: of the head.
+        arguments: checked here, because the service would be restarted after each mistake.
         folder: of the unit until it is installed.
+
+    Raises:
+        SystemExit: an argument is wrong.
     """
+    parse_arguments(arguments)
     prefix = _workspace()
     above = prefix.parent / "setup.bash"
     text = (share / "machine" / _UNIT.name).read_text()
     words = {
         "@USER@": getpass.getuser(),
+        "@FOLDER@": str(Path.cwd()).replace("%", "%%"),
         "@SETUP@": str(above if above.is_file() else prefix / "setup.bash"),
         "@PROGRAM@": str(prefix / "lib" / PACKAGE / PACKAGE),
         "@ARGUMENTS@": shlex.join(arguments).replace("'", "\\'").replace("%", "%%"),

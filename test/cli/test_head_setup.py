@@ -51,8 +51,10 @@ def test_a_failed_step_ends_the_set_up() -> None:
 
 
 def test_the_unit_is_complete_with_the_arguments_of_the_head(
-    workspace: Path, tmp_path: Path
+    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a b.yaml").touch()
     words = ["--port", "/dev/tty'1", "--params", "a b.yaml", "--mode", "point"]
     install, *_ = head_setup.service_steps(share_directory(), words, tmp_path)
     text = Path(install.command[-2]).read_text()
@@ -63,8 +65,16 @@ def test_the_unit_is_complete_with_the_arguments_of_the_head(
     assert f'source "{workspace.parent}/setup.bash"' in start
     assert f'exec "{workspace}/lib/head_tracking/head_tracking" --keep-stop --port' in start
     assert "--params \\'a b.yaml\\' --mode point" in start
+    assert unit["Service"]["WorkingDirectory"] == f"-{tmp_path}"
     assert unit["Service"]["KillSignal"] == "SIGINT"
     assert "@" not in text.partition("[Unit]")[2]
+
+
+@pytest.mark.parametrize("words", ["--prot /dev/ttyUSB0", "--params nothing.yaml", "--yes"])
+def test_a_service_that_would_fail_at_every_start_is_refused(workspace: Path, words: str) -> None:
+    with pytest.raises(SystemExit) as refused:
+        head_setup.main(["service", *words.split()])
+    assert refused.value.code == 2
 
 
 def test_a_set_up_that_is_not_confirmed_leaves_no_file(
