@@ -13,7 +13,10 @@ from head_tracking.gaze import PanTiltHead
 from head_tracking.ros.head import head_actions
 from head_tracking.ros.kit.topics import LATCHED
 
-goals = pytest.importorskip("goals")
+pytest.importorskip("control_msgs.action")
+
+import goals
+
 goal, trajectory, following = goals.point_goal, goals.trajectory, goals.following
 JOINTS = goals.JOINTS
 DEGREE = math.radians(1.0)

@@ -12,7 +12,10 @@ from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head import head_actions
 from head_tracking.ros.head.point_head import PointHeadNode
 
-goals = pytest.importorskip("goals")
+pytest.importorskip("control_msgs.action")
+
+import goals
+
 goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
 
 
