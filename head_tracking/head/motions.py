@@ -489,15 +489,17 @@ class Tracking(TargetMotion):
         for target, point in frames.take(now, joints.positions):
             seen = target.stamp * 1e-9 if target.stamp else now
             moving = bool(target.stamp) and frames.moves_with_head(target.frame_id)
-            tracker.target_seen(seen, point, now, moving=moving)
-            self._log_refusal(target)
+            verdict = tracker.target_seen(seen, point, now, moving=moving)
+            if not verdict.used:
+                self._log_refusal(target)
         refusal = frames.take_refusal()
         if refusal is not None:
             tracker.machine.refused(refusal.reason, now)
             self._log_refusal(refusal.target)
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
-        self._log_refusal(frames.target)
+        if step.command is None:  # the pose of the head may be unknown
+            self._log_refusal(frames.target)
         control.refusal = tracker.machine.refusal
         self.miss, control.held = step.error, None
         if tracker.camera.fault:
