@@ -2,7 +2,7 @@
 
     read     one instruction for each kind of servo, or one for each servo
     steps    of procedures (torque on, a servo that returns, recovery, EEPROM), at least one, for
-             as long as the read took, unless a lost servo was asked
+             as long as the read took, less the time in which a lost servo was asked
     write    goals and speeds, one sync write for each protocol
     steps    of procedures, until the next cycle is due
 
@@ -12,6 +12,7 @@ cycle without anything unusual skips all code for unusual cases.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from typing import Final
 
@@ -32,6 +33,7 @@ from head_tracking.dynamixel.state import BusEvent, BusReading, EventKind, Servo
 _LOST_AFTER: Final = 5  # failed cycles in a row
 _RECONNECT_INTERVAL: Final = 200_000_000  # ns between two attempts to open a lost port
 _DIAGNOSIS_PERIOD: Final = 9_000_000  # ns; detectors need 60 ms and more
+_KEPT: Final = 0.8  # share of the expected time of a step that the next cycle keeps
 _RESTART: Final = 0.2  # s without an instruction in which a servo may have restarted
 
 Members = list[tuple[BusJoint, Servo]]
@@ -58,11 +60,11 @@ class Cycle:
         self._command_timeout = bus.settings.command_timeout
         self._search_at: int | None = None  # when to look for a lost port, ns
         self._last = 0  # start of the last cycle, ns
-        self._read_time = 0  # of this cycle, ns
+        self._time_for_steps = 0  # in this cycle, before goals are written, ns
+        self._step_time = 0.0  # of the longest step of late, ns
         self._diagnose_at = 0  # ns
         self._connected = self._unusual = False  # in this cycle
-        self._stepped = False  # whether a procedure took a step since the last cycle
-        self._polled = False  # whether a lost servo was asked in this cycle
+        self._owed = 0  # time of steps before another lost servo is asked, ns
         self._plan: list[tuple[ReadGroup, Members]] = []
         self._planned = -1  # version of the plan
 
@@ -95,10 +97,12 @@ class Cycle:
                 if self._planned != self._version.number:
                     self._make_plan()
                 self._unusual = self._read(stamp, states)
+                self._time_for_steps = self._monotonic() - start
                 if self._unusual:
                     self._settle(states, start)
-                waiting = self._polled and self._requests.under_way and not self._stepped
-                self._polled = self._incomplete and not waiting and self._poll_one_lost()
+                if self._incomplete and not (self._owed > 0 and self._requests.under_way):
+                    self._owed = self._poll_one_lost()
+                    self._time_for_steps -= self._owed
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
                     self.diagnosis.examine(start)
@@ -107,7 +111,6 @@ class Cycle:
                 self._connected = True
         except PortLostError as cause:
             self._lose_port(cause)
-        self._read_time = self._monotonic() - start
         stamps = [state.stamp for state in states.values()]
         return BusReading(states, (), sum(stamps) // len(stamps) if stamps else 0)
 
@@ -217,9 +220,12 @@ class Cycle:
             self._accept_goals()
         if requests.under_way:
             self._unusual = True
-            if not self._polled:
-                self._take_steps()
-            self._stepped = False
+            if self._time_for_steps >= 0:
+                self._step_time *= _KEPT
+                until = self._monotonic() + self._time_for_steps
+                if self._advance():
+                    while self._advance(until):
+                        pass
             if requests.goals:
                 self._accept_goals()  # of a joint whose torque is on now
         usual = not (self._unusual or self._incomplete)
@@ -239,42 +245,38 @@ class Cycle:
 
     # Steps of procedures
 
-    def _take_steps(self) -> None:
-        """Take steps, at least one, as long as they take no longer than the read of this cycle."""
-        begin = before = self._monotonic()
-        longest = 0
-        while self._advance():
-            now = self._monotonic()
-            longest = max(longest, now - before)
-            if now + longest - begin > self._read_time:
-                break
-            before = now
+    def _advance(self, until: float = math.inf) -> bool:
+        """Take a step that is due, if half of it fits before a time, ns; return whether one did.
 
-    def _advance(self) -> bool:
-        """Take a step that is due; return whether there was one."""
-        request = self._requests.next_due(self._monotonic())
-        if request is not None:
-            self._requests.advance(request)
-        return request is not None
+        It is expected to take as long as the longest one of the last cycles.
+        """
+        begin = self._monotonic()
+        if begin + self._step_time / 2 > until:
+            return False
+        request = self._requests.next_due(begin)
+        if request is None:
+            self._owed = 0
+            return False
+        self._requests.advance(request)
+        taken = self._monotonic() - begin
+        self._step_time = max(self._step_time, taken)
+        self._owed -= taken
+        return True
 
     def fill(self, until: int) -> bool:
         """Take a step between two cycles, if there is time; return whether one was taken.
 
         Args:
-            until: When the next cycle is due, monotonic ns. A step takes about as long as a read.
+            until: When the next cycle is due, monotonic ns.
 
         Raises:
             PortLostError: The port was lost and cannot return under its name.
         """
-        if not self._connected or self._monotonic() + self._read_time > until:
-            return False
         try:
-            stepped = self._advance()
+            return self._connected and self._advance(until)
         except PortLostError as cause:
             self._lose_port(cause)
             return False
-        self._stepped = self._stepped or stepped
-        return stepped
 
     # Servos and ports that are lost and return
 
@@ -301,11 +303,11 @@ class Cycle:
         if joint.lost:
             joint.drop_goal(resumes=True)
 
-    def _poll_one_lost(self) -> bool:
-        """Ask the lost servo that is due for the longest time; return whether there was one.
+    def _poll_one_lost(self) -> int:
+        """Ask the lost servo that is due for the longest time; return how long that took, ns.
 
-        One in each cycle, because a silent servo costs the others a timeout. It costs procedures
-        their steps in this cycle, but not twice in a row, if there is no time between the cycles.
+        One in each cycle, because a silent servo costs the others a timeout. Procedures then get at
+        least as much time, before another one is asked.
         """
         now = self._monotonic()
         due = [
@@ -314,7 +316,7 @@ class Cycle:
             if servo.lost and servo.ask_at <= now and not joint.busy
         ]
         if not due:
-            return False
+            return 0
         joint, servo = min(due, key=lambda each: each[1].ask_at)
         servo.ask_at = now + POLL_INTERVAL
         with suppress(CommunicationError):
@@ -324,7 +326,7 @@ class Cycle:
             else:
                 servo.ping()
             self._bus.begin(joint, self._bus.returning(joint, servo))
-        return True
+        return self._monotonic() - now
 
     def _find_port(self) -> bool:
         """Look for a port that was lost; return whether it is open."""

@@ -299,6 +299,20 @@ def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(
     assert on.exception(0.0) is None
 
 
+def test_asking_lost_servos_takes_at_most_half_of_the_time_of_switching_torque_on() -> None:
+    """Behind a slow adapter, where each question takes longer than a cycle."""
+    rig = Rig(*[SimulatedServo(i, servo_model("XM430-W350")) for i in range(1, 8)], latency=0.016)
+    for servo in rig.servos[4:]:
+        servo.power_off()
+    rig.step(40)
+    before = rig.bench.now()
+    on = submit(rig.bus, rig.bus.switching_torque(["j1", "j2", "j3", "j4"], True))
+    while not on.done():
+        rig.step()
+    assert on.exception() is None
+    assert rig.bench.now() - before < 2_000_000_000
+
+
 def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> None:
     servos = [SimulatedServo(i, boot_time=0.1) for i in range(1, 15)]
     rig = Rig(*servos, latency=0.016, connect=False)
