@@ -241,10 +241,10 @@ class SecondMaster:
     Args:
         line: The line, on whose other side the driver is.
         clock: Its clock.
-        gap: From the end of a reply to the next request, s.
+        gap: From the end of a reply to the next request, s; None: requests without a pause.
     """
 
-    def __init__(self, line: SimulatedLine, clock: SimulatedClock, gap: float) -> None:
+    def __init__(self, line: SimulatedLine, clock: SimulatedClock, gap: float | None) -> None:
         self.speaks = True  # Whether the second master is there
         self.spoken_over = 0  # How often the driver spoke over it
         self.heard: list[bytes] = []  # Packets of the driver that reached the servos
@@ -252,7 +252,7 @@ class SecondMaster:
         self._first = clock.now
         request, reply = len(_REQUEST) * _BYTE, len(_REPLY) * _BYTE
         self._spoken = ((0, request), (request + _RETURN_DELAY, request + _RETURN_DELAY + reply))
-        self._period = self._spoken[1][1] + round(gap * 1e9)
+        self._period = request if gap is None else self._spoken[1][1] + round(gap * 1e9)
         self._taken = clock.now  # until when its packets have been handed over
 
     def _ends(self, since: int) -> tuple[int, bytes]:
@@ -264,6 +264,9 @@ class SecondMaster:
                 if time > since:
                     return time, packet
             turn += 1
+
+    def close(self) -> None:
+        self._line.close()
 
     def discard_input(self) -> None:
         self._line.discard_input()
@@ -313,12 +316,17 @@ def torque_off(model: ServoModel, *ids: int) -> bytes:
     return sync_write_packet(1, torque(model), dict.fromkeys(ids, b"\0"))
 
 
-def bench(gap: float, model: ServoModel) -> tuple[Bench, SecondMaster]:
+def share_line(bench: Bench, gap: float | None) -> SecondMaster:
+    """Open the port of a bench where a second master speaks."""
+    bench.port.close()
+    bench.device = SecondMaster(bench.line, bench.clock, gap)
+    bench.port.open()
+    return bench.device
+
+
+def bench(gap: float | None, model: ServoModel) -> tuple[Bench, SecondMaster]:
     made = Bench([SimulatedServo(i, model) for i in (1, 2)])
-    made.port.open()
-    master = SecondMaster(made.line, made.clock, gap)
-    made.port._line = master  # type: ignore[assignment]
-    return made, master
+    return made, share_line(made, gap)
 
 
 def feedback(port: DynamixelPort, model: ServoModel) -> Status:
@@ -381,8 +389,7 @@ def test_stop_is_sent_between_the_packets_of_a_second_master(
 
 @models
 def test_stop_that_finds_no_gap_is_reported(model: ServoModel) -> None:
-    made, master = bench(0.0, model)
-    master._period = master._spoken[0][1]  # requests without a pause
+    made, master = bench(None, model)
     made.pass_time(0.01)
     begin = made.clock.now
     with pytest.raises(LineBusyError):
@@ -400,8 +407,7 @@ def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float, model: Ser
         rig.bus.command({"j1": Goal(0.3), "j2": Goal(-0.3)})
         rig.step()
     assert rig.torque == [1, 1]
-    master = SecondMaster(made.line, made.clock, gap)
-    made.port._line = master  # type: ignore[assignment]
+    master = share_line(made, gap)
     rig.step(5)
     begin = made.clock.now
     reported: tuple[str, ...] = ()

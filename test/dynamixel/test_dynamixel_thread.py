@@ -198,15 +198,15 @@ def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
 
 
 @pytest.mark.parametrize(
-    ("other", "same_epoch", "problem"),
+    ("other", "same_epoch"),
     [
-        (replace(TILT, joint_name=PAN.joint_name), True, "same name"),
-        (replace(TILT, controller=PAN.controller), True, "same name"),
-        (TILT, False, "epoch"),  # a STOP of the loop would not overtake it
+        (replace(TILT, joint_name=PAN.joint_name), True),
+        (replace(TILT, controller=PAN.controller), True),
+        (TILT, False),  # a STOP of the loop would not overtake it
     ],
 )
 def test_buses_that_do_not_fit_together_are_refused(
-    other: JointConfiguration, same_epoch: bool, problem: str
+    other: JointConfiguration, same_epoch: bool
 ) -> None:
     loop = ControlLoop(None)
     epochs = loop.owners.epoch, loop.owners.epoch if same_epoch else None
@@ -214,7 +214,7 @@ def test_buses_that_do_not_fit_together_are_refused(
         ServoBus(fake_bench().port, [joint], epoch=epoch)
         for joint, epoch in zip((PAN, other), epochs, strict=True)
     ]
-    with pytest.raises(ConfigurationError, match=problem):
+    with pytest.raises(ConfigurationError):
         DynamixelBackend(buses, loop, 50.0)
 
 

@@ -30,9 +30,9 @@ from head_tracking.simulation import (
 PERIOD = 0.02  # s, of a cycle
 
 
-def as_device(line: SimulatedLine) -> Any:
+def as_device(line: Any) -> Any:
     """Return a line that takes the place of an open serial device."""
-    line.adapter = Adapter()  # type: ignore[attr-defined]
+    line.adapter = Adapter()
     return line
 
 
@@ -77,6 +77,7 @@ class Bench:
         self.bus = servos if isinstance(servos, SimulatedBus) else SimulatedBus(servos)
         self.clock = SimulatedClock(1_000_000_000)
         self.line = SimulatedLine(self.bus, self.clock, baud_rate, latency=latency)
+        self.device: Any = self.line  # what the port opens
         self._reply_timeout = reply_timeout
         self.port = self.make_port("simulated", baud_rate)
 
@@ -96,7 +97,7 @@ class Bench:
     def open_device(self, name: str, baud_rate: int) -> Any:
         if not self.line.plugged:
             raise PortMissingError(name, ())
-        return as_device(self.line)
+        return as_device(self.device)
 
     def servo_bus(
         self,
