@@ -34,6 +34,7 @@ HOURS = float(os.environ.get("HEAD_TRACKING_HOURS", "0.012"))
 TOLD = 0.3  # s
 SOON = 0.6  # s: some show no sign where the head turns round
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
+Fact = EventKind | Symptom
 
 
 class Noise(Random):
@@ -73,7 +74,7 @@ class Head(Rig):
         joints = (replace(pan, joint_name=PAN, second=second), replace(tilt, joint_name=TILT))
         self.volts = model.nominal_voltage
         self.still = False
-        self.told: list[tuple[float, BusEvent]] = []
+        self.told: list[tuple[float, BusEvent, set[Fact]]] = []
         self.each_cycle: list[Callable[[], object]] = []
         super().__init__(SimulatedBus(servos, faults=self.faults), joints=joints, **options)
 
@@ -98,21 +99,25 @@ class Head(Rig):
                 servo.supply_voltage = self.volts + self.random.gauss(0.0, 0.05)
             for what in self.each_cycle:
                 what()
-            self.told += [(self.time, event) for event in super().step().events]
+            for event in super().step().events:
+                facts: set[Fact] = {event.kind}
+                if event.kind is EventKind.SYMPTOM:
+                    facts |= {s for each in self.bus.statistics().servos for s in each.symptoms}
+                self.told.append((self.time, event, facts))
         return self.reading
 
     def run(self, seconds: float) -> None:
         self.step(round(seconds / PERIOD))
 
-    def named(self, since: float, *words: str) -> float | None:
-        """Return when an event with one of these words was first told."""
-        found = (t for t, e in self.told if t >= since and any(word in e.text for word in words))
-        return next(found, None)
+    def named(self, since: float, *facts: Fact, cause: str = "") -> float | None:
+        """Return when one of these facts was first told, with a word of its cause."""
+        found = (t for t, e, told in self.told if cause in e.text and told & {*facts})
+        return next((t for t in found if t >= since), None)
 
     @property
     def complaints(self) -> list[str]:
         """What was told, besides that torque came on."""
-        return [event.text for _, event in self.told if event.kind is not EventKind.TORQUE_ON]
+        return [event.text for _, event, _ in self.told if event.kind is not EventKind.TORQUE_ON]
 
 
 def registers(**changes: int) -> Callable[[Head], None]:
@@ -156,37 +161,39 @@ def double(head: Head) -> None:
     head.bench.bus._servos = (*head.bench.bus._servos, twin)
 
 
+TORQUE_LOST = (Symptom.TORQUE_LOST, EventKind.TORQUE_LOST)
+OVERHEATING = (Symptom.WARM, EventKind.ALARM, EventKind.FAULTED)
 NAMED = {
-    "supply voltage error, latched": (latch, ("input voltage",), XM),
+    "supply voltage error, latched": (latch, (EventKind.ALARM,), XM),
     "supply below what the servo needs": (
-        lambda head: setattr(head, "volts", 8.5), ("supply low", "input voltage"), AX, STS,
+        lambda head: setattr(head, "volts", 8.5), (Symptom.SUPPLY, EventKind.ALARM), AX, STS,
     ),
-    "supply that gives way": (sag, ("supply",), AX, STS),
-    "torque lost": (registers(Torque_Enable=0), ("torque lost",), XM),
-    "supply blinks": (blink, ("no answer", "lost its torque", "torque lost"), AX, STS, SCS),
+    "supply that gives way": (sag, (Symptom.SAG, Symptom.SUPPLY), AX, STS),
+    "torque lost": (registers(Torque_Enable=0), TORQUE_LOST, XM),
+    "supply blinks": (blink, (EventKind.LOST, *TORQUE_LOST), AX, STS, SCS),
     "frozen encoder": (
-        lambda head: setattr(head[1], "encoder_frozen", True), ("encoder frozen",), AX, XM, STS,
+        lambda head: setattr(head[1], "encoder_frozen", True), (Symptom.FROZEN,), AX, XM, STS,
     ),
-    "blocked shaft": (lambda head: head[1].drive.impede(1.5), ("blocked",), AX, XM, STS, SCS),
-    "torque limit taken away": (registers(Torque_Limit=20), ("weak",), AX, STS),
+    "blocked shaft": (lambda head: head[1].drive.impede(1.5), (Symptom.BLOCKED,), AX, XM, STS, SCS),
+    "torque limit taken away": (registers(Torque_Limit=20), (Symptom.WEAK,), AX, STS),
     "too hot at once": (
-        lambda head: setattr(head[1], "temperature", 85.0), ("overheating", "heats up"), AX, STS,
+        lambda head: setattr(head[1], "temperature", 85.0), OVERHEATING, AX, STS,
     ),
-    "overload": (lambda head: head[1].overload(), ("overload",), AX, XM, STS, SCS),
-    "cable out": (lambda head: head[1].power_off(), ("no answer",), AX),
+    "overload": (lambda head: head[1].overload(), (EventKind.FAULTED,), AX, XM, STS, SCS),
+    "cable out": (lambda head: head[1].power_off(), (EventKind.LOST,), AX),
     "adapter unplugged": (
-        lambda head: setattr(head.bench.line, "plugged", False), ("check the cable",), AX,
+        lambda head: setattr(head.bench.line, "plugged", False), (EventKind.PORT_LOST,), AX,
     ),
-    "second servo with its id": (double, ("two servos",), AX, STS),
-    "disturbed line": (lambda head: setattr(head.faults, "rate", 0.4), ("line disturbed",), AX),
+    "second servo with its id": (double, (Symptom.LINE, EventKind.LOST), AX, STS),
+    "disturbed line": (lambda head: setattr(head.faults, "rate", 0.4), (Symptom.LINE,), AX),
     "encoder jumps": (
-        lambda head: setattr(head.noise[1], "jumps", True), ("encoder jumps",), AX,
+        lambda head: setattr(head.noise[1], "jumps", True), (Symptom.JUMP,), AX,
     ),
-    "another master": (overrule, ("overruled",), AX, STS),
-    "wheel mode": (registers(CW_Angle_Limit=0, CCW_Angle_Limit=0), ("wrong mode",), AX),
-    "operating mode": (registers(Operating_Mode=1), ("wrong mode",), STS),
-    "operating mode, X": (registers(Operating_Mode=1), ("wrong mode", "torque lost"), XM),
-    "pushed away": (lambda head: head[1].drive.push(3.0), ("moves away", "blocked"), AX),
+    "another master": (overrule, (Symptom.OVERRULED,), AX, STS),
+    "wheel mode": (registers(CW_Angle_Limit=0, CCW_Angle_Limit=0), (Symptom.MODE,), AX),
+    "operating mode": (registers(Operating_Mode=1), (Symptom.MODE,), STS),
+    "operating mode, X": (registers(Operating_Mode=1), (Symptom.MODE, *TORQUE_LOST), XM),
+    "pushed away": (lambda head: head[1].drive.push(3.0), (Symptom.AWAY, Symptom.BLOCKED), AX),
 }  # fmt: skip
 
 
@@ -203,7 +210,7 @@ CASES = [(name, model) for name, (_, _, *models) in NAMED.items() for model in m
     ids=lambda each: getattr(each, "name", str(each)),
 )
 def test_a_fault_is_named_soon(name: str, model: ServoModel, phase: float) -> None:
-    strike, words, *_ = NAMED[name]
+    strike, facts, *_ = NAMED[name]
     head = Head(model)
     head.still = name in STANDING
     head.run(phase)
@@ -211,7 +218,7 @@ def test_a_fault_is_named_soon(name: str, model: ServoModel, phase: float) -> No
     strike(head)
     struck = head.time
     head.run(SOON)
-    named = head.named(struck, *words)
+    named = head.named(struck, *facts, cause="two servos" if strike is double else "")
     assert named is not None, head.complaints
     print(f"{name}: named after {named - struck:.2f} s")
 
@@ -229,10 +236,11 @@ def strain(head: Head) -> None:
 
 
 @pytest.mark.parametrize(
-    ("strike", "words", "longest"), [(drain, "supply low", 200.0), (strain, "heats up", 600.0)]
+    ("strike", "symptom", "longest"),
+    [(drain, Symptom.SUPPLY, 200.0), (strain, Symptom.WARM, 600.0)],
 )
 def test_a_slow_fault_is_named_before_the_servo_shuts_down(
-    strike: Callable[[Head], None], words: str, longest: float
+    strike: Callable[[Head], None], symptom: Symptom, longest: float
 ) -> None:
     head = Head()
     head.run(2.0)
@@ -240,7 +248,7 @@ def test_a_slow_fault_is_named_before_the_servo_shuts_down(
     while not (head[1].alarms.active or EventKind.RESTING in head.kinds):
         head.step()
         assert head.time < longest
-    named = head.named(2.0, words)
+    named = head.named(2.0, symptom)
     assert named is not None and head.time - named > 1.0, head.complaints
 
 
@@ -254,7 +262,7 @@ def test_a_servo_that_is_slower_than_commanded_is_named(model: ServoModel, dista
     head.goal = lambda joint: distance / 2  # type: ignore[method-assign]
     struck = head.time
     head.run(0.6)  # a healthy servo needs half of it to accelerate
-    assert head.named(struck, "slow: it turns at")
+    assert head.named(struck, Symptom.SLOW)
 
 
 def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
@@ -264,7 +272,7 @@ def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
     head[3].drive.impede(2.0)
     struck = head.time
     head.run(TOLD)
-    assert head.named(struck, "servos disagree")
+    assert head.named(struck, Symptom.APART)
 
 
 def test_one_of_two_servos_mounted_the_wrong_way_round_is_named() -> None:
@@ -276,10 +284,10 @@ def test_one_of_two_servos_mounted_the_wrong_way_round_is_named() -> None:
     head.each_cycle.append(turn_together)
     head.goal = lambda joint: 0.0  # type: ignore[method-assign]
     head.run(1.0)
-    assert not head.named(0.0, "servos disagree")
+    assert not head.named(0.0, Symptom.APART)
     head.goal = lambda joint: 0.5  # type: ignore[method-assign]
     head.run(TOLD)
-    assert head.named(0.0, "mounted or calibrated the wrong way round")
+    assert head.named(0.0, Symptom.APART, cause="wrong way")
 
 
 def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
@@ -288,7 +296,7 @@ def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
     registers(CW_Angle_Limit=last // 8, CCW_Angle_Limit=last - last // 8)(head)
     head.bus.connect()
     head.step()
-    assert head.named(0.0, "swapped: its memory holds the angle limits of head_tilt")
+    assert head.named(0.0, Symptom.SWAPPED, cause="head_tilt")
 
 
 @pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
