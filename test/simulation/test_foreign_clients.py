@@ -88,68 +88,71 @@ def opened(sdk: ModuleType, name: str) -> Iterator[tuple[SimulatedPort, Any]]:
         handler.closePort()
 
 
-class TestDynamixelSdk:
-    @pytest.fixture(autouse=True)
-    def sdk(self) -> None:
-        self.sdk = pytest.importorskip("dynamixel_sdk")
-
-    def test_ax_servos(self) -> None:
-        handler = self.sdk.PacketHandler(1.0)
-        with opened(self.sdk, "AX-12") as (ax, port):
-            assert handler.ping(port, 1) == (12, 0, 0)
-            assert handler.read2ByteTxRx(port, 1, 36) == (513, 0, 0)
-            assert handler.write2ByteTxRx(port, 1, 30, 600) == (0, 0)
-            assert arrive(ax, {1: 600})
-            assert handler.write2ByteTxRx(port, 1, 30, 2000) == (0, 8)
-
-    def test_x_servos(self) -> None:
-        handler = self.sdk.PacketHandler(2.0)
-        with opened(self.sdk, "XL330-M288") as (_, port):
-            assert handler.ping(port, 1) == (1200, 0, 0)
-            assert handler.read4ByteTxRx(port, 1, 132) == (2049, 0, 0)
-            group = self.sdk.GroupSyncRead(port, handler, 132, 4)
-            for servo_id in (1, 2):
-                assert group.addParam(servo_id)
-            assert group.txRxPacket() == 0
-            assert [group.getData(i, 132, 4) for i in (1, 2)] == [2049, 2050]
-            assert handler.write1ByteTxRx(port, 1, 64, 1) == (0, 0)
-            assert handler.write1ByteTxRx(port, 1, 9, 0) == (0, 7)  # EEPROM with torque on
-            found, result = handler.broadcastPing(port)
-            assert result == 0
-            assert {i: data[0] for i, data in found.items()} == {1: 1200, 2: 1200}
-            assert handler.reboot(port, 1) == (0, 0)
+@pytest.fixture
+def dynamixel_sdk() -> Any:
+    return pytest.importorskip("dynamixel_sdk")
 
 
-class TestFeetechSdk:
-    @pytest.fixture(autouse=True)
-    def sdk(self) -> None:
-        self.sdk = pytest.importorskip("scservo_sdk", reason="ftservo-python-sdk is not installed")
-        if not hasattr(self.sdk, "sms_sts"):
-            pytest.skip("the older feetech-servo-sdk is installed, which has the same module name")
+@pytest.fixture
+def scservo_sdk() -> Any:
+    sdk = pytest.importorskip("scservo_sdk", reason="ftservo-python-sdk is not installed")
+    if not hasattr(sdk, "sms_sts"):
+        pytest.skip("the older feetech-servo-sdk is installed, which has the same module name")
+    return sdk
 
-    def test_sts_servos(self) -> None:
-        with opened(self.sdk, "STS3215") as (sts, port):
-            handler = self.sdk.sms_sts(port)
-            assert handler.ping(1) == (777, 0, 0)
-            assert handler.ReadPos(2) == (2050, 0, 0)
-            assert handler.WritePosEx(1, 1800, 2400, 50) == (0, 0)  # torque comes on by itself
-            assert arrive(sts, {1: 1800})
-            for servo_id in (1, 2):
-                assert handler.SyncWritePosEx(servo_id, 2300, 2400, 50)
-            assert handler.groupSyncWrite.txPacket() == 0
-            assert arrive(sts, {1: 2300, 2: 2300})
-            group = self.sdk.GroupSyncRead(handler, 56, 4)
-            for servo_id in (1, 2):
-                assert group.addParam(servo_id)
-            assert group.txRxPacket() == 0
-            for servo_id in (1, 2):
-                assert group.isAvailable(servo_id, 56, 2)[0]
-                assert group.getData(servo_id, 56, 2) == pytest.approx(2300, abs=20)
 
-    def test_scs_servos(self) -> None:
-        with opened(self.sdk, "SCS0009") as (scs, port):
-            handler = self.sdk.scscl(port)
-            assert handler.ping(1) == (1284, 0, 0)
-            assert handler.ReadPos(2) == (servo_model("SCS0009").center + 2, 0, 0)
-            assert handler.WritePos(1, 700, 0, 500) == (0, 0)
-            assert arrive(scs, {1: 700})
+def test_ax_servos(dynamixel_sdk: Any) -> None:
+    handler = dynamixel_sdk.PacketHandler(1.0)
+    with opened(dynamixel_sdk, "AX-12") as (ax, port):
+        assert handler.ping(port, 1) == (12, 0, 0)
+        assert handler.read2ByteTxRx(port, 1, 36) == (513, 0, 0)
+        assert handler.write2ByteTxRx(port, 1, 30, 600) == (0, 0)
+        assert arrive(ax, {1: 600})
+        assert handler.write2ByteTxRx(port, 1, 30, 2000) == (0, 8)
+
+
+def test_x_servos(dynamixel_sdk: Any) -> None:
+    handler = dynamixel_sdk.PacketHandler(2.0)
+    with opened(dynamixel_sdk, "XL330-M288") as (_, port):
+        assert handler.ping(port, 1) == (1200, 0, 0)
+        assert handler.read4ByteTxRx(port, 1, 132) == (2049, 0, 0)
+        group = dynamixel_sdk.GroupSyncRead(port, handler, 132, 4)
+        for servo_id in (1, 2):
+            assert group.addParam(servo_id)
+        assert group.txRxPacket() == 0
+        assert [group.getData(i, 132, 4) for i in (1, 2)] == [2049, 2050]
+        assert handler.write1ByteTxRx(port, 1, 64, 1) == (0, 0)
+        assert handler.write1ByteTxRx(port, 1, 9, 0) == (0, 7)  # EEPROM with torque on
+        found, result = handler.broadcastPing(port)
+        assert result == 0
+        assert {i: data[0] for i, data in found.items()} == {1: 1200, 2: 1200}
+        assert handler.reboot(port, 1) == (0, 0)
+
+
+def test_sts_servos(scservo_sdk: Any) -> None:
+    with opened(scservo_sdk, "STS3215") as (sts, port):
+        handler = scservo_sdk.sms_sts(port)
+        assert handler.ping(1) == (777, 0, 0)
+        assert handler.ReadPos(2) == (2050, 0, 0)
+        assert handler.WritePosEx(1, 1800, 2400, 50) == (0, 0)  # torque comes on by itself
+        assert arrive(sts, {1: 1800})
+        for servo_id in (1, 2):
+            assert handler.SyncWritePosEx(servo_id, 2300, 2400, 50)
+        assert handler.groupSyncWrite.txPacket() == 0
+        assert arrive(sts, {1: 2300, 2: 2300})
+        group = scservo_sdk.GroupSyncRead(handler, 56, 4)
+        for servo_id in (1, 2):
+            assert group.addParam(servo_id)
+        assert group.txRxPacket() == 0
+        for servo_id in (1, 2):
+            assert group.isAvailable(servo_id, 56, 2)[0]
+            assert group.getData(servo_id, 56, 2) == pytest.approx(2300, abs=20)
+
+
+def test_scs_servos(scservo_sdk: Any) -> None:
+    with opened(scservo_sdk, "SCS0009") as (scs, port):
+        handler = scservo_sdk.scscl(port)
+        assert handler.ping(1) == (1284, 0, 0)
+        assert handler.ReadPos(2) == (servo_model("SCS0009").center + 2, 0, 0)
+        assert handler.WritePos(1, 700, 0, 500) == (0, 0)
+        assert arrive(scs, {1: 700})

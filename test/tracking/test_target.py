@@ -37,16 +37,29 @@ def bearing(point) -> float:
     return math.atan2(point[1], point[0] - 0.0115)
 
 
-def test_a_target_is_placed_with_the_joints_as_they_were_at_its_stamp(placer):
-    placer.offer(ahead(SECOND + SECOND // 2), 0.0)
-    ((_, point),) = placer.place(0.0, {})
-    assert bearing(point) == pytest.approx(0.5)
-
-
-def test_a_target_without_a_stamp_is_placed_where_the_head_was_sent(placer):
-    placer.offer(ahead(0), 0.0)
+@pytest.mark.parametrize(
+    ("stamp", "pan"), [(SECOND + SECOND // 2, 0.5), (0, 1.25)], ids=["at its stamp", "no stamp"]
+)
+def test_a_target_is_placed_with_the_joints_of_its_stamp_or_where_the_head_was_sent(
+    placer, stamp, pan
+):
+    placer.offer(ahead(stamp), 0.0)
     ((_, point),) = placer.place(0.0, {"head_pan_joint": 1.25, "head_tilt_joint": 0.0})
-    assert bearing(point) == pytest.approx(1.25)
+    assert bearing(point) == pytest.approx(pan)
+
+
+@pytest.mark.parametrize("offered", [0.0, 500.0], ids=["too late", "before the clock jumped back"])
+def test_a_target_that_cannot_be_placed_in_time_is_refused_once(placer, offered):
+    placer.offer(ahead(99 * SECOND), offered)
+    if offered == 0.0:
+        assert placer.place(0.9, {}) == []
+        assert placer.take_refusal() is None
+    assert placer.place(1.1, {}) == []
+    refusal = placer.take_refusal()
+    assert refusal.target == ahead(99 * SECOND)
+    assert "future" in refusal.reason
+    assert placer.place(1.2, {}) == []
+    assert placer.take_refusal() is None
 
 
 def test_a_target_waits_for_the_joint_states_of_its_stamp(placer, buffer):
@@ -75,26 +88,6 @@ def test_the_newest_that_can_be_placed_wins_and_newer_ones_wait(placer, buffer):
     ((target, _),) = placer.place(0.6, {}, latest_only=True)
     assert target.stamp == 3 * SECOND
     assert not placer.place(0.7, {}, latest_only=True)  # the one that came before is forgotten
-
-
-def test_a_target_that_cannot_be_placed_in_time_is_refused_once(placer):
-    placer.offer(ahead(99 * SECOND), 0.0)
-    assert placer.place(0.9, {}) == []
-    assert placer.take_refusal() is None
-    assert placer.place(1.1, {}) == []
-    refusal = placer.take_refusal()
-    assert refusal.target == ahead(99 * SECOND)
-    assert "future" in refusal.reason
-    assert placer.place(1.2, {}) == []
-    assert placer.take_refusal() is None
-
-
-def test_what_came_before_the_clock_jumped_back_does_not_wait_for_ever(placer):
-    placer.offer(ahead(99 * SECOND), 500.0)
-    assert placer.place(3.0, {}) == []
-    assert placer.take_refusal() is not None
-    assert placer.place(3.1, {}) == []
-    assert placer.take_refusal() is None
 
 
 @pytest.mark.parametrize(("rate", "timeout"), [(10, 0.0), (100, 1.0), (100, 30.0)])

@@ -32,12 +32,9 @@ def x_of(found) -> float:
 def test_a_leading_slash_is_stripped_when_set_and_refused_when_asked_for(buffer):
     buffer.set_transform(SECOND, "/map", "/base", moved(1))
     assert buffer.can_transform("map", "base")
-    with pytest.raises(InvalidArgumentException):
-        buffer.lookup_transform("/map", "base")
-    with pytest.raises(InvalidArgumentException):
-        buffer.lookup_transform("map", "/base")
-    with pytest.raises(InvalidArgumentException):
-        buffer.lookup_transform("", "base")
+    for frames in (("/map", "base"), ("map", "/base"), ("", "base")):
+        with pytest.raises(InvalidArgumentException):
+            buffer.lookup_transform(*frames)
 
 
 @pytest.mark.parametrize(
