@@ -230,7 +230,6 @@ def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) 
     assert [(event.kind, event.joint_name) for event in events] == [
         (EventKind.LOST, "head_pan_joint")
     ]
-    assert "5 cycles" in events[0].text and "cable" in events[0].text
     assert all("head_tilt_joint" in reading.states for reading in readings)
 
 

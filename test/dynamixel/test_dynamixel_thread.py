@@ -147,13 +147,15 @@ def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
 # Several buses as one backend of a loop
 
 
-def make(*joints: JointConfiguration, **options: Any) -> tuple[DynamixelBackend, list[Bench]]:
-    """Return a backend with a bus for each joint, connected, and their benches."""
-    benches = [fake_bench(joint.id) for joint in joints]
-    loop = ControlLoop(None)
+def make(
+    *groups: tuple[JointConfiguration, ...], loop: ControlLoop | None = None, **options: Any
+) -> tuple[DynamixelBackend, list[Bench]]:
+    """Return a backend with a bus for each group of joints, connected, and their benches."""
+    benches = [fake_bench(*(joint.id for joint in joints)) for joints in groups]
+    loop = loop or ControlLoop(None)
     buses = [
-        ServoBus(bench.port, [joint], epoch=loop.owners.epoch)
-        for bench, joint in zip(benches, joints, strict=True)
+        ServoBus(bench.port, joints, epoch=loop.owners.epoch)
+        for bench, joints in zip(benches, groups, strict=True)
     ]
     backend = DynamixelBackend(buses, loop, 50.0, **options)
     backend.connect()
@@ -171,7 +173,7 @@ def write(backend: DynamixelBackend, **goals: float) -> None:
 
 def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
     reported: list[str] = []
-    buses, benches = make(PAN, TILT, report=lambda subject, _: reported.append(subject))
+    buses, benches = make((PAN,), (TILT,), report=lambda subject, _: reported.append(subject))
     write(buses, head_pan_joint=0.1, elbow=0.1)
     buses.threads[0].bus.step()
     assert benches[0].bus[1].register("Torque Enable") == 0
@@ -184,7 +186,7 @@ def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
 
 
 def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
-    buses, benches = make(PAN, TILT)
+    buses, benches = make((PAN,), (TILT,))
     buses.start()
     for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
         future.result(PATIENCE)
@@ -219,7 +221,7 @@ def test_buses_that_do_not_fit_together_are_refused(
 
 
 def test_of_several_buses_all_are_connected_or_none() -> None:
-    backend, benches = make(PAN, TILT)
+    backend, benches = make((PAN,), (TILT,))
     backend.close()
     benches[1].bus[2].set_register("ID", 9)
     with pytest.raises(ServoNotFoundError):
@@ -232,40 +234,35 @@ def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reporte
     lost: bool,
 ) -> None:
     reported: list[str] = []
-    bench, loop = fake_bench(), ControlLoop(None)
-    bus = ServoBus(bench.port, [PAN, TILT], epoch=loop.owners.epoch)
-    backend = DynamixelBackend([bus], loop, 50.0, lambda subject, text: reported.append(subject))
-    backend.connect()
+    backend, (bench,) = make((PAN, TILT), report=lambda subject, _: reported.append(subject))
+    bus = backend.threads[0].bus
     if lost:
         bench.bus[2].set_register("ID", 9)
         for _ in range(5):
             bus.step()
     else:
         run(bus.switching_torque(["head_tilt_joint"], False))
-    goals = {"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)}
     with pytest.raises(GoalError):  # all or none
-        bus.command(goals)
+        bus.command({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(0.1)})
     bus.step()
     assert bench.torque == [0, 0]
-    backend.write("somebody", goals, loop.owners.epoch.value)
+    write(backend, head_pan_joint=0.1, head_tilt_joint=0.1)
     for _ in range(10):
         bus.step()
     assert bench.torque == [1, 0]
     assert bench.bus[1].register("Goal Position") == PAN.ticks(0.1)
     assert reported == ["head_tilt_joint"]
-    backend.write("somebody", {"head_tilt_joint": Goal(0.1)}, loop.owners.epoch.value)
-    backend.write("somebody", {"elbow": Goal(0.1)}, loop.owners.epoch.value)
+    write(backend, head_tilt_joint=0.1)
+    write(backend, elbow=0.1)
     assert reported[1:] == ["somebody", "somebody"]
     backend.close()
 
 
 def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_finds_out() -> None:
-    bench, loop = fake_bench(1), ControlLoop(None)
-    bus = ServoBus(bench.port, [PAN], epoch=loop.owners.epoch)
-    backend = DynamixelBackend([bus], loop, 50.0)
-    backend.connect()
+    loop = ControlLoop(None)
+    backend, _ = make((PAN,), loop=loop)
     refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
-    bus.cycle.write = lambda reading: reading._replace(  # type: ignore[method-assign]
+    backend.threads[0].bus.cycle.write = lambda reading: reading._replace(  # type: ignore[method-assign]
         events=(refused,)
     )
     backend.start()
@@ -280,7 +277,7 @@ def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_f
 def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
     failing: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    buses, benches = make(PAN, TILT)
+    buses, benches = make((PAN,), (TILT,))
     hold(buses)
 
     def fail(*_: object, **__: object) -> None:
@@ -298,7 +295,7 @@ def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
 
 @pytest.mark.parametrize("other_stop", [False, True])
 def test_a_stop_is_carried_out_where_the_port_is_not_free(other_stop: bool) -> None:
-    buses, benches = make(PAN, TILT)
+    buses, benches = make((PAN,), (TILT,))
     hold(buses)
     begun, end = threading.Event(), threading.Event()
 
@@ -328,7 +325,7 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs() -> None:
             hanging.set()
             release.wait(PATIENCE)
 
-    buses, benches = make(PAN, TILT, on_reading=on_reading)
+    buses, benches = make((PAN,), (TILT,), on_reading=on_reading)
     try:
         buses.start()
 
