@@ -56,11 +56,6 @@ def run(path: Path, conditions: Conditions, controller: Any = None) -> Outcome:
     return ClosedLoop(path, conditions).run(controller or tracker(rate=conditions.rate))
 
 
-def error(path: Path, conditions: Conditions, start: float = 3.0, law: str = "predictive") -> float:
-    """Return the error of a law from a time [s] on [rad rms]."""
-    return run(path, conditions, tracker(law, conditions.rate)).recording.between(start).rms
-
-
 class Watched:
     """A tracker that calls `note` with the time and itself after each step."""
 
