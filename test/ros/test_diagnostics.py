@@ -17,6 +17,7 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
 from head_tracking.dynamixel.state import Counters
+from head_tracking.page.status import advice, faults
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
 from head_tracking.ros.kit.diagnostics import (
     FAULT,
@@ -120,11 +121,6 @@ def test_a_port_that_has_gone_and_a_slow_adapter_are_told():
 # the page
 
 
-@pytest.fixture
-def page():
-    return pytest.importorskip("head_tracking.page.status", reason="needs requirements/viewer.txt")
-
-
 def servo(**changes: Any) -> Part:
     return health_from_message(entry(with_servo(**changes), "pan"))
 
@@ -138,15 +134,15 @@ def servo(**changes: Any) -> Part:
         {"temperature": 75.0},
     ],
 )
-def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(page, changes):
+def test_there_is_advice_for_everything_that_can_be_wrong_with_a_servo(changes):
     wrong = servo(**changes)
     assert wrong.level >= Level.ERROR
-    assert page.advice(wrong.values[FAULT], "servo_bus") != page.advice("none", "servo_bus")
+    assert advice(wrong.values[FAULT], "servo_bus") != advice("none", "servo_bus")
 
 
-def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet(page):
+def test_a_servo_that_has_missed_a_cycle_is_no_trouble_yet():
     stale = servo(health=Health.STALE)
     assert stale.level is Level.STALE
-    assert not page.faults([stale])
+    assert not faults([stale])
     silent = replace(stale, values={FAULT: FaultName.SILENT})
-    assert page.faults([silent])
+    assert faults([silent])
