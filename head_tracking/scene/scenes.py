@@ -28,7 +28,7 @@ FACE_WIDTH = 0.24
 _PERSON_WIDTH = 0.72
 """Width of the picture of a person [m]."""
 
-_FACE_CENTRE = (0.5, 0.1105)
+_FACE_CENTRE = (0.508, 0.1105)
 """Middle of the face for a face detector, relative to the picture of a person."""
 
 _PACE = 0.55  # s: one stride

@@ -48,7 +48,7 @@ SIZED = {"detector_parameters": MarkerParameters(marker_size=MARKER_SIZE)}
     [
         ("colour", "ball", "16UC1", 30, {}, 0),
         ("marker", "marker", "32FC1", 8, {}, 0),
-        ("face", "face", "16UC1", 20, {}, 0),
+        ("face", "face", "16UC1", 10, {}, 0),
         ("features", "picture", "16UC1", 15, {}, 70),
         ("colour", "ball", "", 60, {"object_size": 0.16}, 0),
         ("marker", "marker", "", 25, SIZED, 0),
