@@ -80,19 +80,15 @@ SCENES: Mapping[str, str] = {spec.target: spec.scene for spec in DETECTORS.value
 """What the simulated camera draws for a target that is detected in images."""
 
 
-def simulated_camera(scene: str, **parameters: Any) -> NodeSpec:
+def simulated_camera(scene: str) -> NodeSpec:
     """Return the camera of a simulated head, with small images to save processor time."""
-    return NodeSpec(
-        "simulated_camera",
-        ("buffer",),
-        {"scene": scene, "width": 320, "height": 240, **parameters},
-        VISION,
-    )
+    size = {"width": 320, "height": 240}
+    return NodeSpec("simulated_camera", ("buffer",), {"scene": scene, **size}, VISION)
 
 
 VIEWER = NodeSpec("viewer", process=PAGE)
 
-CAMERA = simulated_camera("everything", rate=15.0)
+CAMERA = simulated_camera("everything")
 """What the page shows of a simulated head whose target needs no camera."""
 
 

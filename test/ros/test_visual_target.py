@@ -286,7 +286,7 @@ def test_stamps_and_delay_of_the_simulated_camera(world, kind):
     simulated_camera(world, scene="ball", depth_encoding=kind, delay=0.2)
     topics = ("/image", "/camera_info", "/depth")
     heard = {topic: world.record(topic) for topic in topics}
-    world.run(0.5)
+    world.run(0.8)
     assert len(heard["/image"]) == pytest.approx(9, abs=2)
     assert len(heard["/depth"]) == (len(heard["/image"]) if kind else 0)
     for (when, image), (_, info) in zip(heard["/image"], heard["/camera_info"], strict=True):

@@ -20,6 +20,7 @@ from head_tracking.transforms import Transform, load_robot_model
 
 CAMERA = "camera_optical_frame"
 SETTLING = 3.0  # s
+RATE = 30.0  # images a second
 _SAMPLE = 10_000_000  # ns
 
 
@@ -58,7 +59,8 @@ def pursue(
     T_head_scene = model.transform(head.base_frame, "base_link", {})
     poses: dict[int, Transform] = {}
     rclpy.init()
-    eye = world.make(SimulatedCameraNode, {"scene": scene, **(camera or {})}, buffer=world.buffer)
+    seeing = {"scene": scene, "rate": RATE, **(camera or {})}
+    eye = world.make(SimulatedCameraNode, seeing, buffer=world.buffer)
     world.make(VisualTargetNode, target, buffer=world.buffer)
     world.make(HeadTrackerNode, tracker, loop=world.loop)
     seen = eye.scene
@@ -89,7 +91,7 @@ def pursue(
             result.errors.add(head.miss(point, *joints()))
 
     world.every(round(1e9 * world.period), exposed)
-    world.every(round(1e9 / 30.0), taken)
+    world.every(round(1e9 / RATE), taken)
     world.every(_SAMPLE, judge)
     world.listen("/target_point", on_target)
     world.listen("/visual_target/image", on_picture)
