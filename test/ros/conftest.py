@@ -45,9 +45,8 @@ def threads() -> Iterator[NodeThreads]:
 
 
 @pytest.fixture
-def world(kinectbot, threads) -> Iterator[World]:
-    with closing(World(kinectbot)) as world:
-        yield world
+def world(kinectbot, threads) -> World:
+    return World(kinectbot)
 
 
 @pytest.fixture

@@ -4,33 +4,27 @@ import math
 import time
 
 import pytest
+
+pytest.importorskip("control_msgs.action")
+
 from action_client import ABORTED, CANCELED, SUCCEEDED, Client
+from control_msgs.action import FollowJointTrajectory, PointHead
+from goals import FOLLOW, following, point_goal, trajectory
+from rig import DEGREE, JOINTS, bearing
 from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 from waiting import wait_for
 
-from head_tracking.gaze import PanTiltHead
 from head_tracking.ros.head import head_actions
 from head_tracking.ros.kit.topics import LATCHED
-
-pytest.importorskip("control_msgs.action")
-
-import goals
-
-goal, trajectory, following = goals.point_goal, goals.trajectory, goals.following
-JOINTS = goals.JOINTS
-DEGREE = math.radians(1.0)
 
 
 @pytest.fixture(scope="module")
 def running(make_module_robot):
     robot = make_module_robot("--mode", "point")
     robot.until_done("torque_enable", True)  # which may take long at first
-    robot.client = Client(robot.node, goals.PointHead, "point_head/point_head_action")
-    robot.states = []
-    robot.node.create_subscription(
-        String, "point_head/state", lambda m: robot.states.append(m.data), LATCHED
-    )
+    robot.client = Client(robot.node, PointHead, "point_head/point_head_action")
+    robot.states = robot.hear("point_head/state", String, LATCHED)
     return robot
 
 
@@ -45,63 +39,55 @@ def robot(running):
         running.until_done("torque_enable", True)
         interface.is_cautious = False
     if abs(running.pan) > 0.1 or interface.motion is not interface.targets:
-        assert running.client.send(goal(3, 0, 0.4, velocity=5.0)).ended()[0] == SUCCEEDED
+        assert running.client.send(point_goal(3, 0, 0.4, velocity=5.0)).ended()[0] == SUCCEEDED
     running.log.clear()
     return running
 
 
-def true_miss(robot, point):
-    """By how much the true servo angles miss a point in base_link [rad]."""
-    core = robot.composition.buffer.core
-    head = PanTiltHead(core.model, *JOINTS, "camera_link")
-    target = core.transform_point(point, head.base_frame, "base_link")
-    return head.miss(target, *(robot.true(joint) for joint in JOINTS))
-
-
 def test_a_goal_succeeds_when_the_measured_joints_have_arrived(robot):
-    sent = robot.client.send(goal(1, 1, 0.2))
+    sent = robot.client.send(point_goal(1, 1, 0.2))
     status, _ = sent.ended()
     assert status == SUCCEEDED
     assert "arrived" in robot.logged("turning camera_link to (1.000, 1.000, 0.200) in base_link: ")
-    assert true_miss(robot, (1, 1, 0.2)) < DEGREE
+    assert robot.true(JOINTS[0]) == pytest.approx(bearing(1, 1), abs=DEGREE)
     wait_for(lambda: sent.feedback and sent.feedback[-1][1].pointing_angle_error < DEGREE)
     assert sent.feedback[0][1].pointing_angle_error > 0.6  # measured, not meant
     assert len(sent.feedback) > 3
 
 
 def test_cancel_holds(robot):
-    sent = robot.client.send(goal(1, 2, 0.2, velocity=0.5))
+    sent = robot.client.send(point_goal(1, 2, 0.2, velocity=0.5))
     wait_for(lambda: robot.pan > 0.2)
     assert len(sent.cancel().goals_canceling) == 1
     assert sent.ended()[0] == CANCELED
     pan, _ = robot.at_rest()
     assert 0.2 < pan < 1.0  # its target is at 1.1
-    wait_for(lambda: robot.states[-1] == "canceled: the head holds")
+    wait_for(lambda: robot.states[-1].data == "canceled: the head holds")
     assert not sent.cancel().goals_canceling
 
 
 def test_invalid_goals_are_rejected(robot):
     for wrong in (
-        goal(math.nan, 0, 0),
-        goal(1e308, 0, 0),
-        goal(1, 0, 0, "nowhere"),
-        goal(1, 0, 0, ""),
-        goal(1, 0, 0, pointing="torso_link"),
-        goal(1, 0, 0, pointing="nose"),
-        goal(1, 0, 0, velocity=-1),
-        goal(1, 0, 0, velocity=math.inf),
-        goal(1, 0, 0, axis=(math.nan, 0, 0)),
+        point_goal(math.nan, 0, 0),
+        point_goal(1e308, 0, 0),
+        point_goal(1, 0, 0, "nowhere"),
+        point_goal(1, 0, 0, ""),
+        point_goal(1, 0, 0, pointing="torso_link"),
+        point_goal(1, 0, 0, pointing="nose"),
+        point_goal(1, 0, 0, velocity=-1),
+        point_goal(1, 0, 0, velocity=math.inf),
+        point_goal(1, 0, 0, axis=(math.nan, 0, 0)),
     ):
         robot.states.clear()
         assert not robot.client.send(wrong).accepted
-        wait_for(lambda: robot.states and robot.states[-1].startswith("rejected: "))
+        wait_for(lambda: robot.states and robot.states[-1].data.startswith("rejected: "))
     # a valid goal afterwards shows that only the goals were wrong, not the head
-    assert robot.client.send(goal(3, 0, 0.4)).ended()[0] == SUCCEEDED
+    assert robot.client.send(point_goal(3, 0, 0.4)).ended()[0] == SUCCEEDED
 
 
 @pytest.fixture
 def follower(robot):
-    robot.follower = Client(robot.node, goals.FollowJointTrajectory, goals.FOLLOW)
+    robot.follower = Client(robot.node, FollowJointTrajectory, FOLLOW)
     return robot
 
 
@@ -198,7 +184,7 @@ def test_the_trajectory_topic_accepts_a_stream(robot):
     robot.logged("a trajectory is rejected: point 1 of 1 takes head_pan_joint to 7 rad")
     later = trajectory((0.5, (-0.3, 0.0)), stamp=time.time() + 0.6)
     robot.publish("point_head/joint_trajectory", later)
-    sent = robot.client.send(goal(3, 0.3, 0.4))
+    sent = robot.client.send(point_goal(3, 0.3, 0.4))
     assert sent.ended()[0] == SUCCEEDED
     time.sleep(0.8)  # the goal came later
     assert robot.pan == pytest.approx(0.1, abs=0.05)

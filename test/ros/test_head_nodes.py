@@ -3,7 +3,7 @@
 import math
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -45,7 +45,7 @@ class Tracked:
         for name in ("head_tracker", "point_head"):
             world.listen(f"/{name}/status", self._on_status)
         self.node = world.make(kind, parameters, loop=world.loop)
-        world.every(round(STEP * SECOND), self._see)
+        world.every(round(STEP * SECOND), self._publish)
         world.run(0.5)
 
     def target(self, bearing: float) -> Target:
@@ -53,69 +53,57 @@ class Tracked:
         point = 2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 0.1
         return Target(self.world.stamp, "torso_link", point)
 
+    def see(self, bearing: float | None, seconds: float) -> None:
+        """Let time pass with a target at a bearing [rad]; None: without one."""
+        self.path = None if bearing is None else lambda now: bearing
+        self.world.run(seconds)
+
     def _on_status(self, message: DiagnosticStatus) -> None:
         self.fields = {each.key: each.value for each in message.values}
-
-    def speeds(self, seconds: float) -> list[float]:
-        """Return the true speeds of pan while time passes [rad/s]."""
-        speeds, before = [], self.world.true_position("head_pan_joint")
-        for _ in range(round(seconds / STEP)):
-            self.world.run(STEP)
-            pan = self.world.true_position("head_pan_joint")
-            speeds.append(abs(pan - before) / STEP)
-            before = pan
-        return speeds
 
     def stop_and_resume(self) -> None:
         owners = self.world.loop.owners
         owners.stop(dict)
         owners.resume(owners.epoch.value)
 
-    def _see(self) -> None:
+    def _publish(self) -> None:
         if self.path is not None:
             self.node.control.accept(self.target(self.path(self.world.seconds)))
 
 
 @pytest.fixture
-def track(kinectbot: RobotModel, threads: Any) -> Iterator[Callable[..., Tracked]]:
-    made: list[Tracked] = []
-
+def track(kinectbot: RobotModel, threads: Any) -> Callable[..., Tracked]:
     def track(
         kind: type[HeadNode] = HeadTrackerNode,
         model: RobotModel | None = kinectbot,
         **parameters: Any,
     ) -> Tracked:
-        made.append(Tracked(kind, model, parameters))
-        return made[-1]
+        return Tracked(kind, model, parameters)
 
-    yield track
-    for tracked in made:
-        tracked.world.close()
+    return track
 
 
 def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(track):
     tracked = track()
     tracked.stop_and_resume()
     tracked.path = lambda now: AWAY
-    assert 0.1 < max(tracked.speeds(0.3)) < 0.35
+    assert 0.1 < max(tracked.world.speeds(0.3)) < 0.35
     tracked.path = None
     for jump in (-900, 3600):
         tracked.world.offset += jump * SECOND
         tracked.world.run(3.0)
     tracked.path = lambda now: -AWAY
-    assert 0.1 < max(tracked.speeds(1.0)) < 0.35
+    assert 0.1 < max(tracked.world.speeds(1.0)) < 0.35
     tracked.world.run(6.0)
     tracked.path = lambda now: AWAY
-    assert max(tracked.speeds(1.0)) > 1.0
+    assert max(tracked.world.speeds(1.0)) > 1.0
 
 
 def test_short_pauses_of_the_target_are_not_logged(track, capfd):
     tracked = track()
     for _ in range(3):
-        tracked.path = lambda now: 0.1
-        tracked.world.run(1.0)
-        tracked.path = None
-        tracked.world.run(0.3)
+        tracked.see(0.1, 1.0)
+        tracked.see(None, 0.3)
         assert tracked.fields["state"] == "coasting"
     assert capfd.readouterr().err.count("tracking: ") == 1
 
@@ -142,7 +130,7 @@ def test_a_resumed_head_keeps_max_joint_speed(track):
     tracked = track(max_joint_speed=0.1)
     tracked.stop_and_resume()
     tracked.path = lambda now: AWAY
-    assert 0.05 < max(tracked.speeds(3.0)) < 0.12
+    assert 0.05 < max(tracked.world.speeds(3.0)) < 0.12
 
 
 def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
@@ -153,7 +141,7 @@ def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
     tracked.world.run(1.0)
     p = PointingParameters(max_velocity=1.0)
     tracked.node.control.point(tracked.target(2.0), p, lambda motion: None)
-    speeds = tracked.speeds(0.2)
+    speeds = tracked.world.speeds(0.2)
     assert speeds[0] > 0.7
     assert min(speeds) > 0.5
 
@@ -221,8 +209,7 @@ class Judged:
 
     def after(self, seconds: float, bearing: float | None) -> tuple[float, float]:
         """Let time pass; return the largest error [rad] and the judged time [s] of the run."""
-        self.tracked.path = None if bearing is None else lambda now: bearing
-        self.tracked.world.run(seconds)
+        self.tracked.see(bearing, seconds)
         found = re.search(r"([\d.]+)° max .* over ([\d.]+) s", self._monitor.summary())
         return (math.radians(float(found[1])), float(found[2])) if found else (0.0, 0.0)
 
@@ -276,7 +263,7 @@ def test_a_disabled_tracker_stays_disabled_with_another_model(track, kinectbot):
     tracked.path = lambda now: AWAY
     again = kinectbot.urdf.replace("</robot>", "<!-- another one --></robot>")
     tracked.world.buffer.core.set_model(parse_robot_model(again))
-    assert max(tracked.speeds(1.0)) == 0.0
+    assert max(tracked.world.speeds(1.0)) == 0.0
     assert tracked.world.writes == 0
     assert tracked.fields["state"] == "disabled"
     tracked.node.control.enable()
@@ -296,8 +283,7 @@ def test_a_disabled_tracker_stays_disabled_with_another_model(track, kinectbot):
 def test_a_model_that_cannot_be_used_is_reported(track, kinectbot, parameters, urdf, reason):
     model = parse_robot_model(urdf) if urdf else kinectbot if urdf is None else None
     tracked = track(model=model, **parameters)
-    tracked.path = lambda now: AWAY
-    tracked.world.run(1.0)
+    tracked.see(AWAY, 1.0)
     assert (tracked.fields["state"], tracked.fields["reason"]) == ("idle", reason)
     assert all(frame in tracked.fields["trouble"] for frame in parameters.values())
     assert tracked.world.writes == 0
@@ -345,23 +331,21 @@ def test_a_turning_base_is_compensated_in_the_fixed_frame(track):
 def test_a_paused_clock_is_reported_and_tracking_resumes(track):
     tracked = track()
     world, world.is_simulated = tracked.world, True
-    tracked.path = lambda now: AWAY
-    world.run(3.0)
+    tracked.see(AWAY, 3.0)
     assert tracked.fields["state"] == "tracking"
     world.paused_at = world.stamp
     world.run(2.0)
     assert (tracked.fields["state"], tracked.fields["reason"]) == ("idle", Blocked.CLOCK)
     world.offset -= world.now + world.offset - world.paused_at
     world.paused_at = None
-    assert max(tracked.speeds(3.0)) < 0.3
+    assert max(tracked.world.speeds(3.0)) < 0.3
     assert tracked.fields["state"] == "tracking"
 
 
 def test_joint_states_from_the_future_are_not_fresh(track):
     tracked = track()
     tracked.world.early = 5 * SECOND
-    tracked.path = lambda now: AWAY
-    tracked.world.run(2.0)
+    tracked.see(AWAY, 2.0)
     assert tracked.node.control.trouble == Obstacle(Blocked.FUTURE, "head_pan_joint")
     assert tracked.world.writes == 0
 
@@ -369,8 +353,7 @@ def test_joint_states_from_the_future_are_not_fresh(track):
 def test_old_joint_states_are_not_used_after_the_clock_jumps_back(track):
     tracked = track()
     world, world.is_simulated = tracked.world, True
-    tracked.path = lambda now: AWAY
-    world.run(2.0)
+    tracked.see(AWAY, 2.0)
     world.is_measured = False
     world.run(1.0)
     assert tracked.node.control.trouble == Obstacle(Blocked.NOT_MEASURED, "head_pan_joint")
@@ -394,8 +377,7 @@ def test_old_joint_states_are_not_used_after_the_clock_jumps_back(track):
 def test_a_jump_of_the_clock_stops_the_head_which_follows_again(track, is_simulated, jump, law):
     tracked = track(law=law) if law else track(PointHeadNode)
     world, world.is_simulated = tracked.world, is_simulated
-    tracked.path = lambda now: AWAY
-    world.run(3.0)
+    tracked.see(AWAY, 3.0)
     tracked.path = None
     world.offset += round(jump * SECOND)
     world.run(0.5)
@@ -403,8 +385,7 @@ def test_a_jump_of_the_clock_stops_the_head_which_follows_again(track, is_simula
     world.run(1.0)
     assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.01)
     assert tracked.fields["target"] == "false"
-    tracked.path = lambda now: -AWAY
-    world.run(4.0)
+    tracked.see(-AWAY, 4.0)
     assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.03)
 
 

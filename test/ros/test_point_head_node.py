@@ -5,6 +5,12 @@ import random
 import threading
 
 import pytest
+
+pytest.importorskip("control_msgs.action")
+
+from geometry_msgs.msg import Point, PointStamped
+from goals import HeldGoal, following, point_goal
+from rig import JOINTS
 from std_srvs.srv import SetBool
 
 from head_tracking.gaze import PanTiltHead
@@ -12,27 +18,60 @@ from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head import head_actions
 from head_tracking.ros.head.point_head import PointHeadNode
 
-pytest.importorskip("control_msgs.action")
 
-import goals
+class PointedHead:
+    """point_head and its servos in simulated time."""
 
-goal, following, JOINTS = goals.point_goal, goals.following, goals.JOINTS
+    def __init__(self, world):
+        self.world = world
+        self.node = world.make(PointHeadNode, {"max_velocity": 5.0}, loop=world.loop)
+        self._states = world.record("/point_head/state")
+        self.head = PanTiltHead(world.buffer.core.model, *JOINTS, "camera_link")
+        world.run(0.1)
+
+    @property
+    def true(self):
+        """Where pan and tilt really are [rad]."""
+        return tuple(self.world.true_position(joint) for joint in JOINTS)
+
+    @property
+    def said(self):
+        """Its latest state."""
+        return self._states[-1][1].data if self._states else ""
+
+    def look_at(self, point, frame="", **wishes):
+        """Send a goal of PointHead and wait until it is over; no frame: the head's base."""
+        held = HeldGoal(point_goal(*point, frame or self.head.base_frame, **wishes))
+        self.node.actions.point(held)
+        self.world.speeds(20.0, lambda: held.status)
+        return held
 
 
 @pytest.fixture
 def pointed(world):
-    return goals.PointedHead(world)
+    return PointedHead(world)
+
+
+def random_point(rnd):
+    """Return a point around a head, in its base frame [m]: most can be looked at, some cannot."""
+    bearing, height = rnd.uniform(-3.0, 3.0), rnd.uniform(-1.2, 1.2)
+    away = math.exp(rnd.uniform(math.log(0.25), math.log(8.0)))
+    return (
+        away * math.cos(bearing) * math.cos(height),
+        away * math.sin(bearing) * math.cos(height),
+        away * math.sin(height),
+    )
 
 
 def test_random_goals_report_the_miss_of_the_true_angles(pointed):
     rnd = random.Random(1)
     ends = {"succeeded": 0, "aborted": 0}
     for _ in range(30):
-        point, before = goals.random_point(rnd), pointed.true
+        point, before = random_point(rnd), pointed.true
         goal = pointed.look_at(point)
         pointed.world.run(0.02)
         ends[goal.status] += 1
-        truly = math.degrees(pointed.true_miss(point))
+        truly = math.degrees(pointed.head.miss(point, *pointed.true))
         if goal.status == "succeeded":
             assert pointed.head.gaze(point, *before).reached
             reported = float(pointed.said.split()[-2])
@@ -48,29 +87,25 @@ def test_random_goals_report_the_miss_of_the_true_angles(pointed):
 
 def fastest(pointed, goal):
     """Of pan, on the way of a goal [rad/s]; and how long that took [s]."""
-    world, before, speeds = pointed.world, pointed.true[0], []
-    held = goals.HeldGoal(goal)
+    world, held = pointed.world, HeldGoal(goal)
     pointed.node.actions.point(held)
     begun = world.seconds
-    while not held.status and world.seconds < begun + 30.0:
-        world.run(0.02)
-        speeds.append(abs(pointed.true[0] - before) / 0.02)
-        before = pointed.true[0]
+    speeds = world.speeds(30.0, lambda: held.status)
     assert held.status == "succeeded"
     return max(speeds), world.seconds - begun
 
 
 def test_velocity_and_duration_are_honoured(pointed):
     frame = pointed.head.base_frame
-    speed, _ = fastest(pointed, goal(1, 1, 0.1, frame, velocity=0.4))
+    speed, _ = fastest(pointed, point_goal(1, 1, 0.1, frame, velocity=0.4))
     assert speed < 0.5
-    speed, duration = fastest(pointed, goal(1, -1, 0.1, frame, velocity=3.0))
+    speed, duration = fastest(pointed, point_goal(1, -1, 0.1, frame, velocity=3.0))
     assert 2.0 < speed < 3.5
     assert duration < 1.7
-    speed, duration = fastest(pointed, goal(1, 1, 0.1, frame, duration=4.0))
+    speed, duration = fastest(pointed, point_goal(1, 1, 0.1, frame, duration=4.0))
     assert 4.0 <= duration < 5.0
     assert speed < 0.6
-    _, duration = fastest(pointed, goal(1, 0.98, 0.1, frame, duration=10.0))
+    _, duration = fastest(pointed, point_goal(1, 0.98, 0.1, frame, duration=10.0))
     assert 10.0 <= duration < 11.0  # slower than a servo can be told
 
 
@@ -94,22 +129,17 @@ def test_any_frame_and_axis_of_the_head_can_be_pointed(pointed, kinectbot, frame
 def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, kind):
     """The motion to the target is fast when the goal comes, which leads on in its direction."""
     world, point = pointed.world, (0.4, 2.0, 0.1)
-    pointed.publish(point, pointed.head.base_frame)
+    message = PointStamped(point=Point(x=point[0], y=point[1], z=point[2]))
+    message.header.frame_id = pointed.head.base_frame
+    world.publish("/target_point", message)
     world.run(0.25)
-    before, began = pointed.true[0], world.seconds
     if kind == "point":
-        request = goals.point_goal(*point, pointed.head.base_frame, velocity=3.0)
-        pointed.node.actions.point(goals.HeldGoal(request))
+        request = point_goal(*point, pointed.head.base_frame, velocity=3.0)
+        pointed.node.actions.point(HeldGoal(request))
     else:
         path = dict.fromkeys(JOINTS, -1.0)
-        pointed.node.actions.follow(
-            goals.HeldGoal(following((0.6, (1.37, 0.0), (0.0, 0.0)), path=path))
-        )
-    speeds = []
-    while world.seconds < began + 0.2:
-        world.run(0.02)
-        pan, before = before, pointed.true[0]
-        speeds.append((before - pan) / 0.02)
+        pointed.node.actions.follow(HeldGoal(following((0.6, (1.37, 0.0), (0.0, 0.0)), path=path)))
+    speeds = world.speeds(0.2)
     assert speeds[0] > 1.5
     assert min(speeds) > 0.5 * speeds[0]
 
@@ -122,7 +152,7 @@ def test_actions_and_topic_have_the_name_of_another_controller(world):
 
 def test_a_goal_is_refused_while_another_owns_the_joints_or_nobody_measures_them(pointed):
     world, control = pointed.world, pointed.node.control
-    request = goal(1, -1, 0.1, pointed.head.base_frame)
+    request = point_goal(1, -1, 0.1, pointed.head.base_frame)
     world.loop.owners.take_over("/somebody", JOINTS)
     world.run(0.1)
     assert pointed.node.actions.point_refusal(request)
@@ -144,7 +174,7 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     owners.stop(dict)
     world.run(0.5)
     owners.resume()
-    held = goals.HeldGoal(
+    held = HeldGoal(
         following(
             (0.8, (0.6, 0.3), (0.5, 0.0)),
             (1.6, (-0.3, 0.0), (0.0, 0.0)),
@@ -152,11 +182,7 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
         )
     )
     pointed.node.actions.follow(held)
-    speeds, before, end = [], pointed.true, world.seconds + 30.0
-    while not held.status and world.seconds < end:
-        world.run(0.1)
-        speeds.append(max(abs(a - b) for a, b in zip(pointed.true, before, strict=True)) / 0.1)
-        before = pointed.true
+    speeds = world.speeds(30.0, lambda: held.status)
     assert (held.status, held.answer.error_code) == ("succeeded", 0), held.answer.error_string
     assert pointed.true == pytest.approx((-0.3, 0.0), abs=0.03)
     assert max(speeds) < 0.4  # rad/s
@@ -178,7 +204,7 @@ def test_the_cycle_goes_on_while_a_trajectory_is_checked(pointed, monkeypatch):
         cycle.join()
 
     monkeypatch.setattr(head_actions, "checked_waypoints", checking)
-    pointed.node.actions.follow(goals.HeldGoal(following((0.2, (0.1, 0.1)))))
+    pointed.node.actions.follow(HeldGoal(following((0.2, (0.1, 0.1)))))
     assert free
     assert all(free)
 
@@ -186,12 +212,10 @@ def test_the_cycle_goes_on_while_a_trajectory_is_checked(pointed, monkeypatch):
 def begun(head, kind):
     """A goal that turns pan for some seconds, and has just done so for a while."""
     if kind == "point":
-        goal = goals.HeldGoal(goals.point_goal(0.0, 2.0, 0.1, head.head.base_frame, velocity=0.5))
+        goal = HeldGoal(point_goal(0.0, 2.0, 0.1, head.head.base_frame, velocity=0.5))
         head.node.actions.point(goal)
     else:
-        goal = goals.HeldGoal(
-            goals.following((4.0, (1.2, 0.0)), path=dict.fromkeys(goals.JOINTS, -1.0))
-        )
+        goal = HeldGoal(following((4.0, (1.2, 0.0)), path=dict.fromkeys(JOINTS, -1.0)))
         head.node.actions.follow(goal)
     head.world.run(1.0)
     assert not goal.status

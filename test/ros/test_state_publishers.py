@@ -2,15 +2,27 @@
 
 import math
 import random
+import re
+import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from random_head import RESIDUALS, kinectbot_geometry
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from head_tracking.calibration import Calibration
+from head_tracking.calibration.geometry import Estimate
 from head_tracking.control import ControlLoop
+from head_tracking.ros.kit.diagnostics import Level, health_from_message
 from head_tracking.ros.robot.joint_state_publisher import JointStatePublisherNode
-from head_tracking.ros.robot.robot_state_publisher import RobotStatePublisherNode
+from head_tracking.ros.robot.robot_state_publisher import (
+    RobotStatePublisherNode,
+    RobotStatePublisherParameters,
+)
+from head_tracking.run.options import parse_arguments
 from head_tracking.tf import Buffer
 from head_tracking.transforms import JointState as Sample
 from head_tracking.transforms import RobotModelError, TransformBuffer, parse_robot_model
@@ -134,6 +146,40 @@ def test_after_a_clock_that_jumped_back_tf_goes_on(world, publish_robot, tf):
     world.run(0.01)
     assert [moving[0].header.stamp.sec for moving in tf("tf")] == [now + 3600, now]
     assert tf("tf")[-1][0].transform.rotation.z == pytest.approx(math.sin(0.35))
+
+
+@pytest.fixture
+def calibration(tmp_path) -> Calibration:
+    """A calibration that is 400 days old, in a file."""
+    changes = np.array([0.03, 0.05, -0.02, 0.004, 0.003, 0.006, 0.01, 0.0, 0.0, 0.0])
+    pitch = {"camera pitch": Estimate(0.02, 0.001, True)}
+    found = Calibration.of(kinectbot_geometry(), changes, pitch, 0.3, 20, 1, RESIDUALS)
+    path = tmp_path / "calibration.yaml"
+    replace(found, made=time.time() - 400 * 86_400).save(path)
+    return Calibration.load(path)
+
+
+def test_a_run_publishes_the_calibrated_model(calibration):
+    run = parse_arguments(["--sim", "--calibration", str(calibration.source)])
+    (publisher,) = [node for node in run.nodes if node.name == "robot_state_publisher"]
+    model = RobotStatePublisherParameters(**publisher.parameters).model()
+    expected = calibration.apply(kinectbot_geometry().model)
+    frames = ("neck_link", "camera_optical_frame", {})
+    assert np.allclose(
+        model.transform(*frames).as_matrix(), expected.transform(*frames).as_matrix()
+    )
+
+
+def test_diagnostics_tell_its_values_deviations_age_and_source(world, calibration):
+    said = world.record("/diagnostics")
+    world.make(RobotStatePublisherNode, {"calibration": str(calibration.source)}, buffer=Buffer())
+    world.run(1.1)
+    health = health_from_message(said[0][1].status[0])
+    assert health.name == "robot_state_publisher: calibration"
+    assert health.level is Level.WARN
+    assert "400" in health.message
+    assert health.values["source"] == str(calibration.source)
+    assert re.match(r"\+1\.15 degrees ± 0\.06", health.values["camera pitch"])
 
 
 # joint_state_publisher

@@ -1,6 +1,5 @@
 """visual_target on simulated images, in simulated time: closed loops, and bad input."""
 
-import math
 import struct
 import threading
 import time
@@ -14,6 +13,7 @@ if find_spec("cv2") is None:
 
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.parameter import Parameter
+from rig import DEGREE
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from visual_pursuit import pursue
 from waiting import PATIENCE, wait_for
@@ -24,7 +24,6 @@ from head_tracking.ros.targets.visual_target import VisualTargetNode
 from head_tracking.tf.messages import header
 from head_tracking.vision import camera_with_view
 
-DEGREE = math.radians(1)
 SMALL = {"width": 320, "height": 240}
 
 

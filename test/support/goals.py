@@ -1,25 +1,18 @@
-"""Goals of PointHead for a head in simulated time, and what came of them."""
+"""Goals of PointHead and FollowJointTrajectory."""
 
-import math
-import random
 from typing import Any
 
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory, PointHead
 from control_msgs.msg import JointTolerance
-from geometry_msgs.msg import Point, PointStamped
+from geometry_msgs.msg import Point
 from geometry_msgs.msg import Vector3 as Axis
-from lockstep import World
+from rig import JOINTS
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from head_tracking.gaze import PanTiltHead
 from head_tracking.head.motions import MotionEnd
-from head_tracking.ros.head.point_head import PointHeadNode
-from head_tracking.transforms import Vector3
 
-JOINTS = ("head_pan_joint", "head_tilt_joint")
 FOLLOW = "point_head/follow_joint_trajectory"
-PATIENCE = 20.0  # s
 
 
 def point_goal(
@@ -76,55 +69,3 @@ class HeldGoal:
         assert not self.status, "ended twice"
         known = (MotionEnd.SUCCEEDED, MotionEnd.CANCELED)
         self.status, self.answer = str(end if end in known else MotionEnd.ABORTED), result
-
-
-class PointedHead:
-    """point_head and its servos in simulated time."""
-
-    def __init__(self, world: World) -> None:
-        self.world = world
-        self.node: PointHeadNode = world.make(PointHeadNode, {"max_velocity": 5.0}, loop=world.loop)
-        self._states = world.record("/point_head/state")
-        self.head = PanTiltHead(world.buffer.core.model, *JOINTS, "camera_link")
-        world.run(0.1)
-
-    @property
-    def true(self) -> tuple[float, float]:
-        """Where pan and tilt really are [rad]."""
-        pan, tilt = (self.world.true_position(joint) for joint in JOINTS)
-        return pan, tilt
-
-    def look_at(self, point: Vector3, frame: str = "", **wishes: Any) -> HeldGoal:
-        """Sends a goal of PointHead and waits until it is over; no frame: the head's base."""
-        goal = HeldGoal(point_goal(*point, frame or self.head.base_frame, **wishes))
-        self.node.actions.point(goal)
-        end = self.world.seconds + PATIENCE
-        while not goal.status and self.world.seconds < end:
-            self.world.run(0.01)
-        return goal
-
-    def publish(self, point: Vector3, frame: str) -> None:
-        """Publishes a target without a stamp."""
-        message = PointStamped(point=Point(x=point[0], y=point[1], z=point[2]))
-        message.header.frame_id = frame
-        self.world.publish("/target_point", message)
-
-    def true_miss(self, point: Vector3) -> float:
-        """By how much the head truly misses a point in its base frame [rad]."""
-        return self.head.miss(point, *self.true)
-
-    @property
-    def said(self) -> str:
-        """Its newest state."""
-        return self._states[-1][1].data if self._states else ""
-
-
-def random_point(rnd: random.Random) -> Vector3:
-    """A point around a head, in its base frame [m]: most can be looked at, some cannot."""
-    bearing, height = rnd.uniform(-3.0, 3.0), rnd.uniform(-1.2, 1.2)
-    away = math.exp(rnd.uniform(math.log(0.25), math.log(8.0)))
-    return (
-        away * math.cos(bearing) * math.cos(height),
-        away * math.sin(bearing) * math.cos(height),
-        away * math.sin(height),
-    )

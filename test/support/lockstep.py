@@ -65,7 +65,6 @@ class World:
         self._number = itertools.count()
         self._listeners: dict[str, list[Callable[[Any], object]]] = defaultdict(list)
         self.publishers: dict[str, int] = defaultdict(int)
-        self._nodes: list[Node] = []
         self._servos = {
             joint.joint_name: (joint, SimulatedServo(joint.id, joint.model, position=joint.init))
             for joint in (PAN, TILT)
@@ -120,6 +119,15 @@ class World:
             what()
         self.now = end
 
+    def speeds(self, seconds: float, until: Callable[[], object] = lambda: None) -> list[float]:
+        """Let time pass, at most until something is true; return the true speeds of pan [rad/s]."""
+        speeds, end = [], self.seconds + seconds - 0.5 * self.period
+        while self.seconds < end and not until():
+            before = self.true_position(PAN.joint_name)
+            self.run(self.period)
+            speeds.append(abs(self.true_position(PAN.joint_name) - before) / self.period)
+        return speeds
+
     def make(self, kind: type[Node], parameters: dict[str, Any], **handed: Any) -> Any:
         """A node of this world; needs an rclpy that is initialised."""
         with (
@@ -128,19 +136,12 @@ class World:
             mock.patch.object(simulated_camera, "Worker", self._worker),
             mock.patch.object(sighted_target, "Worker", self._worker),
         ):
-            made = _stepped(kind, self)(
+            return _stepped(kind, self)(
                 parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
                 start_parameter_services=False,
                 enable_rosout=False,
                 **handed,
             )
-        self._nodes.append(made)
-        return made
-
-    def close(self) -> None:
-        """Destroy all nodes."""
-        for node in self._nodes:
-            node.destroy_node()
 
     def _worker(self, name: str, work: Callable[[Any], object]) -> Any:
         """A thread's work is done at once, and what it does later, later."""

@@ -103,7 +103,6 @@ def pursue(
     try:
         world.run(duration)
     finally:
-        world.close()
         rclpy.try_shutdown()
     return result
 
