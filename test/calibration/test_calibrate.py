@@ -28,11 +28,7 @@ from head_tracking.scene import film
 from head_tracking.scene.drawings import marker as drawn_marker
 from head_tracking.share import robot_file
 from head_tracking.simulation import SimulatedPort
-from head_tracking.transforms import (
-    RobotModel,
-    TransformBuffer,
-    load_robot_model,
-)
+from head_tracking.transforms import RobotModel, TransformBuffer, load_robot_model
 from head_tracking.vision import MarkerParameters, camera_with_view
 from head_tracking.vision.camera_follower import DEFAULT_VIEW
 

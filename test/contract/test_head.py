@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rig import DEGREE, SOURCE, bearing, follow_a_swing, swing_until_learned
+from rig import DEGREE, SOURCE, bearing, follow_a_swing, run_python, swing_until_learned
 from waiting import PATIENCE, join, repeating, wait_for
 
 from head_tracking import (
@@ -108,7 +108,7 @@ assert not [m for m in sys.modules if m.endswith('_msgs') and sys.modules[m]]
     heads = f"with head{looking}with Head.simulated() as head{looking}"
     errors = "from head_tracking.dynamixel import PortMissingError\n"
     code = ANOTHER_SYSTEM + PROGRAM + errors + heads + everything
-    subprocess.run([sys.executable, "-c", code, servos.name], cwd=SOURCE, check=True, timeout=120)
+    assert run_python("-c", code, servos.name).returncode == 0
     assert servos.true[0] == pytest.approx(bearing(*LEFT[:2]), abs=DEGREE)
     assert servos.torque == [0, 0]
 

@@ -9,13 +9,7 @@ import pytest
 from rig import DEGREE
 from waiting import PATIENCE, wait_for
 
-from head_tracking import (
-    FrameError,
-    HeadState,
-    RefusedCommandError,
-    SupersededError,
-    TargetState,
-)
+from head_tracking import FrameError, HeadState, RefusedCommandError, SupersededError, TargetState
 from head_tracking.vision import (
     DETECTORS,
     Box,

@@ -16,7 +16,7 @@ PAN, TILT = "head_pan_controller", "head_tilt_controller"
 @pytest.fixture(scope="module")
 def running(module_bench):
     bench = module_bench
-    bench.program = bench.run("--without", "head")
+    bench.run("--without", "head")
     bench.person.wait_for_joints()
     return bench
 

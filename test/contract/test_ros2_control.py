@@ -40,20 +40,13 @@ class JointStateTopicSystem:
         )
         said = {param.get("name"): param.text for param in hardware.iter("param")}
         self._threshold = float(said["trigger_joint_command_threshold"])
-        interfaces = {
-            joint.get("name"): {
-                kind: [each.get("name") for each in joint.iter(f"{kind}_interface")]
-                for kind in ("command", "state")
-            }
-            for joint in control.iter("joint")
-        }
-        assert all("velocity" in each["state"] for each in interfaces.values())
-        self._commanded = [
-            name for name, each in interfaces.items() if "position" in each["command"]
-        ]
+        joints = {joint.get("name"): joint for joint in control.iter("joint")}
+        for joint in joints.values():
+            assert joint.find("state_interface[@name='velocity']") is not None
+        is_commanded = "command_interface[@name='position']"
+        self._commanded = [n for n, joint in joints.items() if joint.find(is_commanded) is not None]
         self.states = {}
-        self.velocities = {}
-        self.commands = dict.fromkeys(interfaces, math.nan)
+        self.commands = dict.fromkeys(joints, math.nan)
         self.sent = 0
         node.create_subscription(
             JointState, said["joint_states_topic"], self._on_states, qos_profile_sensor_data
@@ -63,10 +56,8 @@ class JointStateTopicSystem:
         self._timer = node.create_timer(0.01, self._write)
 
     def _on_states(self, message):
-        for name, position, velocity in zip(
-            message.name, message.position, message.velocity, strict=True
-        ):
-            self.states[name], self.velocities[name] = position, velocity
+        assert len(message.velocity) == len(message.name)
+        self.states |= dict(zip(message.name, message.position, strict=True))
 
     def activate(self):
         """A controller takes the joints where they are."""
@@ -97,10 +88,13 @@ def test_the_snippet_takes_other_names(tmp_path):
 
 def test_the_messages_match_those_of_the_plugin(bench, tmp_path):
     person, servos = bench.person, bench.servos
-    words = ("--without", "head", "--without", "joint_state_publisher")
+    left_out = ("head", "robot_state_publisher", "joint_state_publisher")
+    words = [word for name in left_out for word in ("--without", name)]
     bench.run(*words, ros=("-p", "servo_bus:reply_timeout:=0.1"))  # STOP waits twice as long
     system = JointStateTopicSystem(person.node, described(tmp_path))
     wait_for(lambda: set(JOINTS) <= system.states.keys())
+    person.wait_for_node("servo_bus")
+    assert not {"head_tracker", *left_out} & set(person.node.get_node_names())
     assert tuple(system.commands) == JOINTS
     wait_for(lambda: system.sent > 20)
     person.complaint("servo_bus", "nan")  # no controller is active

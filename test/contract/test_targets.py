@@ -172,9 +172,8 @@ def test_rviz_finds_its_topics_frame_and_tool_with_a_quality_that_fits(mixed):
         (displays["Robot"]["Description Topic"], "std_msgs/msg/String"),
         (displays["Target point"]["Topic"], "geometry_msgs/msg/PointStamped"),
     ):
-        senders = mixed.node.get_publishers_info_by_topic(topic["Value"])
-        assert senders
-        for sender in senders:
+        senders = mixed.node.get_publishers_info_by_topic
+        for sender in wait_for(lambda name=topic["Value"], of=senders: of(name)):
             assert sender.topic_type == kind
             if topic["Reliability Policy"] == "Reliable":
                 assert sender.qos_profile.reliability is ReliabilityPolicy.RELIABLE
@@ -183,5 +182,6 @@ def test_rviz_finds_its_topics_frame_and_tool_with_a_quality_that_fits(mixed):
     frames = mixed.call("robot_state_publisher/frames").message.split()
     assert rviz["Global Options"]["Fixed Frame"] in frames
     (tool,) = [one for one in rviz["Tools"] if one["Class"].endswith("/PublishPoint")]
-    listeners = mixed.node.get_subscriptions_info_by_topic(tool["Topic"]["Value"])
+    heard = tool["Topic"]["Value"]
+    listeners = wait_for(lambda: mixed.node.get_subscriptions_info_by_topic(heard))
     assert {one.topic_type for one in listeners} == {"geometry_msgs/msg/PointStamped"}

@@ -19,7 +19,7 @@ TUNED = ("max_joint_speed", "recenter_timeout", "enable_target_search", "law")
 @pytest.fixture(scope="module")
 def running(module_bench):
     bench = module_bench
-    bench.program = bench.run("--target", "none")
+    bench.run("--target", "none")
     bench.person.wait_for_joints()
     bench.usual = {name: bench.person.get("head_tracker", name) for name in TUNED}
     return bench

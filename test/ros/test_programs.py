@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 import rclpy
 from rclpy.node import Node
-from rig import own_domain
+from rig import Talker, own_domain, run_python
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from waiting import PATIENCE, wait_for
 
 from head_tracking.ros.kit.spinning import start_ros
@@ -50,13 +49,7 @@ WAYS = [
 
 @pytest.mark.parametrize(("way", "code"), WAYS, ids=[way for way, _ in WAYS])
 def test_a_program_ends(way, code):
-    ended = subprocess.run(
-        [sys.executable, str(PROGRAM), way],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
+    ended = run_python(str(PROGRAM), way)
     assert ended.returncode == code, ended.stderr
     assert ended.stderr.count("Traceback") == (code != 0), ended.stderr
 
@@ -99,8 +92,7 @@ print("ended")
 
 
 def test_a_signal_is_noticed_in_every_line_of_the_wait_for_it():
-    command = [sys.executable, "-c", INTERRUPTED]
-    assert subprocess.check_output(command, text=True, timeout=PATIENCE) == "ended\n"
+    assert run_python("-c", INTERRUPTED).stdout == "ended\n"
 
 
 def test_a_process_of_a_run_that_still_imports_ends_at_once():
@@ -178,17 +170,13 @@ def test_an_error_of_an_urgent_service_is_an_answer_without_success(threads):
     def fail(request):
         raise RuntimeError
 
-    person, bus = Node("person"), Node("bus")
-    threads.start(person)
+    person, bus = Talker(Node("person")), Node("bus")
+    threads.start(person.node)
     with closing(UrgentServices(bus)) as services:
         services.offer("fail", fail)
         services.start()
-        client = person.create_client(Trigger, "fail")
-        wait_for(client.service_is_ready)
         for _ in range(2):
-            future = client.call_async(Trigger.Request())
-            wait_for(future.done)
-            assert not future.result().success
+            assert not person.call("fail").success
 
 
 # Publishes one message on each topic, as soon as somebody listens, and stays for their delivery.

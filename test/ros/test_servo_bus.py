@@ -1,23 +1,21 @@
-"""The servo bus under several clients at once, its limits, and several buses in one node."""
+"""The servo bus under several clients at once, and its limits."""
 
-import math
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
+from rig import JOINTS, Talker
 from waiting import PATIENCE, wait_for
 
-from head_tracking.control import ControlLoop
 from head_tracking.dynamixel import servo_model
 from head_tracking.ros.bus import bus_services
 from head_tracking.ros.bus.servo_bus import ServoBusNode
 from head_tracking.simulation import SimulatedPort, SimulatedServo
 
-PAN, TILT = "head_pan_joint", "head_tilt_joint"
+PAN, TILT = JOINTS
 MAXIMUM = "head_pan_controller.motor.max"
 
 
@@ -33,70 +31,30 @@ def test_relaxing_waits_for_no_other_service_and_for_no_other_client(threads, mo
             for name in ("head_pan", "head_tilt")
             for key, value in motor.items()
         ]
-
         overrides.append(Parameter("port_name", value=simulated.port_name))
-        node = ServoBusNode(namespace="x", parameter_overrides=overrides)
-        person = Node("person")
-        for each in (node, person):
-            threads.start(each)
+        bus = ServoBusNode(namespace="x", parameter_overrides=overrides)
+        person, *others = (Talker(Node(f"person_{number}"), "/x") for number in range(4))
+        for node in (bus, person.node, *(other.node for other in others)):
+            threads.start(node)
 
         def torque(servo_id):
             return simulated.use(lambda bus: bus[servo_id].register("Torque Enable"))
 
-        recover = person.create_client(Trigger, "x/recover")
-        relaxers = [person.create_client(Trigger, "x/relax") for _ in range(3)]
-        enable = person.create_client(SetBool, "x/torque_enable")
-        wait_for(lambda: all(c.service_is_ready() for c in (recover, enable, *relaxers)))
-
-        def is_enabled():  # a servo may answer late
-            on = enable.call_async(SetBool.Request(data=True))
-            wait_for(on.done)
-            return on.result().success
-
-        wait_for(is_enabled)
+        person.until_done("torque_enable", True)
         assert torque(2) == 1
         simulated.use(lambda bus: bus[1].overload())
-        wait_for(lambda: node.backend.joint(PAN).faulted)
-        recovering = recover.call_async(Trigger.Request())
-        wait_for(lambda: node.backend.joint(PAN).lost)  # it restarts
-        simulated.use(lambda bus: bus[1].power_off())
-        relaxing = [client.call_async(Trigger.Request()) for client in relaxers]
-        wait_for(lambda: torque(2) == 0)
-        assert not recovering.done()
-        wait_for(lambda: all(future.done() for future in relaxing))
-        assert not recovering.done()
-        simulated.use(lambda bus: bus[1].power_on())
-        wait_for(recovering.done)
-        assert recovering.result().success, recovering.result().message
-        node.destroy_node()
-
-
-def test_two_buses_in_one_node(threads):
-    ports = [SimulatedPort([SimulatedServo(i)]) for i in (1, 2)]
-    for port in ports:
-        port.open()
-
-    names = ("port_name", "head_tilt_controller.port_name")
-    overrides = [Parameter(n, value=p.port_name) for n, p in zip(names, ports, strict=True)]
-    loop = ControlLoop(None)
-    node = ServoBusNode(loop=loop, namespace="both", parameter_overrides=overrides)
-    try:
-        wait_for(lambda: set(node.status().states) == {PAN, TILT})
-        assert node.status().port_name.count("/dev/pts/") == 2
-        node._on_joint_commands(JointState(name=[PAN, TILT], position=[math.nan, math.inf]))
-        assert loop.owners.of([PAN, TILT]) == {PAN: "", TILT: ""}  # what is refused claims nothing
-        onward = JointState(name=[PAN, TILT], position=[0.2, -0.2])
-
-        def turned():
-            node._on_joint_commands(onward)
-            pan, tilt = (p.use(lambda b, i=i: b[i].true_ticks) for i, p in enumerate(ports, 1))
-            return pan > 512 + 35 and tilt < 512 - 35
-
-        wait_for(turned)
-    finally:
-        node.destroy_node()
-        for port in ports:
-            port.close()
+        wait_for(lambda: bus.backend.joint(PAN).faulted)
+        with ThreadPoolExecutor() as pool:
+            recovering = pool.submit(person.call, "recover")
+            wait_for(lambda: bus.backend.joint(PAN).lost)  # it restarts
+            simulated.use(lambda bus: bus[1].power_off())
+            relaxing = [pool.submit(other.call, "relax") for other in others]
+            wait_for(lambda: torque(2) == 0)
+            assert not recovering.done()
+            wait_for(lambda: all(future.done() for future in relaxing))
+            assert not recovering.done()
+            simulated.use(lambda bus: bus[1].power_on())
+            assert recovering.result(PATIENCE).success
 
 
 @pytest.fixture(scope="module")
@@ -147,12 +105,10 @@ def test_the_supervisor_relaxes_servos_by_the_stable_name_of_their_adapter(robot
 def test_a_stop_does_not_interrupt_the_writing_of_a_servos_memory(robot):
     """It would leave the lock of a Feetech servo's memory off."""
     robot.simulated.use(lambda bus: bus[1].set_register("CCW Angle Limit", 1000))
-    client = robot.node.create_client(Trigger, "servo_bus/write_eeprom")
-    wait_for(client.service_is_ready)
-    writing = client.call_async(Trigger.Request())
-    wait_for(lambda: register(robot, 1, "Return Delay Time") == 0)
-    assert not any(robot.composition.loop.stop().values())
-    wait_for(writing.done)
+    with ThreadPoolExecutor() as pool:
+        pool.submit(robot.call, "servo_bus/write_eeprom")
+        wait_for(lambda: register(robot, 1, "Return Delay Time") == 0)
+        assert not any(robot.composition.loop.stop().values())
     assert register(robot, 1, "CCW Angle Limit") == 1023
 
 

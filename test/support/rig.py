@@ -98,6 +98,15 @@ def command(name: str) -> list[str]:
     return words if name == "head_tracking" else [*words, name]
 
 
+def run_python(*words: str, text: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words and this input to its end."""
+    given = os.environ | {"PYTHONPATH": PYTHONPATH} | environment
+    command = [sys.executable, *words]
+    return subprocess.run(
+        command, input=text, env=given, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
 class Program:
     """An executable that runs."""
 
@@ -152,11 +161,12 @@ class Program:
         return wait_for(found, why=lambda: self.output)
 
     def end(self, number: signal.Signals | None = None) -> int:
-        """Return the exit code, after a signal or by itself."""
+        """Return the exit code, after a signal or by itself; no program shows a traceback."""
         if number is not None:
             self.process.send_signal(number)
         code = self.process.wait(PATIENCE)
         join(self._reader)
+        assert "Traceback" not in self.output, self.output
         return code
 
     def kill(self) -> None:
@@ -479,11 +489,11 @@ class Bench:
             "head_tracking", "--port", self.servos.name, *arguments, "--ros-args", *ros, **options
         )
 
-    def run_bus(self) -> Program:
+    def run_bus(self, *ros: str) -> Program:
         """Start a servo bus alone, with this bench's servos."""
         # STOP waits for the port twice as long
         port = ("-p", f"port_name:={self.servos.name}", "-p", "reply_timeout:=0.1")
-        return self.start("servo_bus", "--ros-args", *port)
+        return self.start("servo_bus", "--ros-args", *port, *ros)
 
     @cached_property
     def servos(self) -> Servos:
