@@ -134,11 +134,7 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, tab: 
 
 def test_a_stop_is_not_given_up_when_its_answer_is_late(robot: _Robot, tab: Any) -> None:
     held: list[Any] = []
-
-    def hold(route: Any) -> None:
-        held.append(route)
-
-    tab.route("**/head/stop", hold)
+    tab.route("**/head/stop", lambda route: held.append(route))  # noqa: PLW0108
     before = robot.stops
     tab.locator("#stop").dispatch_event("click")
     tab.locator("#toast").wait_for()

@@ -19,13 +19,7 @@ from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
 from head_tracking.dynamixel.state import Counters
 from head_tracking.page.status import advice, faults
 from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
-from head_tracking.ros.kit.diagnostics import (
-    FAULT,
-    FaultName,
-    Level,
-    Part,
-    health_from_message,
-)
+from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part, health_from_message
 
 SERVO = ServoStatistics(
     "pan",

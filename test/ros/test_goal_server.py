@@ -63,7 +63,6 @@ def test_missing_message_packages_are_reported(threads, monkeypatch, capfd):
     monkeypatch.setattr(head_actions, "TrajectoryMessage", None)
     node = PointHeadNode()
     topics = dict(node.get_subscriber_names_and_types_by_node("point_head", "/"))
-    node.destroy_node()
     (line,) = [line for line in capfd.readouterr().err.splitlines() if "not installed" in line]
     assert "no actions: control_msgs is not installed" in line
     assert "no joint_trajectory: trajectory_msgs is not installed" in line

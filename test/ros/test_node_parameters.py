@@ -17,14 +17,7 @@ from head_tracking.ros.targets.target_mux import TargetMuxNode
 @dataclass(frozen=True)
 class Example:
     speed: float = parameter(1.0, "Speed.", unit="rad/s", minimum=0.1, maximum=2.0)
-    count: int = parameter(3, "Count.", minimum=1, maximum=9)
-    law: str = parameter("speed", "Law.", choices=("speed", "position"))
-    port: str = parameter("a", "Port.", fixed=True)
     axis: tuple[float, ...] = parameter((1.0, 0.0, 0.0), "Axis.")
-
-    def __post_init__(self) -> None:
-        if len(self.axis) != 3:
-            raise ValueError("axis needs three numbers")
 
 
 pytestmark = pytest.mark.usefixtures("threads")

@@ -1,7 +1,6 @@
 """What parameter files say to nobody is said to the person who wrote them."""
 
 import re
-from contextlib import ExitStack
 
 import pytest
 import rclpy
@@ -22,16 +21,15 @@ from head_tracking.ros.kit.spinning import start_ros
 @pytest.fixture
 def started(tmp_path):
     """Makes nodes that were given a file."""
-    with ExitStack() as resources:
 
-        def start(text: str, *arguments: str) -> type[Node]:
-            file = tmp_path / "mine.yaml"
-            file.write_text(text)
-            start_ros(["program", "--ros-args", "--params-file", str(file), *arguments])
-            resources.callback(rclpy.try_shutdown)
-            return HeadTrackerNode
+    def start(text: str, *arguments: str) -> type[Node]:
+        file = tmp_path / "mine.yaml"
+        file.write_text(text)
+        start_ros(["program", "--ros-args", "--params-file", str(file), *arguments])
+        return HeadTrackerNode
 
-        yield start
+    yield start
+    rclpy.try_shutdown()
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,6 @@ from head_tracking.ros.kit.spinning import NodeDied
 from head_tracking.ros.kit.threads import take_message
 from head_tracking.ros.kit.topics import LATCHED, LONGEST_NAME
 
-JOINTS = ("head_pan_joint", "head_tilt_joint")
-STILL = 0.012  # rad: a joint that is let go moves on a little
-
 
 @pytest.fixture
 def robot(make_robot):

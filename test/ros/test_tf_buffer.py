@@ -247,33 +247,26 @@ def test_messages_and_full_lookups_wait_as_well(buffer):
     join(bring)
 
 
-def test_an_executor_awaits_while_it_works(buffer):
+def test_an_executor_awaits_while_it_works(buffer, threads):
     """Two tasks wait in one thread, and a timer of the same executor brings what they want."""
-    rclpy.init()
-    node = rclpy.create_node("awaits")
-    listener = tf.TransformListener(buffer, node)
-    executor = SingleThreadedExecutor()
+    node, executor = rclpy.create_node("awaits"), SingleThreadedExecutor()
+    tf.TransformListener(buffer, node)
     executor.add_node(node)
-    try:
-        tasks = [
-            executor.create_task(buffer.lookup_transform_async, "map", "ball", Time(seconds=second))
-            for second in (4, 5)
-        ]
-        tasks.append(
-            executor.create_task(
-                buffer.lookup_transform_full_async,
-                *("map", Time(seconds=1), "ball", Time(seconds=5), "map"),
-            )
+    tasks = [
+        executor.create_task(buffer.lookup_transform_async, "map", "ball", Time(seconds=second))
+        for second in (4, 5)
+    ]
+    tasks.append(
+        executor.create_task(
+            buffer.lookup_transform_full_async,
+            *("map", Time(seconds=1), "ball", Time(seconds=5), "map"),
         )
-        timer = node.create_timer(0.02, lambda: buffer.set_transform(message(7.0, 7)))
-        wait_for(lambda: executor.spin_once(timeout_sec=0.1) or all(task.done() for task in tasks))
-        assert [t.result().transform.translation.x for t in tasks] == pytest.approx([4, 5, 5])
-        timer.cancel()
-        listener.unregister()
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown()
+    )
+    timer = node.create_timer(0.02, lambda: buffer.set_transform(message(7.0, 7)))
+    wait_for(lambda: executor.spin_once(timeout_sec=0.1) or all(task.done() for task in tasks))
+    assert [t.result().transform.translation.x for t in tasks] == pytest.approx([4, 5, 5])
+    timer.cancel()
+    executor.shutdown()
 
 
 # The clock

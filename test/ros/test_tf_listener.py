@@ -10,12 +10,12 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.time import Time
+from rig import JOINTS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from transform_messages import shifted
 from waiting import wait_for
 
-from head_tracking.ros.kit.threads import NodeThread
 from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.share import robot_file
 from head_tracking.tf import (
@@ -38,22 +38,14 @@ def urdf() -> str:
 
 
 @pytest.fixture
-def make_node():
-    with ExitStack() as resources:
-        rclpy.init()
-        resources.callback(rclpy.shutdown)
+def make_node(threads):
+    def make(name: str, *, spin: bool = False, **options):
+        node = rclpy.create_node(name, **options)
+        if spin:
+            threads.start(node)
+        return node
 
-        def make(name: str, *, spin: bool = False):
-            node = rclpy.create_node(name)
-            if spin:
-                thread = NodeThread(node)
-                thread.start()
-                resources.callback(thread.close)
-            else:
-                resources.callback(node.destroy_node)
-            return node
-
-        yield make
+    return make
 
 
 class Head:
@@ -62,14 +54,14 @@ class Head:
     def __init__(self, node, urdf: str) -> None:
         self._descriptions = node.create_publisher(String, "robot_description", LATCHED)
         self._joints = node.create_publisher(JointState, "joint_states", 10)
-        self._descriptions.publish(String(data=urdf))
+        self.describe(urdf)
 
     def describe(self, urdf: str) -> None:
         self._descriptions.publish(String(data=urdf))
 
     def move(self, pan: float, seconds: int) -> None:
         wait_for(lambda: self._joints.get_subscription_count() > 0)
-        message = JointState(name=["head_pan_joint", "head_tilt_joint"], position=[pan, 0.0])
+        message = JointState(name=list(JOINTS), position=[pan, 0.0])
         message.header.stamp.sec = seconds
         self._joints.publish(message)
 
@@ -129,22 +121,18 @@ def test_the_remaps_of_the_program_hold_for_a_listener_without_a_node():
 def test_a_node_that_listens_has_the_prefix_as_a_parameter(make_node, head):
     """As robot_state_publisher in another process: /tf has its frames with the prefix."""
     prefix = Parameter("frame_prefix", value="left/")
-    node = rclpy.create_node("prefixed", parameter_overrides=[prefix])
-    thread = NodeThread(node)
-    buffer = listening_buffer(node)
-    thread.start()
+    buffer = listening_buffer(make_node("prefixed", spin=True, parameter_overrides=[prefix]))
     head.move(0.5, 2)
     found = buffer.lookup_transform("left/base_link", "left/camera_link", Time(), PATIENCE)
     assert turned(found)
     assert not buffer.can_transform("base_link", "camera_link", Time())
-    thread.close()
 
 
 def test_joints_of_a_second_robot_do_not_turn_the_first(make_node, head, urdf):
     """Its joints have the same names; its frames come from /tf, as in a buffer of tf2."""
     buffer = Buffer()
     first = TransformListener(buffer, make_node("first", spin=True))
-    other = rclpy.create_node("listens", namespace="other")
+    other = make_node("listens", namespace="other")
     second = TransformListener(buffer, other, frame_prefix="right/", spin_thread=True)
     assert other.count_subscribers("joint_states") == 0
     assert second.tf_sub.topic_name == "/tf"
@@ -153,10 +141,8 @@ def test_joints_of_a_second_robot_do_not_turn_the_first(make_node, head, urdf):
     assert turned(found)
     second.unregister()
     first.unregister()
-    third = TransformListener(buffer, other, frame_prefix="right/")
+    TransformListener(buffer, other, frame_prefix="right/")
     assert other.count_subscribers("joint_states") == 1
-    third.unregister()
-    other.destroy_node()
 
 
 def test_the_robot_can_be_exchanged(make_node, head, urdf):

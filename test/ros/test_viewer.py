@@ -1,5 +1,6 @@
 """The page in a real browser, on a robot over real topics and the simulated bus."""
 
+import io
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -14,13 +15,13 @@ from browser import (
     fill,
     open_page,
     open_tab,
-    pixels,
     point_head,
     press,
     word,
 )
+from PIL import Image as PillowImage
 from rclpy.parameter import Parameter
-from rig import DEGREE, TICK, bearing
+from rig import DEGREE, JOINTS, TICK, bearing
 from robot_under_test import Robot
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
@@ -30,7 +31,6 @@ from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
 from head_tracking.transforms import Rotation, Transform
 
-HEAD = ("head_pan_joint", "head_tilt_joint")
 PLACES = ("live", "joints", "tune", "health", "record")
 MEAN_COLOUR = """() => {
   const image = document.getElementById("picture");
@@ -181,9 +181,8 @@ def parameter(page: Any, node: str, label: str) -> Any:
 
 def test_the_page_shows_the_robot(page):
     def blue() -> int:
-        box = page.locator("#scene").bounding_box()
-        left, top = int(box["x"]), int(box["y"])
-        shown = pixels(page)[top : top + int(box["height"]), left : left + int(box["width"])]
+        png = page.locator("#scene").screenshot()
+        shown = np.asarray(PillowImage.open(io.BytesIO(png)).convert("RGB"))
         r, g, b = (shown[..., channel].astype(int) for channel in range(3))
         return int(np.count_nonzero((b > r + 40) & (b > g + 20)))
 
@@ -372,7 +371,7 @@ def test_joints_are_moved_one_by_one_and_all_together(robot, viewer, page):
     field.press("Enter")
     turned(robot, 35 * DEGREE)
     press(page, "Centre all joints")
-    for joint in HEAD:
+    for joint in JOINTS:
         wait_for(lambda joint=joint: abs(robot.true(joint)) < 2 * DEGREE)
         shown = joint_field(page, joint)
         wait_for(lambda shown=shown: abs(float(shown.input_value())) < 2.0)
@@ -380,7 +379,7 @@ def test_joints_are_moved_one_by_one_and_all_together(robot, viewer, page):
     press(page, "Randomise")
     wait_for(lambda: commands)
     sent, head = dict(zip(commands[0].name, commands[0].position, strict=True)), viewer.robot.head
-    for joint, limits in zip(HEAD, (head.pan_limits, head.tilt_limits), strict=True):
+    for joint, limits in zip(JOINTS, (head.pan_limits, head.tilt_limits), strict=True):
         assert limits.lower <= sent[joint] <= limits.upper
         wait_for(lambda joint=joint: abs(robot.true(joint) - sent[joint]) < 2 * DEGREE)
 
@@ -554,7 +553,7 @@ def test_a_relaxed_joint_is_moved_by_hand_and_torque_is_switched_for_one_servo_a
 
     def torque() -> list[bool]:
         states = bus.status().states  # not of a servo that is silent just now
-        return [states[joint].goal is not None for joint in HEAD if joint in states]
+        return [states[joint].goal is not None for joint in JOINTS if joint in states]
 
     robot.until_done("relax")
     wait_for(lambda: torque() == [False, False])

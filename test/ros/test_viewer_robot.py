@@ -237,30 +237,22 @@ def ended(calibration: CameraCalibration) -> bool:
     return not calibration.progress.runs
 
 
-def test_a_marker_without_a_size_is_refused(calibration):
+def test_what_is_wrong_is_refused_before_the_head_moves(seen, calibration, tmp_path, monkeypatch):
+    """A marker without a size, a file that cannot be written, a model that is calibrated."""
+    moved = []
+    monkeypatch.setattr(gathering, "calibrate_camera", moved.append)
     for size in (0.0, float("nan")):
         with pytest.raises(ValueError, match="allowed"):
             calibration.begin(size, "")
-    assert ended(calibration)
-
-
-def test_a_model_that_is_calibrated_already_is_left_alone(seen, calibration, monkeypatch):
+    (tmp_path / "head_tracking" / "calibration" / "kinectbot.yaml").mkdir(parents=True)
+    calibration.begin(0.16, "")
+    wait_for(lambda: ended(calibration))
+    assert "kinectbot.yaml" in calibration.progress.text
     used = Part("robot_state_publisher: calibration", Level.OK, "3 days old", ())
     monkeypatch.setattr(seen.topics, "health", lambda: (used,))
     with pytest.raises(HeadTrackingError):
         calibration.begin(0.16, "")
     assert ended(calibration)
-
-
-def test_a_file_that_cannot_be_written_is_refused_before_the_head_moves(
-    calibration, tmp_path, monkeypatch
-):
-    moved = []
-    monkeypatch.setattr(gathering, "calibrate_camera", moved.append)
-    (tmp_path / "head_tracking" / "calibration" / "kinectbot.yaml").mkdir(parents=True)
-    calibration.begin(0.16, "")
-    wait_for(lambda: ended(calibration))
-    assert "kinectbot.yaml" in calibration.progress.text
     assert not moved
 
 

@@ -11,6 +11,7 @@ import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
+from rig import JOINTS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -21,8 +22,6 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import ClosedPath
 from head_tracking.ros.kit.spinning import NodeThreads
-
-JOINTS = ("head_pan_joint", "head_tilt_joint")
 
 
 @pytest.fixture
@@ -123,7 +122,7 @@ def test_many_requests_of_stop_are_one_attempt_and_no_thread_waits_for_each(
         assert node.robot.stop.count == before + 12
         names = [one.name for one in threading.enumerate()]
     assert sum("stop" in name or "_disable_modes" in name for name in names) <= 3
-    bus.confirms = {"head_pan_joint", "head_tilt_joint"}
+    bus.confirms = set(JOINTS)
     wait_for(lambda: node.robot.stop.outcome.done)
     wait_for(lambda: press(0)["done"])
     go_on.set()
@@ -337,7 +336,6 @@ def test_joint_states_that_end_are_missed_until_they_come_again(seen):
     wait_for(lambda: seen.silent_joints() == JOINTS)  # none has come
     wait_for(measured)
     wait_for(lambda: seen.silent_joints() == JOINTS)
-    measuring.destroy_node()
 
 
 def test_with_servos_the_page_never_publishes_the_joints_itself(seen, monkeypatch):
@@ -365,7 +363,6 @@ def test_a_tracker_that_goes_away_is_missed_until_it_comes_again(seen):
     wait_for(lambda: seen.modes.missing() == ("head_tracker",))
     node = ControllerStandIn("head_tracker")
     wait_for(lambda: seen.modes.missing() == ())
-    node.destroy_node()
 
 
 def test_without_hardware_one_page_says_where_the_joints_are_and_stop_is_not_confirmed(page):

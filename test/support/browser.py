@@ -1,7 +1,6 @@
 """Debian's Chromium without a window, driven by Playwright."""
 
 import importlib.util
-import io
 import os
 import shutil
 from collections.abc import Iterator
@@ -9,8 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from waiting import PATIENCE
 
 # WebGL is computed; everything else is drawn without it, which is faster
@@ -125,10 +122,3 @@ def point_head(page: Any, frame: str, x: float, y: float, z: float) -> None:
 def word(page: Any) -> str:
     """Return what the head does, by the pill."""
     return str(page.locator("#pill").get_attribute("data-word"))
-
-
-def pixels(page: Any) -> npt.NDArray[np.uint8]:
-    """Return the page as it looks, shape (height, width, 3)."""
-    from PIL import Image
-
-    return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))

@@ -4,13 +4,12 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rig import JOINTS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from head_tracking.ros.kit.topics import LATCHED
-
-JOINTS = ("head_pan_joint", "head_tilt_joint")
 
 
 class BusStandIn(Node):
