@@ -22,6 +22,7 @@ from head_tracking.dynamixel.exceptions import (
     CorruptReplyError,
     PortError,
     PortLostError,
+    ReplyTimeoutError,
 )
 from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.procedures import POLL_INTERVAL, Procedures
@@ -165,6 +166,8 @@ class Cycle:
                 if isinstance(reply, Status):
                     reply = CorruptReplyError(f"servo {servo.id}: impossible data {reply.data!r}")
                 servo.count(reply)
+                if servo.failed_cycles == 1 and isinstance(reply, ReplyTimeoutError):
+                    self._port.fill(servo.model.protocol)
                 if servo.failed_cycles:
                     raise reply
                 servo.counters.retries += 1

@@ -62,6 +62,7 @@ _CHUNK: Final = 4096
 _QUIET: Final = 0.0005  # s of silence after which the line is free
 _GAP: Final = 0.02  # s to wait, before an instruction, for a gap between packets of another program
 _REPLY: Final = 256  # bytes of the longest reply to another program that is searched for
+_FILLER: Final = 0.0025  # s; the longest packet at 1 Mbaud
 _SUSPECT: Final = 1.0  # s to check for a gap after unexpected packets
 _PING_LENGTHS: Final = {1: 0, 2: 3}
 _ID_REGISTER: Final = 3  # of protocol 1.0; any model has a register there
@@ -297,6 +298,19 @@ class DynamixelPort:
             self._send(line, sync_write_packet(protocol, address, data))
         except LOST as cause:
             raise self._lost(cause) from cause
+
+    def fill(self, protocol: int) -> None:
+        """Send bytes without meaning to a servo that may have misheard the length of a packet.
+
+        With protocol 1.0 it waits for the rest until nothing is sent for 100 ms, which never
+        happens; with 2.0 for a few milliseconds only.
+        """
+        if protocol == 1:
+            line = self._open_line()
+            try:
+                self._send(line, bytes(round(_FILLER / self._seconds_per_byte)))
+            except LOST as cause:
+                raise self._lost(cause) from cause
 
     def find_all(self) -> dict[int, tuple[int, int]]:
         """Return Model Number and firmware of all protocol 2.0 servos, by id, with one packet."""

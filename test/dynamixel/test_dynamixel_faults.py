@@ -140,6 +140,30 @@ def test_an_adapter_that_echoes_or_is_slow_loses_nothing(echo: bool, latency: fl
             rig.bench.port.ping(5, protocol)
 
 
+class Misheard(OnAnswers):
+    """An AX hears a packet of 239 bytes more instead of its next one."""
+
+    now = False
+
+    def request(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
+        if self.now and data.startswith(b"\xff\xff\x01"):
+            self.now = False
+            return data[:3] + b"\xef" + data[4:], []
+        return data, []
+
+
+def test_a_servo_that_has_misheard_the_length_of_a_packet_is_read_again_within_100_ms() -> None:
+    misheard = Misheard(lambda answer: (answer,))
+    servos = [SimulatedServo(1), SimulatedServo(2, "XM430-W350")]
+    rig = Rig(SimulatedBus(servos, faults=misheard))
+    rig.step(20)
+    misheard.now = True
+    rig.step(4)
+    assert not misheard.now
+    assert set(rig.reading.states) == {"j1", "j2"}
+    assert rig.kinds == []
+
+
 def stalled(*stalls: int) -> OnAnswers:
     """A servo that gives its first answers late, while others may talk."""
     left = list(stalls)
