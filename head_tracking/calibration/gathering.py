@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from head_tracking.calibration.geometry import PARAMETERS, HeadGeometry
+from head_tracking.calibration.geometry import PARAMETERS, Array, HeadGeometry
 from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.calibration.targets import TARGETS, Observe, observer, what_to_show
@@ -238,7 +238,7 @@ class _Gathering:
         first, extent = ranges[:, 0], np.ptp(ranges, axis=1)
         # a position is never the same twice: its reading would err alike
         scatter, rng = np.minimum(_STOOD, extent), np.random.default_rng(1)
-        steps = rng.permutation(list(product(range(_STEPS), repeat=2))) / (_STEPS - 1)
+        steps = _steps(rng)
         positions = first + steps * (extent - scatter) + scatter * rng.random(steps.shape)
         turns, places = geometry.cameras(_NO_ERRORS, *positions.T)
         points = places + _DISTANCE * turns[:, :, 2]
@@ -332,6 +332,23 @@ def _no_picture() -> CalibrationError:
         "no image from the camera: check that it is connected and that no other program uses it, "
         "and calibrate again",
     )
+
+
+def _steps(rng: np.random.Generator) -> Array:
+    """Return pan and tilt of a grid from 0 to 1 in random order, shape (N, 2).
+
+    Both change each time: a joint that does not turn stays at an unknown place in its play.
+    """
+    while True:
+        left = rng.permutation(list(product(range(_STEPS), repeat=2))).tolist()
+        order = [left.pop()]
+        pan, tilt = order[0]
+        while others := [step for step in left if step[0] != pan and step[1] != tilt]:
+            pan, tilt = others[0]
+            order.append(others[0])
+            left.remove(others[0])
+        if not left:
+            return np.array(order) / (_STEPS - 1)
 
 
 def _range(positions: Sequence[float], limits: JointLimits) -> tuple[float, float]:

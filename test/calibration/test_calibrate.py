@@ -262,6 +262,18 @@ def test_noise_of_the_corners_is_no_motion(monkeypatch, noise, speed, found):
     assert bool(views._views()) is found
 
 
+def test_both_joints_turn_between_two_views():
+    """A joint that does not turn stays at an unknown place in its play."""
+    head, places = LateHead(0.0), []
+    views = gather(head)
+    views._camera = camera_with_view(320, 240, DEFAULT_VIEW)
+    for point in views._points(View(0.0, 0.0, 7, np.array([(160.0, 120.0)]))):
+        head.look_at(point, "", max_velocity=1.0)
+        places.append([*head.true.values()])
+    assert len(places) == 25
+    assert np.abs(np.diff(places, axis=0)).min() > gathering._CROSSED
+
+
 class RestlessHead(LateHead):
     """A head that turns to and fro, by itself or by hand."""
 
