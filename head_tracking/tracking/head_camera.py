@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 _ERRORS: Array = np.arange(-0.2, 0.901, 0.02)
 """Hypotheses of the stamp error [s]."""
-_RIGHT = 0.75  # prior probability that the applied error is right
+_RIGHT = 0.3  # prior probability that the applied error is right
 _USUAL = 0.1  # s; scale of the Cauchy prior of the distance to another error
 _LEAST_DEVIATION = 0.006  # s; limit set by the target's own motion
 _WORTH = 0.025  # s; smaller errors are not corrected,

@@ -52,10 +52,14 @@ def test_the_error_is_found(path, late, changes, most):
     assert watched.applied[-1] == pytest.approx(late, abs=most)
 
 
-@pytest.mark.parametrize(("bearing", "late"), [(0.3, 0.15), (0.8, 0.45)])
-def test_a_still_face_that_is_seen_late_is_not_overshot(bearing, late):
+@pytest.mark.parametrize(
+    ("bearing", "late", "points"), [(0.3, 0.15, 30.0), (0.8, 0.45, 30.0), (0.7, 0.45, 15.0)]
+)
+def test_a_still_face_that_is_seen_late_is_not_overshot(bearing, late, points):
     """Its points move with the head at first; no speed of its own explains that."""
-    conditions = replace(ON_HEAD, duration=4.0, delay=late, stamp_error=late, field=(2.2, 1.5))
+    conditions = replace(
+        ON_HEAD, duration=4.0, delay=late, stamp_error=late, field=(2.2, 1.5), points=points
+    )
     _, recording = watch(lambda _: around(bearing), conditions)
     off = recording.positions[:, 0] - recording.wanted[0, 0]
     assert math.degrees(off.max()) < 1.0
