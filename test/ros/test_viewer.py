@@ -334,6 +334,10 @@ def test_learned_values_are_frozen_given_and_learned_again_on_the_tab_health(rob
     wait_for(lambda: "frozen" not in (values.text_content() or ""))
     assert node.get_parameter("servo_learning").value == "learn"
     assert node.get_parameter("servo_delay").value == 0.0
+    assert values.evaluate(
+        "table => { table.rows[0].cells[1].textContent = 'v'.repeat(999);"
+        " return table.offsetWidth < table.parentNode.clientWidth; }"
+    ), "a long value of a stranger stays in its card"
     slider = page.get_by_role("slider", name="camera delay")
     for share, given in ((0.5, 0.35), (0.182, 0.0)):  # its step beside 0.2 of 1.1 s, which is 0
         slider.evaluate(
