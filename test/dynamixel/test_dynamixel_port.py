@@ -192,18 +192,23 @@ class Kernel:
         raise OSError(errno.ENOTTY, "no such knob")
 
 
+@pytest.mark.parametrize("by_link", [False, True])
 @pytest.mark.parametrize(
-    ("before", "refused", "asked"), [("16\n", False, 1), ("16\n", True, 1), ("1\n", True, 0)]
+    ("before", "refused", "asked"),
+    [("16\n", False, 1), ("16\n", True, 1), ("1\n", True, 0)]
+    + [(no_timer, True, 1) for no_timer in (None, "", "soon\n")],
 )
-def test_timer_of_an_ftdi_adapter_is_set_by_the_driver_or_by_sysfs(
-    tmp_path: Path, before: str, refused: bool, asked: int
+def test_timer_of_an_ftdi_adapter_is_set_by_the_driver_or_by_sysfs_where_there_is_one(
+    tmp_path: Path, before: str | None, refused: bool, asked: int, by_link: bool
 ) -> None:
-    kernel = Kernel(tmp_path, before)
+    kernel, link = Kernel(tmp_path / "sys", before), tmp_path / "by-id"
+    os.symlink("/dev/ttyUSB0", link)
     request = kernel.refuse if refused else kernel.low_latency
-    adapter = prepare_adapter("/dev/ttyUSB0", request, kernel.root)
-    assert adapter == Adapter("ftdi_sio", 0.001)
-    assert str(adapter) == "ftdi_sio, latency timer 1 ms"
-    assert kernel.timer.read_text() == "1\n"
+    adapter = prepare_adapter(str(link) if by_link else "/dev/ttyUSB0", request, kernel.root)
+    has_timer = before in ("16\n", "1\n")
+    assert adapter == Adapter("ftdi_sio", 0.001 if has_timer else None)
+    assert str(adapter).endswith(", latency timer 1 ms" if has_timer else ", no latency timer")
+    assert not has_timer or kernel.timer.read_text() == "1\n"
     assert kernel.asked == asked
 
 
@@ -220,18 +225,6 @@ def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
     assert adapter.latency == 0.016
     for word in ("16 ms", "sudo tee", "head_setup udev"):
         assert word in adapter.advice
-
-
-@pytest.mark.parametrize("content", [None, "", "soon\n", "1\n"])
-def test_adapter_is_known_also_by_a_link_and_without_a_timer(
-    tmp_path: Path, content: str | None
-) -> None:
-    kernel = Kernel(tmp_path / "sys", content)
-    link = tmp_path / "by-id"
-    os.symlink("/dev/ttyUSB0", link)
-    adapter = prepare_adapter(str(link), kernel.refuse, kernel.root)
-    assert adapter == Adapter("ftdi_sio", 0.001 if content == "1\n" else None)
-    assert ("no latency timer" in str(adapter)) == (content != "1\n")
 
 
 def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
