@@ -73,7 +73,6 @@ class Cycle:
         """Begin, once the servos have been found."""
         self._search_at = None
         self._port.take_silence()
-        self._make_plan()
         self.diagnosis.report_swapped()
 
     def read(self) -> BusReading:
@@ -107,8 +106,6 @@ class Cycle:
                 if start >= self._diagnose_at:
                     self._diagnose_at = start + _DIAGNOSIS_PERIOD
                     self.diagnosis.examine(start)
-                if self._planned != self._version.number:
-                    self._make_plan()
                 self._connected = True
         except PortLostError as cause:
             self._lose_port(cause)
@@ -380,7 +377,6 @@ class Cycle:
                 for servo in joint.servos:
                     servo.lose(0)
                 joint.drop_goal(resumes=True)
-        self._make_plan()
         self._bus.events.append(BusEvent(EventKind.PORT_LOST, "", str(cause)))
 
 

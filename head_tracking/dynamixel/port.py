@@ -306,11 +306,8 @@ class DynamixelPort:
         happens; with 2.0 for a few milliseconds only.
         """
         if protocol == 1:
-            line = self._open_line()
-            try:
-                self._send(line, bytes(round(_FILLER / self._seconds_per_byte)))
-            except LOST as cause:
-                raise self._lost(cause) from cause
+            filler = bytes(round(_FILLER / self._seconds_per_byte))
+            self._command(instruction_packet(filler, 1, BROADCAST_ID, 0, "filler"), False)
 
     def find_all(self) -> dict[int, tuple[int, int]]:
         """Return Model Number and firmware of all protocol 2.0 servos, by id, with one packet."""
@@ -369,14 +366,13 @@ class DynamixelPort:
         _, protocol, _, _, size, prefix, _ = instruction
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
-        packet = buffer = self._buffer or line.read(_CHUNK, deadline)
+        buffer = self._buffer or line.read(_CHUNK, deadline)
         while 0 < len(buffer) < size and buffer.startswith(prefix[: len(buffer)]):
             data = line.read(_CHUNK, deadline)
             if not data:
                 break
-            packet = buffer = buffer + data
-        if len(packet) > size:
-            packet = packet[:size]
+            buffer += data
+        packet = buffer[:size]
         if (
             len(packet) == size
             and packet.startswith(prefix)

@@ -195,7 +195,7 @@ class RequestQueue:
         if request.future.cancelled():
             self.end(request, None)
             return
-        if self._is_over(request):
+        if request.epoch < self.epoch.value and not request.despite_stop:
             self.end(request, StoppedError(_STOPPED))
             return
         try:
@@ -234,6 +234,3 @@ class RequestQueue:
         for request in list(self.under_way):
             if not request.despite_stop:
                 self.end(request, StoppedError(_STOPPED))
-
-    def _is_over(self, request: Request) -> bool:
-        return request.epoch < self.epoch.value and not request.despite_stop
