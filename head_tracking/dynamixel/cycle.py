@@ -2,7 +2,7 @@
 
     read     one instruction for each kind of servo, or one for each servo
     steps    of procedures (torque on, a servo that returns, recovery, EEPROM), at least one, for
-             as long as the read took, less the time in which a lost servo was asked
+             as long as the read took, less the time of other questions after it
     write    goals and speeds, one sync write for each protocol
     steps    of procedures, until the next cycle is due
 
@@ -97,9 +97,10 @@ class Cycle:
                 if self._planned != self._version.number:
                     self._make_plan()
                 self._unusual = self._read(stamp, states)
-                self._time_for_steps = self._monotonic() - start
+                end = self._monotonic()
                 if self._unusual:
                     self._settle(states, start)
+                self._time_for_steps = max(0, 2 * end - start - self._monotonic())
                 if self._incomplete and not (self._owed > 0 and self._requests.under_way):
                     self._owed = self._poll_one_lost()
                     self._time_for_steps -= self._owed

@@ -254,7 +254,7 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
         ("STS3215", 57_600, 0.016),
     ],
 )
-def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
+def test_no_cycle_takes_much_longer_while_a_servo_returns(
     name: str, baud_rate: int, latency: float
 ) -> None:
     model = servo_model(name)
@@ -282,7 +282,7 @@ def test_no_cycle_takes_twice_as_long_while_a_servo_returns(
         longest = max(longest, cycle())
     assert rig.bus.joint("j1").torque is Torque.ON
     assert servos[1].register("Goal Position") == before
-    assert longest <= 2.0 * usual + latency / 16  # whole periods of the adapter
+    assert longest <= 1.7 * usual + latency / 16  # whole periods of the adapter
 
 
 @pytest.mark.parametrize("count", [2, 3])
