@@ -165,7 +165,7 @@ class Cycle:
                     reply = CorruptReplyError(f"servo {servo.id}: impossible data {reply.data!r}")
                 servo.count(reply)
                 if servo.failed_cycles == 1 and isinstance(reply, ReplyTimeoutError):
-                    self._port.fill(servo.model.protocol)
+                    self._port.send_filler(servo.model.protocol)
                 if servo.failed_cycles:
                     raise reply
                 servo.counters.retries += 1

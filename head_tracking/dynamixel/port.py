@@ -299,7 +299,7 @@ class DynamixelPort:
         except LOST as cause:
             raise self._lost(cause) from cause
 
-    def fill(self, protocol: int) -> None:
+    def send_filler(self, protocol: int) -> None:
         """Send bytes without meaning to a servo that may have misheard the length of a packet.
 
         With protocol 1.0 it waits for the rest until nothing is sent for 100 ms, which never
