@@ -28,7 +28,7 @@ _UNCONTRADICTED = 0.2  # s; a suspect of a lost target is believed if no point c
 _JUMP, _JUMP_SPEED = 2.0, 0.5  # times the speed since, plus rad/s: faster motion is a jump
 _LEAST_ERROR = 0.1  # of the variance of a point: least variance of a prediction
 _OVERDUE = 0.45  # s; prediction beyond the lead time while points are overdue
-_CAUTION = 0.5  # of the mean squared error of far predictions, which shortens them
+_CAUTION = 0.5  # of the mean squared error so far ahead, which shortens a prediction
 _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 _SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
@@ -125,7 +125,7 @@ class TargetEstimate:
         ray: the latest point as measured.
         range: distance filter at `stamp`.
         bearings: filters of the pan and tilt that look at the target, at `stamp`.
-        leads: lead times of their near and far predictions [s].
+        leads: the usual lead time, and a longer one for points that are overdue [s].
         reach: the prediction stands still from this time after `stamp` on [s].
         turned: transforms a predicted ray into the base frame at its time [s], if the base moves.
     """
@@ -155,12 +155,12 @@ class TargetEstimate:
         """
         bearing, (lead, far) = self.bearings[joint], self.leads
         least = _LEAST_ERROR * bearing.variance
-        near_error = max(bearing.near.error - bearing.variance, least)
+        near_error = max(bearing.error - bearing.variance, least)
         here = min(bearing.certainty[0], near_error)
         ahead = time - self.stamp
         if ahead <= lead:
             return math.sqrt(here + (near_error - here) * (ahead / lead) ** 2)
-        far_error = max(bearing.far.error - bearing.variance, near_error)
+        far_error = max(bearing.far_error - bearing.variance, near_error)
         overdue = ahead - lead
         grown = (far_error - near_error) * overdue / (far - lead)
         return math.sqrt(near_error + grown + (0.5 * ACCELERATION * overdue**2) ** 2)
@@ -191,17 +191,15 @@ class TargetEstimate:
     def _position(self, joint: int, time: float) -> float:
         """Return pan (0) or tilt (1) [rad] at a time [s].
 
-        Beyond the lead time the far prediction takes over; the errors of earlier far predictions
-        shorten it.
+        Beyond the lead time the errors of earlier predictions so far ahead shorten it.
         """
         bearing, (lead, far) = self.bearings[joint], self.leads
         ahead = min(time - self.stamp, self.reach)
-        here = bearing.near.motion.position
-        away = bearing.near.motion.after(ahead) - here
+        here = bearing.motion.position
+        away = bearing.motion.after(ahead) - here
         if ahead > lead:
             share = ((ahead - lead) / (far - lead)) ** 2
-            away += share * (bearing.far.motion.after(ahead) - here - away)
-            missed = bearing.far.error - max(bearing.near.error, bearing.variance)
+            missed = bearing.far_error - max(bearing.error, bearing.variance)
             squares = away * away + share * _CAUTION * max(missed, 0.0) + _FINEST
             away *= away * away / squares
         return here + min(max(away, -_FARTHEST_AHEAD), _FARTHEST_AHEAD)
@@ -491,7 +489,7 @@ class TargetEstimator:
 
     @property
     def _leads(self) -> tuple[float, float]:
-        """Lead times of the near and the far predictions [s]."""
+        """The usual lead time, and a longer one for points that are overdue [s]."""
         return self.lead_time, self.lead_time + min(_OVERDUE, self.parameters.target_timeout)
 
     def _angle(self, a: Ray, b: Ray) -> float:

@@ -191,51 +191,58 @@ class Oscillation(NamedTuple):
         return Oscillation(squares, products, rate if rate > _LEAST_RATE else 0.0, lag)
 
 
-class Prediction(NamedTuple):
-    """The prediction of a bearing over one lead time.
+class Bearing(NamedTuple):
+    """The state of the filters of one bearing after a point.
 
     Attributes:
-        scores: mean squared error of every model's predictions [rad^2].
-        error: mean squared error of the mixture's predictions [rad^2].
-        weights: of the models; they add up to 1.
-        motion: the mixture.
+        states: by every model.
+        variance: of a point [rad^2].
+        scores: mean squared error of every model's predictions over the lead time [rad^2].
+        weights: of the models, by their scores; they add up to 1.
+        motion: the mixture of the models.
+        error: mean squared error of the mixture's predictions over the lead time [rad^2].
+        far_error: the same over a longer lead time, for points that are overdue.
+        certainty: variances of position [rad^2] and velocity [rad^2/s^2] within and between models.
+        recent: mean squared error of every model's newest predictions, from point to point [rad^2].
     """
 
+    states: tuple[State, ...]
+    variance: float
     scores: tuple[float, ...]
-    error: float
     weights: tuple[float, ...]
     motion: Course
+    error: float
+    far_error: float
+    certainty: tuple[float, float]
+    recent: tuple[float, ...]
 
-    @staticmethod
+    def within(self, limits: tuple[float, float]) -> Bearing:
+        """Return the bearing with an oscillation within these limits; see `Course.within`."""
+        motion = self.motion.within(*limits)
+        return self if motion is self.motion else self._replace(motion=motion)
+
     def mixed(
-        scores: tuple[float, ...],
-        error: float,
-        states: Sequence[State],
-        variance: float,
-        rate: float,
-        behind: Sequence[float],
-    ) -> Prediction:
-        """Return the mixture of the models' states by their scores.
+        self, covariances: Sequence[Covariance], rate: float, behind: Sequence[float]
+    ) -> Bearing:
+        """Return the bearing with the mixture of its states by its scores.
 
         Args:
-            scores: see `Prediction`.
-            error: see `Prediction`.
-            states: by every model.
-            variance: of a point [rad^2].
+            covariances: of every model, in variances of a point.
             rate: of the oscillation [rad/s].
             behind: by how much a model's newest predictions are worse than those of the best one,
                 as an increase of its score [rad^2].
         """
+        variance = self.variance
         off, least = _NOISE_OFF * variance, _LEAST_SCORE * variance
         raw = [
             1.0 / max(score + more - off, least) ** 2
-            for score, more in zip(scores, behind, strict=True)
+            for score, more in zip(self.scores, behind, strict=True)
         ]
         total = sum(raw)
         weights = tuple([each / total for each in raw])
-        origin = states[0][0]
+        origin = self.states[0][0]
         offset = steady = constant = swing = acceleration = 0.0
-        for weight, (x, v, a), model in zip(weights, states, MODELS, strict=True):
+        for weight, (x, v, a), model in zip(weights, self.states, MODELS, strict=True):
             offset += weight * (x - origin)
             if model.rate or (rate and model.order == 3):
                 swing += weight * v
@@ -243,63 +250,15 @@ class Prediction(NamedTuple):
             else:
                 steady += weight * v
                 constant += weight * a
-        rate = rate or _USUAL_RATE
-        motion = Course(origin + offset, steady, constant, swing, acceleration, rate)
-        return Prediction(scores, error, weights, motion)
-
-    def judged(
-        self,
-        earlier: Prediction,
-        positions: Sequence[float],
-        point: float,
-        shares: tuple[float, float],
-    ) -> tuple[tuple[float, ...], float]:
-        """Return scores and error after a point [rad].
-
-        Args:
-            earlier: the same prediction a lead time ago.
-            positions: where every model expected the point then [rad].
-            point: what has come [rad].
-            shares: of this point in the scores and in the error.
-        """
-        share, share_error = shares
-        scores = tuple(
-            [
-                score + share * ((position - point) ** 2 - score) + _FINEST
-                for score, position in zip(self.scores, positions, strict=True)
-            ]
-        )
-        missed = sum(map(mul, earlier.weights, positions)) - point
-        return scores, self.error + share_error * (missed * missed - self.error)
-
-
-class Bearing(NamedTuple):
-    """The state of the filters of one bearing after a point.
-
-    Attributes:
-        states: by every model.
-        variance: of a point [rad^2].
-        near: the prediction over the lead time.
-        far: the prediction over a longer lead time, for points that are overdue.
-        certainty: variances of position [rad^2] and velocity [rad^2/s^2] within and between models.
-        recent: mean squared error of every model's newest predictions, from point to point [rad^2].
-    """
-
-    states: tuple[State, ...]
-    variance: float
-    near: Prediction
-    far: Prediction
-    certainty: tuple[float, float]
-    recent: tuple[float, ...]
-
-    def within(self, limits: tuple[float, float]) -> Bearing:
-        """Return the bearing with an oscillation within these limits; see `Course.within`."""
-        near, far = (each.motion.within(*limits) for each in (self.near, self.far))
-        if near is self.near.motion and far is self.far.motion:
-            return self
-        return self._replace(
-            near=self.near._replace(motion=near), far=self.far._replace(motion=far)
-        )
+        position, speed = origin + offset, steady + swing
+        motion = Course(position, steady, constant, swing, acceleration, rate or _USUAL_RATE)
+        square = speeds = 0.0
+        for weight, (x, v, _), (pp, _, _, vv, _, _) in zip(
+            weights, self.states, covariances, strict=True
+        ):
+            square += weight * ((x - position) ** 2 + variance * pp)
+            speeds += weight * ((v - speed) ** 2 + variance * vv)
+        return self._replace(weights=weights, motion=motion, certainty=(square, speeds))
 
 
 class Bearings(NamedTuple):
@@ -321,13 +280,12 @@ class Bearings(NamedTuple):
 
         Args:
             points: pan and tilt [rad].
-            leads: lead times of the near and the far predictions [s].
+            leads: lead time, and the longer one [s].
         """
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
         still = Course(0.0, 0.0, 0.0, 0.0, 0.0, _USUAL_RATE)
-        none = Prediction(scores, 0.0, (), still)
-        unknown = Bearing((), variance, none, none, (0.0, 0.0), ())
+        unknown = Bearing((), variance, scores, (), still, 0.0, 0.0, (0.0, 0.0), _NONE)
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points, leads)
 
     def restarted(self, points: tuple[float, float], leads: tuple[float, float]) -> Bearings:
@@ -349,22 +307,16 @@ class Bearings(NamedTuple):
             )
             for model in MODELS
         )
-        rate = self.oscillation.rate
         joints = []
         for bearing, point in zip(self.joints, points, strict=True):
-            states = ((point, 0.0, 0.0),) * len(MODELS)
-            near, far = (
-                Prediction.mixed(
-                    each.scores,
-                    max(each.error, bearing.variance + (_SPEED * lead) ** 2),
-                    states,
-                    bearing.variance,
-                    rate,
-                    _NONE,
-                )
-                for each, lead in zip((bearing.near, bearing.far), leads, strict=True)
+            least, far_least = (bearing.variance + (_SPEED * lead) ** 2 for lead in leads)
+            started = bearing._replace(
+                states=((point, 0.0, 0.0),) * len(MODELS),
+                error=max(bearing.error, least),
+                far_error=max(bearing.far_error, far_least),
+                recent=_NONE,
             )
-            joints.append(_described(states, covariances, bearing.variance, near, far, _NONE))
+            joints.append(started.mixed(covariances, self.oscillation.rate, _NONE))
         return Bearings(covariances, self.oscillation, (joints[0], joints[1]))
 
     def after(
@@ -380,8 +332,8 @@ class Bearings(NamedTuple):
         Args:
             stamps: of the points [s], rising; the new one is the last.
             points: pan and tilt of them [rad].
-            judged: the states after two earlier points, and the times from these to now [s]; the
-                near prediction of the first and the far one of the second are scored now.
+            judged: the states after two earlier points, and the times from these to now [s]: about
+                the lead times. The predictions made then are judged now.
             is_unsure: the models are not weighted by their newest predictions.
         """
         dt = stamps[-1] - stamps[-2]
@@ -389,15 +341,15 @@ class Bearings(NamedTuple):
         oscillation = self.oscillation.after(stamps, points, variances)
         rate = oscillation.rate
         swings = _transitions(dt, rate)
-        (near, near_ahead), (far, far_ahead) = judged
-        near_swings, far_swings = _transitions(near_ahead, rate), _transitions(far_ahead, rate)
+        (near, ahead), (far, far_ahead) = judged
+        ahead_swings = _transitions(ahead, rate)
         covariances = tuple(
             _corrected(model, covariance, dt, swing)
             for model, covariance, swing in zip(MODELS, self.covariances, swings, strict=True)
         )
         share = min(1.0 - math.exp(-dt / _MEMORY), _LARGEST_SHARE)
-        shares = share, 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
-        growth = 0.0 if is_unsure else _GROWING * min(near_ahead / dt, _MOST_STEPS) ** 2
+        error_share = 1.0 - math.exp(-dt / min(stamps[-1] - stamps[0], _ERROR_MEMORY))
+        growth = 0.0 if is_unsure else _GROWING * min(ahead / dt, _MOST_STEPS) ** 2
         joints = []
         for bearing, before, long_before, angles, variance in zip(
             self.joints, near.joints, far.joints, points, variances, strict=True
@@ -418,20 +370,26 @@ class Bearings(NamedTuple):
                     for (x, v, a), (k, kv, ka, _, _, _) in zip(moved, covariances, strict=True)
                 ]
             )
-            expected = [x for x, _, _ in _moved(before.states, near_swings)]
-            soon = bearing.near.judged(before.near, expected, point, shares)
-            expected = [x for x, _, _ in _moved(long_before.states, far_swings)]
-            late = bearing.far.judged(long_before.far, expected, point, shares)
-            joints.append(
-                _described(
-                    states,
-                    covariances,
-                    variance,
-                    Prediction.mixed(*soon, states, variance, rate, behind),
-                    Prediction.mixed(*late, states, variance, rate, behind),
-                    recent,
-                )
+            scores = tuple(
+                [
+                    score + share * ((x - point) ** 2 - score) + _FINEST
+                    for score, (x, _, _) in zip(
+                        bearing.scores, _moved(before.states, ahead_swings), strict=True
+                    )
+                ]
             )
+            missed = before.motion.after(ahead) - point
+            far_missed = long_before.motion.after(far_ahead) - point
+            after = bearing._replace(
+                states=states,
+                variance=variance,
+                scores=scores,
+                error=bearing.error + error_share * (missed * missed - bearing.error),
+                far_error=bearing.far_error
+                + error_share * (far_missed * far_missed - bearing.far_error),
+                recent=recent,
+            )
+            joints.append(after.mixed(covariances, rate, behind))
         return Bearings(covariances, oscillation, (joints[0], joints[1]))
 
     def _noise(self, stamps: Sequence[float], points: Sequence[Sequence[float]]) -> list[float]:
@@ -516,25 +474,6 @@ def _moved(states: Sequence[State], swings: Sequence[Transition]) -> list[State]
         (x + s * v + r * a, c * v + s * a, c * a - b * v)
         for (x, v, a), (s, c, r, b) in zip(states, swings, strict=True)
     ]
-
-
-def _described(
-    states: tuple[State, ...],
-    covariances: Sequence[Covariance],
-    variance: float,
-    near: Prediction,
-    far: Prediction,
-    recent: tuple[float, ...],
-) -> Bearing:
-    """Return a bearing with the variances within and between its models."""
-    position, speed = near.motion.position, near.motion.speed
-    square = speeds = 0.0
-    for weight, (x, v, _), (pp, _, _, vv, _, _) in zip(
-        near.weights, states, covariances, strict=True
-    ):
-        square += weight * ((x - position) ** 2 + variance * pp)
-        speeds += weight * ((v - speed) ** 2 + variance * vv)
-    return Bearing(states, variance, near, far, (square, speeds), recent)
 
 
 def _place(stamps: Sequence[float], time: float) -> tuple[int, float]:

@@ -115,11 +115,10 @@ def test_the_rate_of_a_swing_is_learned_about_any_centre_without_bias(frequency,
 
 
 def test_a_swing_is_predicted_far_ahead():
-    """Each model is scored over the lead time for which it is used."""
     times = [k / 30 for k in range(240)]
     bearing, _ = fed(times, [0.4 * math.sin(3.0 * t) for t in times]).joints
     expected = 0.4 * math.sin(3.0 * (times[-1] + 0.5))
-    assert bearing.far.motion.after(0.5) == pytest.approx(expected, abs=0.02)
+    assert bearing.motion.after(0.5) == pytest.approx(expected, abs=0.02)
 
 
 # Hypotheses between which only noise differs are not decided
