@@ -33,11 +33,6 @@ _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 _SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
 
-_RANGE_MEMORY = 0.5  # s
-_RANGE_OUTLIER = 0.3  # of the logarithm; larger differences are limited to this
-_SMALLEST_RANGE = 1e-3  # m
-_FARTHEST = 0.5  # of the logarithm; largest predicted change
-
 
 class Verdict(StrEnum):
     """The result for a point."""
@@ -86,36 +81,6 @@ class EstimatorParameters:
     )
 
 
-class Range(NamedTuple):
-    """The distance of the target: a critically damped alpha-beta filter of its logarithm.
-
-    Attributes:
-        log: of the distance in m.
-        rate: its change [1/s].
-    """
-
-    log: float
-    rate: float = 0.0
-
-    @staticmethod
-    def seen_once(distance: float) -> Range:
-        """Return the state after a first point at this distance [m]."""
-        return Range(math.log(max(distance, _SMALLEST_RANGE)))
-
-    def after(self, dt: float, distance: float) -> Range:
-        """Return the state after a point at this distance [m], a time `dt` [s] later."""
-        log = self.log + self.rate * dt
-        off = math.log(max(distance, _SMALLEST_RANGE)) - log
-        off = math.copysign(min(abs(off), _RANGE_OUTLIER), off)
-        kept = math.exp(-dt / _RANGE_MEMORY)
-        return Range(log + (1.0 - kept * kept) * off, self.rate + (1.0 - kept) ** 2 / dt * off)
-
-    def distance(self, dt: float) -> float:
-        """Return the distance [m] a time `dt` [s] later."""
-        change = min(max(self.rate * dt, -_FARTHEST), _FARTHEST)
-        return math.exp(self.log + change)
-
-
 @dataclass(frozen=True, slots=True)
 class TargetEstimate:
     """The estimated target and its prediction.
@@ -123,7 +88,6 @@ class TargetEstimate:
     Attributes:
         stamp: time of the latest point [s].
         ray: the latest point as measured.
-        range: distance filter at `stamp`.
         bearings: filters of the pan and tilt that look at the target, at `stamp`.
         leads: the usual lead time, and a longer one for points that are overdue [s].
         reach: the prediction stands still from this time after `stamp` on [s].
@@ -132,7 +96,6 @@ class TargetEstimate:
 
     stamp: float
     ray: Ray
-    range: Range
     bearings: tuple[Bearing, Bearing]
     leads: tuple[float, float]
     reach: float
@@ -143,8 +106,7 @@ class TargetEstimate:
         later = time if tilt_time is None else tilt_time
         if self.turned is not None and later != time:
             return self.ray_at(time)._replace(tilt=self.ray_at(later).tilt)
-        distance = self.range.distance(min(time - self.stamp, self.reach))
-        ray = Ray(self._position(0, time), self._position(1, later), distance)
+        ray = Ray(self._position(0, time), self._position(1, later), self.ray.distance)
         return ray if self.turned is None else self.turned(ray, time)
 
     def deviation(self, joint: int, time: float) -> float:
@@ -211,7 +173,6 @@ class _Snapshot(NamedTuple):
     stamp: float
     ray: Ray
     bearings: Bearings
-    range: Range
 
 
 def _line(a: tuple[float, Ray], b: tuple[float, Ray], time: float) -> Ray:
@@ -223,10 +184,9 @@ def _line(a: tuple[float, Ray], b: tuple[float, Ray], time: float) -> Ray:
 
 
 class TargetEstimator:
-    """Estimate the pan and tilt that look at the target, and its distance, by separate filters.
+    """Estimate the pan and tilt that look at the target; its distance is that of the latest point.
 
-    A camera measures bearings well and distances badly; separate filters keep the noise of the
-    distance out of the bearings. Late points are sorted in, and the filters run again from there.
+    Late points are sorted in, and the filters run again from there.
 
     Times are in seconds on any clock.
 
@@ -465,19 +425,15 @@ class TargetEstimator:
         stamps.append(stamp)
         self._pans.append(ray.pan)
         self._tilts.append(ray.tilt)
-        if bearings is not None:
-            distance = Range.seen_once(ray.distance)
-        else:
-            before = snapshots[-1]
+        if bearings is None:
             judged = [self._before(stamp - lead) for lead in self._leads]
-            distance = before.range.after(stamp - before.stamp, ray.distance)
-            bearings = before.bearings.after(
+            bearings = snapshots[-1].bearings.after(
                 stamps,
                 (self._pans, self._tilts),
                 [(each.bearings, stamp - each.stamp) for each in judged],
                 is_unsure=self._is_unsure,
             )
-        snapshots.append(_Snapshot(stamp, ray, bearings, distance))
+        snapshots.append(_Snapshot(stamp, ray, bearings))
         while len(stamps) > _FEWEST and stamps[0] < stamp - _HISTORY:
             del stamps[0], self._pans[0], self._tilts[0], snapshots[0]
 
@@ -499,7 +455,7 @@ class TargetEstimator:
 
     def _described(self, index: int) -> TargetEstimate:
         """Return the estimate after the point with this index."""
-        stamp, ray, bearings, distance = self._snapshots[index]
+        stamp, ray, bearings = self._snapshots[index]
         leads = self._leads
         reach = min(leads[1], stamp - self._began)
-        return TargetEstimate(stamp, ray, distance, bearings.joints, leads, reach)
+        return TargetEstimate(stamp, ray, bearings.joints, leads, reach)
