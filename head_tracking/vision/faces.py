@@ -39,7 +39,7 @@ class FaceParameters:
         0.07, "Smallest face, as a share of the image's height.", minimum=0.01, maximum=1.0
     )
     search_period: int = parameter(
-        10,
+        5,
         "While a face is followed, the whole image is searched in one of so many images; the "
         "others are searched near known faces only.",
         unit="images",

@@ -110,7 +110,7 @@ def _cost(contenders: dict[str, FaceDetector]) -> str:
     return (
         "Processor time on one core for the whole image of 640 by 480, one thread, half of the "
         f"images without a face, medians of {ROUNDS} rounds (`followed`: near the face of the "
-        "image before, as in nine of ten images):\n\n" + table(head, rows)
+        "image before, as in four of five images):\n\n" + table(head, rows)
     )
 
 
