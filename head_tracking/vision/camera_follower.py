@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import math
 import threading
@@ -22,6 +23,7 @@ from head_tracking.vision.opencv import cv2
 from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, VisualTracker
 
 _LOG = logging.getLogger(__name__)
+_END_TIMEOUT = 2.0  # s
 _USUAL_RATE, _FASTEST_RATE = 30.0, 240.0  # images a second, of a file that does not tell
 
 DEFAULT_VIEW = math.radians(60.0)
@@ -168,6 +170,7 @@ class CameraFollower:
 
     def start(self) -> None:
         """Start the thread."""
+        atexit.register(self._end)  # a process that ends while a thread is in OpenCV is aborted
         self._thread.start()
 
     def wait(self, timeout: float | None = None) -> bool:
@@ -178,6 +181,10 @@ class CameraFollower:
     def close(self) -> None:
         """Stop after the present image."""
         self._ending = True
+
+    def _end(self) -> None:
+        self.close()
+        self.wait(_END_TIMEOUT)
 
     def _run(self) -> None:
         try:
@@ -194,6 +201,8 @@ class CameraFollower:
                     error if is_ours else repr(error),
                     exc_info=not is_ours,
                 )
+        finally:
+            atexit.unregister(self._end)
 
     def _process(self, stamp: float, picture: Pixels) -> None:
         height, width, _ = picture.shape

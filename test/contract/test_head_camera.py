@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from rig import DEGREE
+from rig import DEGREE, run_python
 from waiting import PATIENCE, wait_for
 
 from head_tracking import FrameError, HeadState, RefusedCommandError, SupersededError, TargetState
@@ -191,3 +191,32 @@ def test_an_invalid_picture_ends_following_and_calibration_with_an_error(head):
         with pytest.raises(ImageError):
             head.calibrate([(time.time(), picture)], target="room")
     assert head.look_at((1.0, 0.2, 0.6)).arrived
+
+
+BUSY = """
+import itertools, time
+import cv2, numpy as np
+from head_tracking import Head
+from head_tracking.vision import Detector
+
+class Busy(Detector):
+    def detect(self, frame, hints):
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            cv2.GaussianBlur(grey, (31, 31), 0.0)
+        return []
+
+grey = np.full((480, 640, 3), 128, np.uint8)
+with Head.simulated() as head:
+    head.follow_camera(Busy(None), ((time.time(), grey) for _ in itertools.count()))
+    time.sleep(0.6)
+    if {stops}:
+        head.stop()
+"""
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_program_ends_while_its_detector_works(stops):
+    """OpenCV aborts a process that ends while a thread is in it."""
+    done = run_python("-c", BUSY.format(stops=stops))
+    assert done.returncode == 0, done.stderr
