@@ -198,8 +198,7 @@ class Bearing(NamedTuple):
         states: by every model.
         variance: of a point [rad^2].
         scores: mean squared error of every model's predictions over the lead time [rad^2].
-        weights: of the models, by their scores; they add up to 1.
-        motion: the mixture of the models.
+        motion: the mixture of the models, by their scores.
         error: mean squared error of the mixture's predictions over the lead time [rad^2].
         far_error: the same over a longer lead time, for points that are overdue.
         certainty: variances of position [rad^2] and velocity [rad^2/s^2] within and between models.
@@ -209,7 +208,6 @@ class Bearing(NamedTuple):
     states: tuple[State, ...]
     variance: float
     scores: tuple[float, ...]
-    weights: tuple[float, ...]
     motion: Course
     error: float
     far_error: float
@@ -239,7 +237,7 @@ class Bearing(NamedTuple):
             for score, more in zip(self.scores, behind, strict=True)
         ]
         total = sum(raw)
-        weights = tuple([each / total for each in raw])
+        weights = [each / total for each in raw]
         origin = self.states[0][0]
         offset = steady = constant = swing = acceleration = 0.0
         for weight, (x, v, a), model in zip(weights, self.states, MODELS, strict=True):
@@ -258,7 +256,7 @@ class Bearing(NamedTuple):
         ):
             square += weight * ((x - position) ** 2 + variance * pp)
             speeds += weight * ((v - speed) ** 2 + variance * vv)
-        return self._replace(weights=weights, motion=motion, certainty=(square, speeds))
+        return self._replace(motion=motion, certainty=(square, speeds))
 
 
 class Bearings(NamedTuple):
@@ -285,7 +283,7 @@ class Bearings(NamedTuple):
         variance = _USUAL_NOISE**2
         scores = tuple(variance * model.first_score for model in MODELS)
         still = Course(0.0, 0.0, 0.0, 0.0, 0.0, _USUAL_RATE)
-        unknown = Bearing((), variance, scores, (), still, 0.0, 0.0, (0.0, 0.0), _NONE)
+        unknown = Bearing((), variance, scores, still, 0.0, 0.0, (0.0, 0.0), _NONE)
         return Bearings((), Oscillation(), (unknown, unknown)).restarted(points, leads)
 
     def restarted(self, points: tuple[float, float], leads: tuple[float, float]) -> Bearings:

@@ -41,6 +41,7 @@ from head_tracking.transforms.tree import (
     StaticEdge,
     find_path,
     latest_common_time,
+    latest_parent,
     permanent_path,
 )
 
@@ -529,9 +530,7 @@ class TransformBuffer:
     def _parent(self, frame: str) -> str:
         """Return the latest parent of a frame; empty if there is none."""
         edge = self._edges.get(frame)
-        if isinstance(edge, SampledEdge):
-            return edge.history.values[-1][0] if edge.history else ""
-        return "" if edge is None else edge.parent
+        return "" if edge is None else latest_parent(edge)
 
     def _loop_above_model(self, parent: str = "", child: str = "") -> bool:
         """Return whether the model's root is in or below a loop, if `child` were in `parent`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from head_tracking.transforms.tree import Edge, JointEdge, SampledEdge, StaticEdge
+from head_tracking.transforms.tree import Edge, JointEdge, StaticEdge, latest_parent
 
 _NO_PARENT = "NO_PARENT"  # as in tf2
 _STATIC_RATE = 10_000.0  # tf2's rate of one sample: one in 0.1 ms
@@ -12,7 +12,10 @@ _STATIC_RATE = 10_000.0  # tf2's rate of one sample: one in 0.1 ms
 
 def frames_as_string(edges: Iterable[Edge]) -> str:
     """Return a sentence for each frame, as tf2 does."""
-    return "".join(f"Frame {edge.child} exists with parent {_parent(edge)}.\n" for edge in edges)
+    return "".join(
+        f"Frame {edge.child} exists with parent {latest_parent(edge) or _NO_PARENT}.\n"
+        for edge in edges
+    )
 
 
 def frames_as_yaml(edges: Iterable[Edge], authorities: Mapping[str, str], now: int) -> str:
@@ -30,7 +33,7 @@ def frames_as_yaml(edges: Iterable[Edge], authorities: Mapping[str, str], now: i
         oldest, latest = _span(edge)
         lines += [
             f"{edge.child}: ",
-            f"  parent: '{_parent(edge)}'",
+            f"  parent: '{latest_parent(edge)}'",
             f"  broadcaster: '{authorities.get(edge.child, 'robot_description')}'",
             f"  rate: {rate(edge):.3f}",
             f"  most_recent_transform: {latest * 1e-9:.6f}",
@@ -50,10 +53,10 @@ def tree_as_string(edges: Iterable[Edge], names: Iterable[str], now: int) -> str
         names: of all frames.
         now: the time [ns], for the ages; 0 for none.
     """
-    above = {edge.child: edge for edge in edges if _parent(edge) != _NO_PARENT}
+    above = {edge.child: edge for edge in edges if latest_parent(edge)}
     children: dict[str, list[str]] = {name: [] for name in sorted(names)}
     for child, edge in above.items():
-        children.setdefault(_parent(edge), []).append(child)
+        children.setdefault(latest_parent(edge), []).append(child)
     lines: list[str] = []
     stack = [(frame, "", "") for frame in reversed(children) if frame not in above]
     while stack:
@@ -85,13 +88,6 @@ def _note(edge: Edge, now: int) -> str:
         return f"{what} no samples"
     age = f", {(now - _span(edge)[1]) * 1e-9:.3f} s old" if now else ""
     return f"{what} {rate(edge):.1f} Hz{age}"
-
-
-def _parent(edge: Edge) -> str:
-    """Return the latest parent."""
-    if isinstance(edge, SampledEdge):
-        return edge.history.values[-1][0] if edge.history else _NO_PARENT
-    return edge.parent
 
 
 def _span(edge: Edge) -> tuple[int, int]:

@@ -235,6 +235,13 @@ def permanent_path(edges: Edges, target: str, source: str) -> tuple[Path, set[st
     return Path(above_target, above_source), frames
 
 
+def latest_parent(edge: Edge) -> str:
+    """Return the parent by the latest sample; empty if there is none."""
+    if isinstance(edge, SampledEdge):
+        return edge.history.values[-1][0] if edge.history else ""
+    return edge.parent
+
+
 def _product(climbed: list[Transform]) -> Transform:
     """Return the product of transforms, the last one first."""
     if not climbed:

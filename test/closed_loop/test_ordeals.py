@@ -98,11 +98,11 @@ def moving_error(base, fixed_frame="odom", duration=3.6, start=1.2):
     return recording.rms
 
 
-@pytest.mark.parametrize(("base", "most"), [(turn, 0.005), (drive, 0.006), (stop_and_go, 0.04)])
+@pytest.mark.parametrize(("base", "most"), [(turn, 0.005), (drive, 0.006), (stop_and_go, 0.035)])
 def test_a_base_that_moves_costs_little_where_the_fixed_frame_stands_still(base, most):
     assert moving_error(base) < most
 
 
 def test_a_fixed_frame_is_better_than_one_that_turns_by_fits_and_starts():
     fixed, carried = (moving_error(stop_and_go, frame) for frame in ("odom", BASE_FRAME))
-    assert fixed < 0.9 * carried
+    assert fixed < 0.8 * carried
