@@ -144,7 +144,8 @@ class ControlProcess:
         self._reported_servos: list[Any] = []
         self._hint: list[str] = []
         self._page = ["the page starts"] if VIEWER in plan.nodes else []
-        self._head: Composition | None = None
+        self._owners = JointOwners(exclusive=not plan.options.allow_others)
+        self._servo_bus: Any = None
 
     def run(self, threads: NodeThreads, kept: KeptStop | None) -> None:
         """Run until `stop`, or until the duration of the plan is over.
@@ -157,11 +158,10 @@ class ControlProcess:
         plan = self._plan
         claim = self._claim(threads)
         threading.Thread(target=self._receive, daemon=True).start()
-        owners = JointOwners(exclusive=not plan.options.allow_others)
         if kept is not None:
-            kept.guard(owners)
-        head = self._head = Composition(
-            plan, threads, self._stop, self._start_elsewhere, self._report_servos, owners
+            kept.guard(self._owners)
+        head = Composition(
+            plan, threads, self._stop, self._start_elsewhere, self._on_servos, self._owners
         )
         check_parameters(list(head.nodes.values()))
         head_node = head.nodes.get(MODES[plan.options.mode].name)
@@ -174,11 +174,10 @@ class ControlProcess:
         def update() -> None:
             if not plan.options.allow_others:
                 claim.check()
-            self._report_servos(head.nodes["servo_bus"])
-            stopped = ["STOPPED"] if head.loop.owners.stopped else []
+            self._report_servos()
+            stopped = ["STOPPED"] if self._owners.stopped else []
             self._status.show([*stopped, *self._page, *monitor.update(), *self._hint])
 
-        self._link.send(ready=True)
         try:
             threads.wait(self._stop, plan.options.duration, update)
         finally:
@@ -199,9 +198,15 @@ class ControlProcess:
         claim.begin()
         return claim
 
-    def _report_servos(self, servo_bus: Any) -> None:
+    def _on_servos(self, servo_bus: Any) -> None:
+        """Accept keys from now on: other programs may turn the head while nodes still start."""
+        self._servo_bus = servo_bus
+        self._report_servos()
+        self._link.send(ready=True)
+
+    def _report_servos(self) -> None:
         """Report the present servos, which the supervisor relaxes if this process dies."""
-        servos = servo_bus.servos_by_port()
+        servos = self._servo_bus.servos_by_port()
         if not self._plan.options.sim and servos != self._reported_servos:
             self._reported_servos = servos
             self._link.send(servos=servos)
@@ -216,6 +221,7 @@ class ControlProcess:
         started = self._starting[spec.name] = futures.Future()
         self._link.send(**asdict(spec))
         for _ in range(round(_START_TIMEOUT / _POLL)):
+            self._status.show([f"{spec.name} starts", *self._hint])
             futures.wait([started], _POLL)
             self._stop.check()
             if started.done():
@@ -239,12 +245,11 @@ class ControlProcess:
                 threading.Thread(target=self._press, args=[message["key"]], daemon=True).start()
 
     def _press(self, key: str) -> None:
-        if self._head is not None:
-            backend = self._head.nodes["servo_bus"].backend
-            result = execute(key, self._head.loop.stop, backend.resume)
-            if key == STOP:
-                self._link.send(stopped=True)  # whether or not the servos have confirmed it
-            self._status.print(result)
+        backend = self._servo_bus.backend
+        result = execute(key, lambda: self._owners.stop(backend.relax_now), backend.resume)
+        if key == STOP:
+            self._link.send(stopped=True)  # whether or not the servos have confirmed it
+        self._status.print(result)
 
 
 def execute(

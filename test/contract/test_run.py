@@ -256,6 +256,21 @@ def test_keys_stop_and_resume_a_run_in_the_foreground(bench, monkeypatch):
     assert bench.servos.torque == [0, 0]
 
 
+def test_the_stop_key_works_while_a_node_still_starts(bench, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
+    monkeypatch.chdir(SOURCE)
+    with closing(Terminal()) as terminal:
+        terminal.start(f"-m head_tracking --port {bench.servos.name} --target face &")
+        supervisor = int(terminal.waits_for(r"\[1\] \d+").split()[-1])
+        terminal.type("fg\n")
+        wait_for(lambda: child(supervisor, "vision"))
+        os.kill(child(supervisor, "vision"), signal.SIGSTOP)
+        wait_for(lambda: bench.person.look_at(1.0, 0.3, 0.8) or any(bench.servos.torque))
+        terminal.type(" ")
+        wait_for(lambda: bench.person.stopped, 5.0)
+        assert bench.servos.torque == [0, 0]
+
+
 def test_stop_relaxes_the_servos_of_a_control_process_that_hangs(bench, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
     monkeypatch.chdir(SOURCE)
