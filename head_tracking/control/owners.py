@@ -127,8 +127,10 @@ class JointOwners:
         if changed:
             self._notify()
 
-    def take_over(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> None:
-        """Give joints to an owner, whoever had them.
+    def take_over(
+        self, owner: str, joints: Iterable[str], epoch: int | None = None, lease: float = math.inf
+    ) -> None:
+        """Give joints to an owner for `lease` seconds, whoever had them.
 
         Raises:
             StoppedError: the head is stopped, or was after `epoch`, in which this was requested.
@@ -136,7 +138,7 @@ class JointOwners:
         with self._lock:
             self.permit(epoch)
             for joint in joints:
-                self._owners[joint] = (owner, math.inf)
+                self._owners[joint] = (owner, self._clock() + lease)
         self._notify()
 
     def release(self, owner: str) -> None:

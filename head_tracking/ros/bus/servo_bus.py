@@ -270,7 +270,7 @@ class ServoBusNode(ClosingNode):
         self.failure = error
 
     def _on_joint_claims(self, message: JointState) -> None:
-        """Give joints to the sender, whoever owns them."""
+        """Give joints to the sender, whoever owns them; it keeps them while it sends commands."""
         sender, epoch = sender_from(message.header.frame_id)
         known = {joint.joint_name for joint in self.backend.joints}
         try:
@@ -279,7 +279,7 @@ class ServoBusNode(ClosingNode):
                     f"header.frame_id must be the name of the sender, and the joints are "
                     f"{', '.join(sorted(known))}; it claims {list(message.name)}"
                 )
-            self._loop.owners.take_over(sender, message.name, epoch)
+            self._loop.owners.take_over(sender, message.name, epoch, LEASE)
         except (ValueError, StoppedError) as error:
             self._refuse(f"joint_claims of {sender!r}", error)
 
