@@ -88,9 +88,11 @@ class JointPanel:
         """
         base, services = self._robot.graph.namespace.rstrip("/"), self._robot.graph.services
         found = {}
-        for values in (one.values for one in self._robot.topics.health()):
+        for name, values in ((one.name, one.values) for one in self._robot.topics.health()):
             controller, joint = values.get("controller"), values.get("joint", "")
-            if f"{base}/{controller}{_TORQUE}" not in services or controller is None:
+            if name.partition(":")[0] not in self._robot.stop.buses or controller is None:
+                continue  # a stranger may name the same servo
+            if f"{base}/{controller}{_TORQUE}" not in services:
                 continue
             known = {} if values.get(FAULT) == FaultName.SILENT else dict(values)
             torque = Torque(known["torque"]) if known.get("torque") in _TORQUES else None

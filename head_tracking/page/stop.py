@@ -42,11 +42,13 @@ class Stop:
         late: number of STOPs of this page that were not confirmed in time.
         stopped: whether the bus has published that it ignores commands until `resume`.
         owners: the node that owns each joint, without its namespace; empty for none.
+        buses: names of the nodes that have published `joint_control`, without their namespace.
     """
 
     def __init__(self, beside: Node) -> None:
         self.count, self.late, self.stopped = 0, 0, False
         self.owners: Mapping[str, str] = {}
+        self.buses: set[str] = set()
         self._own = NodeThread.beside(beside, f"{beside.get_name()}_stop")
         node = self._own.node
         self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
@@ -137,6 +139,7 @@ class Stop:
             control = control_from_message(message)
             owners = control.owners.items()
             self.owners = {joint: owner.rpartition("/")[2] for joint, owner in owners}
+            self.buses.add(control.node.rpartition("/")[2])
             for service, clients in self._clients.items() if control.node else ():
                 name = control.service(service)
                 if all(each.service_name != name for each in clients):

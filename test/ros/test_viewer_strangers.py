@@ -208,6 +208,26 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer, s
     assert len(json.dumps(told(viewer))) < 10**6
 
 
+def test_diagnostics_of_a_stranger_that_name_a_servo_hide_nothing_of_it(threads, viewer, stranger):
+    threads.start(BusStandIn())
+    publisher = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    pairs = {"controller": "head_pan_controller", "joint": "head_pan_joint", "temperature": "hot"}
+    claim = DiagnosticStatus(
+        name="stranger: head_pan_joint",
+        values=[KeyValue(key=key, value=value) for key, value in pairs.items()],
+    )
+
+    def servos() -> Any:
+        publisher.publish(DiagnosticArray(status=[claim]))
+        names = [one.name for one in viewer.robot.topics.health()]
+        found = viewer.robot.joints.servos()
+        return found if claim.name in names and len(found) == 2 else None
+
+    for servo in wait_for(servos):
+        assert servo.values["torque"] == "torque on"
+        assert servo.torque
+
+
 WRONG = [
     ("nonsense", b"{}", 404),
     ("mode", b"\xff", 400),

@@ -255,7 +255,7 @@ export function showHealth(state) {
     const list = row.querySelector("dl");
     if (list) rows(list, "div", Object.entries(values), (part, [name, value]) => { element(part, "dt", {}, name); element(part, "dd", {}, value); });
   }, ({ name, values }) => JSON.stringify([name, Object.keys(values).length > 0]));
-  const tracker = state.health.filter(({ name }) => name.endsWith("head_tracker: target"));
+  const tracker = state.health.filter(({ name }) => name === "head_tracker: target");
   const learned = tracker.flatMap(({ values }) => Object.entries(values)).filter(([name]) => name.includes(": "));
   rows(by("learned-values"), "tr", learned, (row, [name]) => { element(row, "th", { scope: "row" }, name); element(row, "td"); }, (row, [, value]) => write(row.lastChild, value), ([name]) => name);
   const lines = [...state.notices, ...state.warnings];
