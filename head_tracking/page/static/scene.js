@@ -4,6 +4,7 @@ import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
 const FITTED = 0.5, PREDICTED = 0.5, SLOWEST = 0.02, CERTAIN = 4; // s, s, m/s, standard deviations
 const CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // pixels, ms
+const FROM = new THREE.Vector3(-0.55, -0.7, 0.4).normalize(), SHARE = 0.85; // from where one looks; of the view, for what is shown
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff };
 
 function lineOf(colour, points) {
@@ -38,6 +39,10 @@ export function pathAhead(points, now) {
 function put(node, [x, y, z, qx, qy, qz, qw]) {
   node.position.set(x, y, z);
   node.quaternion.set(qx, qy, qz, qw);
+}
+
+function cornersOf({ min, max }) {
+  return [0, 1, 2, 3, 4, 5, 6, 7].map((number) => new THREE.Vector3(number & 1 ? min.x : max.x, number & 2 ? min.y : max.y, number & 4 ? min.z : max.z));
 }
 
 function geometryOf({ kind, size }) {
@@ -113,6 +118,7 @@ export class RobotScene {
     this.renderer.setSize(clientWidth, clientHeight);
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
+    if (this.robot && !this.moved) this.frame();
     this.request();
   }
 
@@ -146,6 +152,7 @@ export class RobotScene {
     this.request();
     this.shown = "";
     this.framed = this.moved = false;
+    this.kept = new THREE.Box3(); // in the view
   }
 
   /** Add the shapes one after the other: a browser has six connections to a server, and STOP needs one. */
@@ -156,7 +163,7 @@ export class RobotScene {
       if (!added) continue;
       put(added, shape.place);
       links[shape.link].add(added);
-      if (!this.moved) this.framed = false; // frame the whole robot again
+      this.framed = false; // the view is to have the whole robot
       this.shown = "";
       this.request();
     }
@@ -231,21 +238,41 @@ export class RobotScene {
     }
     draw(this.trail, this.points.map(({ at }) => at));
     draw(this.prediction, pathAhead(this.points, stamp));
-    if (!this.framed) this.frame();
+    if (!this.moved && !(this.framed && this.sees())) this.frame();
     this.request();
   }
 
-  /** Fit the view to robot and frustum, once. */
+  /** Fit the view to the robot, and to where its target and picture have been, until the user moves it. */
   frame() {
-    const box = new THREE.Box3();
+    const body = new THREE.Box3(), head = new THREE.Vector3();
     this.root.updateWorldMatrix(true, true);
-    this.root.traverse((node) => { if (node.isMesh) box.expandByObject(node); });
-    const ball = box.getBoundingSphere(new THREE.Sphere());
-    if (box.isEmpty() || !Number.isFinite(ball.radius)) return;
-    this.framed = true;
-    const away = (1.1 * ball.radius) / Math.sin((this.camera.fov * Math.PI) / 360);
-    this.controls.target.copy(ball.center);
-    this.camera.position.copy(ball.center).add(new THREE.Vector3(-0.55, -0.7, 0.4).normalize().multiplyScalar(away));
+    this.root.traverse((node) => { if (node.isMesh) body.expandByObject(node); });
+    if (body.isEmpty() || !Number.isFinite(body.getSize(head).length())) return;
+    (this.cone ?? this.root).getWorldPosition(head);
+    for (const place of this.places()) this.kept.expandByPoint(place.sub(head).clampLength(0, SIGHT).add(head));
+    this.camera.position.copy(FROM);
+    this.camera.lookAt(0, 0, 0);
+    const turn = this.camera.quaternion.clone(), back = turn.clone().invert();
+    const seen = [body, this.kept].filter((box) => !box.isEmpty()).flatMap(cornersOf).map((corner) => corner.applyQuaternion(back));
+    const up = SHARE * Math.tan((this.camera.fov * Math.PI) / 360), across = up * this.camera.aspect;
+    const most = (of) => Math.max(...seen.map(of));
+    const right = most(({ x, z }) => x + z * across), left = most(({ x, z }) => z * across - x);
+    const top = most(({ y, z }) => y + z * up), bottom = most(({ y, z }) => z * up - y);
+    const far = Math.max((right + left) / (2 * across), (top + bottom) / (2 * up));
+    this.camera.position.set((right - left) / 2, (top - bottom) / 2, far).applyQuaternion(turn);
+    this.controls.target.copy(this.camera.position).addScaledVector(FROM, -this.camera.position.distanceTo(head));
     this.controls.update();
+    this.framed = true;
+    this.request();
+  }
+
+  /** Return the places of the target and of the picture. */
+  places() {
+    return [this.target.visible && this.target, this.screen?.visible && this.screen].filter(Boolean).map((one) => one.getWorldPosition(new THREE.Vector3()));
+  }
+
+  /** Return whether the view has these places. */
+  sees() {
+    return this.places().map((place) => place.project(this.camera)).every(({ x, y }) => Math.max(Math.abs(x), Math.abs(y)) < 1);
   }
 }

@@ -5,13 +5,14 @@ const ICONS = {
   face: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm-3 7v1m6-1v1m-6.5 4a5 5 0 0 0 7 0", ball: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18Zm0 0v18M3 12h18M6 5.5c4 3.5 4 9.5 0 13m12-13c-4 3.5-4 9.5 0 13",
   marker: "M4 4h6v6H4zm10 0h6v6h-6zM4 14h6v6H4zm10 0h2v2h-2zm4 4h2v2h-2z", point: "M12 2v4m0 12v4M2 12h4m12 0h4m-10-5a5 5 0 1 0 0 10 5 5 0 0 0 0-10Z",
   track: "M12 2v4m0 12v4M2 12h4m12 0h4m-10-1a1 1 0 1 0 0 2 1 1 0 0 0 0-2Z", path: "M7 8c-6 0-6 8 0 8 5 0 5-8 10-8 6 0 6 8 0 8-5 0-5-8-10-8Z", nothing: "M4 4l16 16M8 11V6a1.5 1.5 0 0 1 3 0m0 2V4.5a1.5 1.5 0 0 1 3 0V10m0-3a1.5 1.5 0 0 1 3 0v8M8 12l-2-2m2 9a6 6 0 0 0 4 2",
-  frame: "M5 19V5m0 14h14M5 19l8-8m-8-6-2 2m2-2 2 2m10 10 2 2-2 2",
+  frame: "M5 19V5m0 14h14M5 19l8-8m-8-6-2 2m2-2 2 2m10 10 2 2-2 2", simulated: "M19 6.5A9 9 0 1 1 12 3m5-1a2.5 2.5 0 1 0 0 5 2.5 2.5 0 0 0 0-5Z",
+  mux: "M3 6h5l5 6h8M3 18h5l5-6m5-3 3 3-3 3", camera: "M3 7h12v10H3zM15 11l6-3.5v9L15 13",
 };
-const CARDS = {
+export const CARDS = {
   face: ["Face", "stays with a person", "face"], ball: ["Ball", "the coloured one", "ball"], marker: ["Marker", "on the wall", "marker"],
   point: ["Point", "turn to it once", "point"], track: ["Track", "stay on a point", "track"], path: ["Path", "circle, square, eight", "path"],
   "follow a frame": ["Frame", "wherever it goes", "frame"], nothing: ["Hands off", "leave it alone", "nothing"],
-  "fictitious target": ["Simulated", "the moving point", "point"], target_mux: ["Mux", "what target_mux selects", "track"], "what the camera finds": ["Camera", "what it finds", "face"],
+  "fictitious target": ["Simulated", "the moving point", "simulated"], target_mux: ["Mux", "what target_mux selects", "mux"], "what the camera finds": ["Camera", "what it finds", "camera"],
 };
 const USUAL = ["face", "ball", "marker", "point", "path", "nothing"]; // the other cards are there where they are possible
 export const titleOf = (mode) => CARDS[mode]?.[0] ?? mode;
