@@ -36,7 +36,7 @@ from head_tracking.run.status_line import CLEAR_LINE, StatusLine
 from head_tracking.run.stop_key import STOP, StopKey
 
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-_NICENESS: Final = {CONTROL: -10, VISION: -5, PAGE: 5}  # where the system allows that
+_NICENESS: Final = {CONTROL: -10, VISION: -5, PAGE: 0}  # where the system allows that
 _END_TIMEOUT: Final = {CONTROL: 8.0, VISION: 5.0, PAGE: 5.0}  # s; then the process is killed
 _PAUSES: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # s before each restart in a row
 _STOP_TIMEOUT: Final = 5.0  # s in which control must have carried out STOP; then it is killed
