@@ -131,6 +131,27 @@ def visit(viewer, browser) -> Iterator[Callable[..., Any]]:
         yield visit
 
 
+@pytest.fixture
+def camera(robot) -> Iterator[Callable[[], None]]:
+    """Publish orange pictures until this is called, or the test ends."""
+    orange = np.tile(np.array([250, 120, 10], np.uint8), (60, 80, 1))
+    publisher = robot.node.create_publisher(Image, "camera/image", 1)
+    timer = robot.node.create_timer(
+        0.1, lambda: publisher.publish(image_message(Header(), "rgb8", orange))
+    )
+
+    def destroy() -> None:
+        robot.node.destroy_timer(timer)
+        robot.node.destroy_publisher(publisher)
+
+    def end() -> None:
+        # in the thread that publishes, or it would use what is destroyed
+        wait_for(robot.node.executor.create_task(destroy).done)
+
+    yield end
+    end()
+
+
 FAILED = [0]
 """The number of tests that had failed when the page was loaded."""
 
@@ -388,12 +409,7 @@ def test_joints_are_moved_one_by_one_and_all_together(robot, viewer, page):
         wait_for(lambda joint=joint: abs(robot.true(joint) - sent[joint]) < 2 * DEGREE)
 
 
-def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browser(robot, page):
-    orange = np.tile(np.array([250, 120, 10], np.uint8), (60, 80, 1))
-    camera = robot.node.create_publisher(Image, "camera/image", 1)
-    timer = robot.node.create_timer(
-        0.1, lambda: camera.publish(image_message(Header(), "rgb8", orange))
-    )
+def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browser(camera, page):
     open_tab(page, "live")
     choose(page, "source", "/camera/image")
     wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6))
@@ -408,13 +424,7 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
     wait_for(lambda: page.evaluate(MEAN_COLOUR) is None)
     choose(page, "source", "/camera/image")
     wait_for(lambda: "Live" in page.text_content("#fps"))
-
-    def end() -> None:
-        robot.node.destroy_timer(timer)
-        robot.node.destroy_publisher(camera)
-
-    # in the thread that publishes, or it would use what is destroyed
-    wait_for(robot.node.executor.create_task(end).done)
+    camera()
     wait_for(lambda: page.text_content("#fps") == "no new picture")
     choose(page, "source", "")
 
@@ -428,7 +438,7 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
         (900, 700, "light"),
     ],
 )
-def test_every_place_is_usable_in_windows_of_all_sizes(visit, width, height, scheme):
+def test_every_place_is_usable_in_windows_of_all_sizes(camera, visit, width, height, scheme):
     """By sizes and places of what is touched, and by axe's rules for WCAG AA: names, contrast.
 
     Nothing may be left that axe cannot decide, such as the contrast of a text over a picture.
@@ -502,7 +512,7 @@ def test_escape_stops_wherever_the_cursor_is_but_closes_what_is_open_first(robot
 
 
 @pytest.mark.parametrize("place", ["#camera", "#pad", ".slider input"])
-def test_a_drag_that_began_before_a_stop_does_not_go_on_after_resume(robot, page, place):
+def test_a_drag_that_began_before_a_stop_does_not_go_on_after_resume(robot, camera, page, place):
     open_tab(page, "joints" if place == ".slider input" else "live")
     page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
     page.locator(place).first.scroll_into_view_if_needed()
