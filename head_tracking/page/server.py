@@ -48,7 +48,7 @@ _SILENT = 30.0  # s without a part of the body until a request is refused
 _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
 _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
-_MESSAGES = 200.0  # per second; a browser sends one for each picture
+_MESSAGES = 200.0  # per second; a browser sends one for each state
 _PART = 64 * 1024  # bytes of a recording that are read at a time
 _RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
 _UNWATCHED = 0.5  # s between polls while no browser watches
@@ -303,7 +303,10 @@ class Page:
                 return await _respond(self._reading, self._replays.open, file)
 
     async def _watch(self, browser: WebSocket) -> None:
-        """Send states and pictures to a browser. A slow one skips those it has no time for."""
+        """Send states and pictures to a browser. A slow one skips those it has no time for.
+
+        Else they would queue before the answer to its STOP, and show what was long ago.
+        """
         await browser.accept()
         if len(self._browsers) >= self._limit:
             await browser.close(4008, "too many browsers watch this robot (max_browsers)")
@@ -323,27 +326,27 @@ class Page:
                 await sending
 
     async def _send(self, browser: WebSocket, watcher: _Watcher) -> None:
-        live, texts, sent = self._live, {"robot": ""}, (-1, "")
+        live, texts, sent = self._live, {"robot": ""}, None
         while True:
             await self._sampled.wait()
+            if not watcher.ready:
+                continue
+            watcher.ready, topic = False, watcher.topic
+            picture = None if topic is None else live.pictures.get(topic)
+            if picture not in (None, sent):
+                sent = picture
+                await browser.send_bytes(picture[1])
             for kind, text in live.texts.items():
-                if texts.get(kind) != text or kind == "state":  # which shows that all is well
+                if texts.get(kind) != text or kind == "state":  # the last one, sent always
                     texts[kind] = text
                     await browser.send_text(text)
-            topic = watcher.topic
-            if not watcher.ready or topic is None:
-                continue
-            number, data = live.pictures.get(topic, (-1, b""))
-            if data and (number, topic) != sent:
-                sent, watcher.ready = (number, topic), False
-                await browser.send_bytes(data)
 
 
 class _Watcher:
     """What a browser wants to be sent.
 
     Attributes:
-        ready: whether it has shown the last picture.
+        ready: whether it has shown the last state, which comes after all else.
         topic: of its pictures; empty: the default one; None: no pictures.
     """
 
@@ -353,7 +356,7 @@ class _Watcher:
         self._due = 0.0
 
     def receive(self, text: str) -> bool:
-        """Receive what the browser sends: `got` after each picture, or a topic.
+        """Receive what the browser sends: `got` after each state, or a topic.
 
         Returns:
             False if it sends too many messages.
@@ -363,7 +366,7 @@ class _Watcher:
         if text == "got":
             self.ready = True
         elif text.startswith("camera "):
-            self.topic, self.ready = text.removeprefix("camera "), True
+            self.topic = text.removeprefix("camera ")
         elif text == "blind":
             self.topic = None
         return self._due <= now

@@ -1,5 +1,6 @@
 """The page's server over HTTP and its websocket, with a robot whose answers a test decides."""
 
+import contextlib
 import json
 import re
 import threading
@@ -287,6 +288,22 @@ def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> No
     wait_for(lambda: page.browsers == 0)
     with watch(page) as opened:
         until(opened, "state")
+
+
+def test_a_slow_browser_is_sent_the_next_state_when_it_has_shown_the_last(page: Page) -> None:
+    """Else the answer to its STOP would wait behind all that it has no time for."""
+    with watch(page) as slow, watch(page) as other:
+        until(other, "state")
+        slow.recv(timeout=PATIENCE)
+        for _ in range(20):
+            until(other, "state")
+        waiting = []
+        with contextlib.suppress(TimeoutError):
+            while True:
+                waiting.append(slow.recv(timeout=0.0))
+        assert len(waiting) < 4
+        slow.send("got")
+        until(slow, "state")
 
 
 def test_a_browser_that_sends_too_many_messages_is_refused(page: Page) -> None:

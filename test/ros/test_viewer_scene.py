@@ -26,7 +26,7 @@ SHOW_SERVOS = """isShown => {
 
 SEEN = """() => {
   const { scene } = headPage, box = document.getElementById("scene");
-  if (!scene.target.visible || !scene.framed) return [];
+  if (!scene?.framed || !scene.target.visible) return [];
   return [scene.cone.getWorldPosition(scene.target.position.clone()), scene.target.position]
     .map((place) => place.clone().project(scene.camera)).map(({ x, y }) => [x, y]);
 }"""
@@ -61,7 +61,7 @@ def brightness(page: Any, show: bool) -> Any:
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_black_servos_are_told_from_the_background(browser, port, scheme):
     page = open_page(browser, port, 1280, 800, color_scheme=scheme)
-    wait_for(lambda: page.evaluate("headPage.scene.framed"))
+    wait_for(lambda: page.evaluate("headPage.scene?.framed"))
     page.wait_for_timeout(1000)
     shown, hidden = (brightness(page, show) for show in (True, False))
     page.close()

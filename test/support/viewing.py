@@ -44,6 +44,8 @@ def until(browser: ClientConnection, kind: str) -> dict[str, Any]:
     """Return the next message of a kind that a browser is sent."""
     for _ in range(1000):
         message: dict[str, Any] = json.loads(browser.recv(timeout=PATIENCE))
+        if message["type"] == "state":
+            browser.send("got")
         if message["type"] == kind:
             return message
     raise AssertionError(f"{kind} was not sent")

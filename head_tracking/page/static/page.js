@@ -4,7 +4,6 @@ import { Chart } from "./chart.js";
 import { abort, by, command, degrees, element, guardSliders, kept, offer, rows, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
-import { RobotScene } from "./scene.js";
 import { Steering, titleOf } from "./steer.js";
 
 const SILENT = 3000, DEAD = 10000; // ms without a state until the page shows "disconnected", and connects again
@@ -26,11 +25,6 @@ class Page {
     this.failing = {}; // why it can't show a part, by part
     by("stop").onclick = () => this.stop(); // first: STOP must not depend on what comes below
     addEventListener("keydown", (event) => this.onKey(event));
-    try {
-      this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point }));
-    } catch (error) {
-      this.failing.robot = `${error.message} All else works in a browser without WebGL.`;
-    }
     guardSliders();
     this.chart = new Chart(by("lines"));
     this.steer = new Steering();
@@ -48,8 +42,21 @@ class Page {
     this.makeTabs();
     this.makeTheme();
     this.connect();
+    this.addScene();
     setInterval(() => this.checkSilent(), 500);
     if (!kept("head-welcomed")) this.welcome(0);
+  }
+
+  /** Add the robot in 3D, last: on a slow computer it takes as long as all else. */
+  async addScene() {
+    try {
+      const { RobotScene } = await import("./scene.js");
+      this.scene = new RobotScene(by("scene"), (point) => this.steer.send("look", { point }));
+      if (this.shownRobot) this.scene.setRobot(this.shownRobot);
+    } catch (error) {
+      this.failing.robot = `${error.message} All else works in a browser without WebGL.`;
+      this.showFailing(this.about?.failing);
+    }
   }
 
   /** Give up what was asked before a STOP: it does not happen after it. */
@@ -134,23 +141,24 @@ class Page {
     socket.onmessage = async ({ data }) => {
       this.heard = performance.now();
       this.setSilent("");
-      if (typeof data !== "string") {
-        if (!this.replay.opened && by("source").value !== "none") { // one may still arrive
-          await this.camera.show(data);
-          this.scene?.showPicture(this.camera.image);
-        }
-        if (socket.readyState === WebSocket.OPEN) socket.send("got");
-        return;
-      }
+      if (typeof data !== "string") return this.picture = this.showPicture(data);
       const message = JSON.parse(data);
-      if (message.type === "robot") this.setRobot((this.robot = message), true);
-      else if (message.type === "about") this.showAbout(message);
-      else if (!this.replay.opened) this.show(message);
+      if (message.type === "robot") return this.setRobot((this.robot = message), true);
+      if (message.type === "about") return this.showAbout(message);
+      if (!this.replay.opened) this.show(message);
+      await this.picture;
+      setTimeout(() => { if (socket.readyState === WebSocket.OPEN) socket.send("got"); }); // after a click that waits
     };
     socket.onclose = ({ code, reason }) => {
       this.setSilent(code === 4008 ? reason : "the page's server does not answer; trying again");
       setTimeout(() => this.connect(), 1000);
     };
+  }
+
+  async showPicture(data) {
+    if (this.replay.opened || by("source").value === "none") return; // one may still arrive
+    await this.camera.show(data);
+    this.scene?.showPicture(this.camera.image);
   }
 
   async showRecorded(blob) {
