@@ -126,7 +126,7 @@ class HeadControl(Controller):
         self._log, self._observer = log, observer
         self._throttle = Throttle(_LOG_PERIOD)
         self._model: RobotModel | None = None
-        self._listening_since = round(self.now * 1e9)
+        self._listening_since = 0  # ns; set by the first check
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since, self._is_troubled = math.inf, False
         self._cautious_for = 0.0  # s, with a target

@@ -15,6 +15,7 @@ from waiting import PATIENCE, wait_for
 from head_tracking import FrameError, Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import BusStoppedError, ServoBus
+from head_tracking.dynamixel.serial_port import open_serial
 from head_tracking.head.head_control import HeadControl
 from head_tracking.transforms import TransformBuffer
 
@@ -38,6 +39,18 @@ def test_a_head_is_open_when_both_joints_are_measured(servos, kinectbot, monkeyp
     monkeypatch.setattr(DynamixelBackend, "start", start_without_tilt)
     with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         assert len(head.joints) == 2
+
+
+def test_joints_are_not_called_silent_before_the_first_cycle(servos, kinectbot, caplog):
+    """Connecting takes that long with more servos, or an adapter with a latency timer."""
+
+    def open_late(port, baud_rate):
+        time.sleep(0.7)
+        return open_serial(port, baud_rate)
+
+    with Head(servos.name, kinectbot, reply_timeout=0.2, open_device=open_late) as head:
+        assert head.joints
+    assert "silent" not in caplog.text
 
 
 def test_a_head_that_fails_after_it_has_connected_leaves_its_port(servos, kinectbot, monkeypatch):
