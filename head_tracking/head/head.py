@@ -583,15 +583,15 @@ class Head:
             return refusing
         if self._control.motion is not self._tracking:
             return HeadState.TURNING
-        state = self._tracker.state
+        state = TargetState.IDLE if self._control.trouble else self._tracker.state
         return HeadState.HOLDING if state is TargetState.IDLE else state
 
     @property
     def reason(self) -> str:
-        """Why `follow` has its state, or why its targets are refused; empty: there are none."""
-        machine, off = self._tracker.machine, self._control.off
-        if off is not None:
-            return str(off)
+        """Why the head cannot move now, has its state, or refuses targets; empty: none of these."""
+        machine, obstacle = self._tracker.machine, self._control.obstacle
+        if obstacle is not None:
+            return str(obstacle)
         return machine.refusal if machine.state is TargetState.IDLE else machine.reason
 
     @property
@@ -789,7 +789,7 @@ def _checked(servos: object) -> tuple[JointConfiguration, JointConfiguration]:
 def _target(point: Iterable[float], frame: str, stamp: float | None) -> Target:
     try:
         x, y, z = map(float, () if isinstance(point, str | bytes) else point)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"the point is {point!r}; give x, y and z in metres") from None
     if not isinstance(frame, str):
         raise TypeError(f"a frame name is a str; {frame!r} is a {type(frame).__name__}")
@@ -814,5 +814,5 @@ def _nanoseconds(stamp: float | None) -> int:
 def _number(name: str, value: float) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is {value!r}; it must be a number") from None

@@ -197,7 +197,7 @@ def finite(shown: Any) -> float:
     """Return a number of a request; raise ValueError if it is none, or not finite."""
     try:
         number = float(shown)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{shown!r} is not a number.") from None
     if not math.isfinite(number):
         raise ValueError(f"{shown!r} is not a finite number.")

@@ -265,6 +265,7 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
         (math.nan, 0, 0),
         (1, math.inf, 0),
         (1e308, 0, 0),
+        (10**400, 0, 0),
         (1, 2),
         "abc",
         "123",
@@ -280,7 +281,7 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
         for ask in (partial(head.look_at, LEFT), partial(head.follow, LEFT), camera_pose):
             with pytest.raises(ValueError):
                 ask(stamp=stamp)
-    for number in (0.0, -1.0, math.nan, "fast", None):
+    for number in (0.0, -1.0, math.nan, 10**400, "fast", None):
         with pytest.raises(ValueError, match="max_velocity"):
             head.look_at((1, 0, 0), max_velocity=number)
         with pytest.raises(ValueError, match="timeout"):
@@ -473,7 +474,7 @@ def test_concurrent_commands_each_get_a_result(head, servos):
     assert head.look_at((2.0, 0.0, 0.6)).arrived
 
 
-def test_a_silent_servo_ends_a_turn_with_an_error(head, servos):
+def test_a_silent_servo_ends_a_turn_with_an_error_and_is_the_reason(head, servos):
     servo = servos.port.use(lambda bus: bus[1])
     with ThreadPoolExecutor() as threads:
         turning = threads.submit(head.look_at, LEFT, max_velocity=0.3, timeout=30.0)
@@ -483,7 +484,14 @@ def test_a_silent_servo_ends_a_turn_with_an_error(head, servos):
             assert isinstance(turning.exception(PATIENCE), DynamixelError)
         finally:
             servos.port.use(lambda bus: servo.set_register("ID", 1))
-    wait_for(lambda: head.state == HeadState.HOLDING)
+    wait_for(lambda: head.state == HeadState.HOLDING and not head.reason)
+    wait_for(lambda: head.follow(LEFT) or head.state is TargetState.TRACKING)
+    servos.port.use(lambda bus: servo.set_register("ID", 9))
+    try:
+        wait_for(lambda: head.state is HeadState.HOLDING and "head_pan_joint" in head.reason)
+    finally:
+        servos.port.use(lambda bus: servo.set_register("ID", 1))
+    wait_for(lambda: head.follow(LEFT) or head.state is TargetState.TRACKING)
 
 
 def test_a_short_delay_of_the_program_does_not_end_a_turn(head, servos):
