@@ -309,14 +309,14 @@ class EepromSettings:
         return wanted
 
 
-def _named_errors(model: ServoModel, names: tuple[str, ...]) -> list[IntFlag]:
+def _named_errors(model: ServoModel, names: tuple[str, ...]) -> set[IntFlag]:
     known = {(bit.name or "").lower().replace("_", " "): bit for bit in model.errors}
     for name in names:
         if name not in known:
             raise ConfigurationError(
                 f"the {model.name} has no error {name!r}; it has {', '.join(known)}"
             )
-    return [known[name] for name in names]
+    return {known[name] for name in names}
 
 
 def _check_name(name: str, text: object) -> None:

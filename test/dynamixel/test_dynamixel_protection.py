@@ -255,7 +255,7 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
     changed = run(
         rig.bus.writing_eeprom(
             "head_tilt_joint",
-            EepromSettings(return_delay=0.0, shutdown=("overload", "overheating")),
+            EepromSettings(return_delay=0.0, shutdown=("overload", "overheating", "overload")),
         ),
         rig.bench.pass_time,
     )
