@@ -67,6 +67,41 @@ def test_a_process_that_hangs_ends_after_its_supervisor():
         hanging.kill()
 
 
+BUSY = """
+import time
+from head_tracking.ros.kit import spinning
+
+spinning._PATIENCE = 0.5
+
+class Busy(spinning.ClosingNode):
+    def __init__(self):
+        super().__init__("busy")
+        self.create_timer(0.05, self.work)
+
+    def work(self):
+        print("works", flush=True)
+        while True:
+            time.sleep(0.01)
+
+code = spinning.run_node(Busy)
+print("ended")
+raise SystemExit(code)
+"""
+
+
+def test_a_program_whose_callback_does_not_return_ends_without_being_aborted():
+    busy = subprocess.Popen(
+        [sys.executable, "-c", BUSY], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert busy.stdout.readline() == "works\n"
+        busy.send_signal(signal.SIGINT)
+        assert busy.communicate(timeout=PATIENCE) == ("ended\n", "a callback does not return\n")
+        assert busy.returncode == 1
+    finally:
+        busy.kill()
+
+
 INTERRUPTED = """
 import signal, sys
 from head_tracking.ros.kit.stop_signal import StopSignal

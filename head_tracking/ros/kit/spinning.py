@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import inspect
 import math
 import os
@@ -169,6 +170,8 @@ class NodeThreads:
             self._thread.join(_PATIENCE)
         if self._thread.is_alive():
             self.problems.append("a callback does not return")
+            atexit.register(os._exit, 1)  # it would abort the interpreter's exit
+            atexit.register(sys.stdout.flush)  # the last one is called first
             return
         for node in reversed(nodes):
             node.destroy_node()
