@@ -345,11 +345,13 @@ def _root(links: tuple[str, ...], joints: tuple[Joint, ...], parents: dict[str, 
             "connect them with joints so that one is left"
         )
     # each link but one has a parent: links that the root does not reach form a loop
-    reached = set(roots)
-    frontier = set(roots)
-    while frontier:
-        frontier = {joint.child for joint in joints if joint.parent in frontier} - reached
-        reached |= frontier
+    children: dict[str, list[str]] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint.child)
+    reached, waiting = set[str](), roots[:]
+    while waiting:
+        reached.add(waiting[-1])
+        waiting += children.get(waiting.pop(), ())
     if len(reached) < len(links):
         loop = ", ".join(link for link in links if link not in reached)
         raise RobotModelError(
