@@ -211,7 +211,11 @@ class Page:
         tuning = Tuning(robot.parameters)
         get: dict[str, Answer] = {
             "mesh/{number:int}": lambda at: _mesh(live.meshes(), at["number"]),
-            "parameters": lambda _: {"presets": PRESETS, "parameters": tuning.listed()},
+            "parameters": lambda _: {
+                "presets": PRESETS,
+                "preset": tuning.chosen(),
+                "parameters": tuning.listed(),
+            },
             "recordings": lambda _: [
                 {"name": file.name, "size": file.stat().st_size} for file in robot.recorder.files()
             ],

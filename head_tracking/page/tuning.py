@@ -61,7 +61,7 @@ class Tuning:
 
     def listed(self) -> list[dict[str, Any]]:
         """Return the parameters that have an effect, for JSON; see `described`."""
-        everything = self._settings()
+        everything = sorted(self._settings(), key=lambda one: _base(one.node) not in CONTROLLERS)
         laws = {one.node: one.value for one in everything if one.name == "law"}
         return [described(one) for one in everything if not _of_another_law(one, laws)]
 
@@ -76,16 +76,9 @@ class Tuning:
                 return self._parameters.set(node, name, sent_value(one, shown))
         raise ValueError(f"{node} has no parameter {name!r} that can be changed.")
 
-    def reset(self, names: Sequence[str] = ()) -> str:
-        """Restore the values that the page found first: of these names, or of all."""
-        with self._lock:
-            found = dict(self._found)
-        wanted = [
-            (one, found.get((one.node, one.name), one.value))
-            for one in self._settings()
-            if not names or (_base(one.node) in CONTROLLERS and one.name in names)
-        ]
-        return self._set_all([(one, value) for one, value in wanted if one.value != value])
+    def reset(self) -> str:
+        """Restore the values that the page found first."""
+        return self._set_all([(one, self._found[one.node, one.name]) for one in self._settings()])
 
     def choose(self, preset: str) -> str:
         """Set the parameters of a preset.
@@ -95,15 +88,26 @@ class Tuning:
         """
         if preset not in PRESETS:
             raise ValueError(f"There is no preset {preset!r}: choose {', '.join(PRESETS)}.")
-        if not PRESETS[preset]:
-            return self.reset([name for values in PRESETS.values() for name in values])
-        return self._set_all(
-            [
-                (one, min(max(math.radians(PRESETS[preset][one.name]), one.minimum), one.maximum))
-                for one in self._settings()
-                if _base(one.node) in CONTROLLERS and one.name in PRESETS[preset]
-            ]
-        )
+        return self._set_all(self._of_preset(preset))
+
+    def chosen(self) -> str:
+        """Return the preset whose values are set; empty: none."""
+        for preset in PRESETS:
+            wanted = self._of_preset(preset)
+            if wanted and all(math.isclose(one.value, value) for one, value in wanted):
+                return preset
+        return ""
+
+    def _of_preset(self, preset: str) -> list[tuple[Setting, float]]:
+        """Return the parameters of the presets with their values in one of them."""
+        degrees, found = PRESETS[preset], []
+        for one in self._settings():
+            if _base(one.node) in CONTROLLERS and one.name in PRESETS["calm"]:
+                value = self._found[one.node, one.name]
+                if degrees:
+                    value = min(max(math.radians(degrees[one.name]), one.minimum), one.maximum)
+                found.append((one, value))
+        return found
 
     def _settings(self) -> tuple[Setting, ...]:
         settings = self._parameters.settings()
@@ -113,7 +117,7 @@ class Tuning:
         return settings
 
     def _set_all(self, wanted: Sequence[tuple[Setting, Any]]) -> str:
-        refused = []
+        wanted, refused = [(one, value) for one, value in wanted if one.value != value], []
         for one, value in wanted:
             try:
                 self._parameters.set(one.node, one.name, value)

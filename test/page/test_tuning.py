@@ -86,10 +86,13 @@ def test_presets_stay_within_limits_and_normal_and_reset_bring_back_what_was_fou
 
     tuning.choose("calm")
     assert values() == [pytest.approx(math.radians(45.0)), 3.0]
+    assert tuning.chosen() == "calm"
     tuning.choose("fast")
     assert values() == [4.0, 3.0]
+    assert tuning.chosen() == "fast"
     tuning.choose("normal")
     assert values() == [3.0, 3.0]
+    assert tuning.chosen() == "normal"
     tuning.set("/visual_target", "max_joint_speed", 10.0)
     tuning.reset()
     assert values() == [3.0, 3.0]

@@ -36,7 +36,7 @@ export class Chart {
     const step = [5, 10, 20, 30, 60, 90].find((one) => one >= largest) ?? 180;
     const x = (stamp) => LEFT + (width - LEFT - 16) * (1 - (now - stamp) / SECONDS);
     const y = (value) => (height - BOTTOM) / 2 - (value / (step * 1.15)) * ((height - BOTTOM) / 2 - 4);
-    pen.font = "11px Roboto, sans-serif";
+    pen.font = `${style.getPropertyValue("--small")} Roboto, sans-serif`;
     pen.fillStyle = colour("--dim");
     pen.strokeStyle = colour("--line");
     pen.lineWidth = 1;

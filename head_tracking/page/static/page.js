@@ -69,8 +69,8 @@ class Page {
   async stop() {
     this.giveUp();
     abort();
-    const { text } = await send("/head/stop", {}, "POST", SILENT);
-    if (text) toast(text, 12);
+    const { done, text } = await send("/head/stop", {}, "POST", SILENT);
+    if (text) toast(text, done ? 4 : 12);
   }
 
   /** Esc closes an open question or menu; else it is STOP, beside the welcome as well. */
@@ -270,6 +270,8 @@ class Page {
 }
 
 function showServos(servos) {
+  const models = servos.map(({ values }) => values.model).filter(Boolean);
+  if (models.length) write(by("about"), [...new Set(models)].map((model) => `${model} × ${models.filter((one) => one === model).length}`).join(", "));
   rows(by("gauges"), "div", servos, (row, servo) => {
     row.className = "servo";
     const name = element(row, "div");

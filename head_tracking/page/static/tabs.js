@@ -73,22 +73,22 @@ export class Tuning {
   constructor() {
     this.inputs = new Map();
     this.refresh = latestOnly(() => this.load());
-    by("reset").onclick = async () => { await this.report(command("reset")); this.refresh(); };
+    by("reset").onclick = () => this.run("reset");
     setInterval(() => { if (!document.hidden && !(by("tune").hidden && by("health").hidden)) this.refresh(); }, REFRESH);
   }
 
-  /** Show the answer to a command. */
-  async report(answer) {
-    const outcome = await answer;
-    write(by("refusal"), outcome.done ? "" : `refused: ${outcome.text}`);
-    if (outcome.done && outcome.text) toast(outcome.text, 3);
-    return outcome;
+  /** Send a command that sets parameters; return whether it was carried out. */
+  async run(name, body) {
+    const { done, text } = await command(name, body);
+    if (done) toast(text, 3);
+    this.refresh();
+    return done;
   }
 
   async load() {
     const answer = await get("/head/parameters");
     if (!answer.parameters) return;
-    this.makePresets(answer.presets);
+    this.showPresets(answer.presets, answer.preset);
     const keys = new Set();
     for (const one of answer.parameters) {
       const key = `${one.node}/${one.name}`;
@@ -103,14 +103,14 @@ export class Tuning {
     by("learned").hidden = !by("learning").querySelector(".parameter");
   }
 
-  makePresets(presets) {
+  showPresets(presets, chosen) {
     rows(by("presets"), "button", Object.entries(presets), (card, [name, values]) => {
       card.dataset.preset = name;
-      card.onclick = async () => { await this.report(command("preset", { name })); this.refresh(); };
+      card.onclick = () => this.run("preset", { name });
       element(card, "b", {}, name[0].toUpperCase() + name.slice(1));
       const numbers = Object.entries(values).map(([what, value]) => `${what.replaceAll("_", " ")} ${value}${what.endsWith("acceleration") ? "°/s²" : "°/s"}`);
       element(card, "span", {}, numbers.join(", ") || "the values that the page found first");
-    });
+    }, (card, [name]) => card.setAttribute("aria-pressed", name === chosen));
   }
 
   group(one) {
@@ -131,8 +131,7 @@ export class Tuning {
     const set = async (input, value) => {
       if (known.about.careful && !(await this.ask(`${one.label}: ${known.about.value} becomes ${value}. This value protects the servos.`))) return known.show(known.about.value, true);
       hold(input);
-      const outcome = await this.report(command("set", { node: one.node, name: one.name, value }));
-      if (!outcome.done) known.show(known.about.value, true);
+      if (!(await this.run("set", { node: one.node, name: one.name, value }))) known.show(known.about.value, true);
     };
     let input;
     if (isSwitch) {
@@ -241,20 +240,18 @@ export function showHealth(state) {
     element(row, "span", {}, fault.advice);
     if (fault.command && state.can_recover) button(row, "Clear faults", () => command(fault.command));
   }, undefined, (fault) => JSON.stringify([fault, state.can_recover]));
-  rows(by("statuses"), "li", state.health, (row, { name, values }) => {
-    for (const part of ["b", "strong", "span"]) element(row, part);
-    write(row.children[1], name);
-    if (!Object.keys(values).length) return;
-    const details = element(row, "details");
-    element(details, "summary", {}, "Values");
+  rows(by("statuses"), "li", state.health, (row, { name }) => {
+    const details = element(row, "details"), summary = element(details, "summary");
+    for (const part of ["b", "strong", "span"]) element(summary, part);
+    write(summary.children[1], name);
     element(details, "dl");
   }, (row, { level, message, values }) => {
     row.className = level;
-    write(row.children[0], level);
-    write(row.children[2], message);
-    const list = row.querySelector("dl");
-    if (list) rows(list, "div", Object.entries(values), (part, [name, value]) => { element(part, "dt", {}, name); element(part, "dd", {}, value); });
-  }, ({ name, values }) => JSON.stringify([name, Object.keys(values).length > 0]));
+    const [word, , text] = row.querySelector("summary").children;
+    write(word, level);
+    write(text, message);
+    rows(row.querySelector("dl"), "div", Object.entries(values), (part, [name, value]) => { element(part, "dt", {}, name); element(part, "dd", {}, value); });
+  }, ({ name }) => name);
   const tracker = state.health.filter(({ name }) => name === "head_tracker: target");
   const learned = tracker.flatMap(({ values }) => Object.entries(values)).filter(([name]) => name.includes(": "));
   rows(by("learned-values"), "tr", learned, (row, [name]) => { element(row, "th", { scope: "row" }, name); element(row, "td"); }, (row, [, value]) => write(row.lastChild, value), ([name]) => name);
