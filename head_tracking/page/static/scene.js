@@ -1,7 +1,7 @@
 // The robot in 3D, with forward kinematics in the browser.
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
-const MOST_TRAIL = 1500, AHEAD = 0.36, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
+const MOST_TRAIL = 1500, AHEAD = 0.36, NEAREST = 0.2, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
 const FITTED = 0.5, PREDICTED = 0.5, SLOWEST = 0.02, CERTAIN = 4; // s, s, m/s, standard deviations
 const CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // pixels, ms
 const FROM = new THREE.Vector3(-0.55, -0.7, 0.4).normalize(), SHARE = 0.85; // from where one looks; of the view, for what is shown
@@ -238,7 +238,7 @@ export class RobotScene {
     }
     draw(this.trail, this.points.map(({ at }) => at));
     draw(this.prediction, pathAhead(this.points, stamp));
-    if (!this.moved && !(this.framed && this.sees())) this.frame();
+    if (!this.moved && !(this.framed && this.sees(this.places()))) this.frame();
     this.request();
   }
 
@@ -250,29 +250,25 @@ export class RobotScene {
     if (body.isEmpty() || !Number.isFinite(body.getSize(head).length())) return;
     (this.cone ?? this.root).getWorldPosition(head);
     for (const place of this.places()) this.kept.expandByPoint(place.sub(head).clampLength(0, SIGHT).add(head));
-    this.camera.position.copy(FROM);
-    this.camera.lookAt(0, 0, 0);
-    const turn = this.camera.quaternion.clone(), back = turn.clone().invert();
-    const seen = [body, this.kept].filter((box) => !box.isEmpty()).flatMap(cornersOf).map((corner) => corner.applyQuaternion(back));
-    const up = SHARE * Math.tan((this.camera.fov * Math.PI) / 360), across = up * this.camera.aspect;
-    const most = (of) => Math.max(...seen.map(of));
-    const right = most(({ x, z }) => x + z * across), left = most(({ x, z }) => z * across - x);
-    const top = most(({ y, z }) => y + z * up), bottom = most(({ y, z }) => z * up - y);
-    const far = Math.max((right + left) / (2 * across), (top + bottom) / (2 * up));
-    this.camera.position.set((right - left) / 2, (top - bottom) / 2, far).applyQuaternion(turn);
-    this.controls.target.copy(this.camera.position).addScaledVector(FROM, -this.camera.position.distanceTo(head));
-    this.controls.update();
+    const corners = [body, this.kept].filter((box) => !box.isEmpty()).flatMap(cornersOf);
+    body.union(this.kept).getCenter(this.controls.target);
+    for (let away = NEAREST; away < FARTHEST; away *= 1.03) {
+      this.camera.position.copy(this.controls.target).addScaledVector(FROM, away);
+      this.controls.update();
+      this.camera.updateMatrixWorld();
+      if (this.sees(corners, SHARE)) break;
+    }
     this.framed = true;
     this.request();
   }
 
   /** Return the places of the target and of the picture. */
   places() {
-    return [this.target.visible && this.target, this.screen?.visible && this.screen].filter(Boolean).map((one) => one.getWorldPosition(new THREE.Vector3()));
+    return [this.target, this.screen].filter((one) => one?.visible).map((one) => one.getWorldPosition(new THREE.Vector3()));
   }
 
-  /** Return whether the view has these places. */
-  sees() {
-    return this.places().map((place) => place.project(this.camera)).every(({ x, y }) => Math.max(Math.abs(x), Math.abs(y)) < 1);
+  /** Return whether this share of the view has these places. */
+  sees(places, share = 1) {
+    return places.map((place) => place.clone().project(this.camera)).every(({ x, y, z }) => Math.max(Math.abs(x), Math.abs(y)) < share && z < 1);
   }
 }
