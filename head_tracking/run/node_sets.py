@@ -80,15 +80,15 @@ SCENES: Mapping[str, str] = {spec.target: spec.scene for spec in DETECTORS.value
 """What the simulated camera draws for a target that is detected in images."""
 
 
-def simulated_camera(scene: str) -> NodeSpec:
-    """Return the camera of a simulated head, with small images to save processor time."""
-    size = {"width": 320, "height": 240}
+def simulated_camera(scene: str, width: int = 320) -> NodeSpec:
+    """Return the camera of a simulated head, by default with small images, to save time."""
+    size = {"width": width, "height": width * 3 // 4}
     return NodeSpec("simulated_camera", ("buffer",), {"scene": scene, **size}, VISION)
 
 
 VIEWER = NodeSpec("viewer", process=PAGE)
 
-CAMERA = simulated_camera("everything")
+CAMERA = simulated_camera("everything", 640)
 """What the page shows of a simulated head whose target needs no camera."""
 
 

@@ -174,10 +174,10 @@ def test_the_page_shows_the_target_as_the_camera_sees_it_and_subscribes_only_the
 
     def ball() -> bool:
         picture = seen.topics.picture("/image")
-        # a ball of 6 cm at 1 m, in a picture with 293 pixels per rad: a head that looks at it
+        # a ball of 6 cm at 1 m, in a picture with 586 pixels per rad: a head that looks at it
         return (
             picture is not None
-            and magenta(np.asarray(image_of(picture.message))[70:170, 110:210]) > 300
+            and magenta(np.asarray(image_of(picture.message))[140:340, 220:420]) > 1200
         )
 
     wait_for(ball)
