@@ -4,7 +4,7 @@ import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 const MOST_TRAIL = 1500, AHEAD = 0.36, NEAREST = 0.2, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
 const FITTED = 0.5, PREDICTED = 0.5, SLOWEST = 0.02, CERTAIN = 4; // s, s, m/s, standard deviations
 const CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // pixels, ms
-const FROM = new THREE.Vector3(-0.55, -0.7, 0.4).normalize(), SHARE = 0.85; // from where one looks; of the view, for what is shown
+const FROM = new THREE.Vector3(-0.75, -0.55, 0.36).normalize(), SHARE = 0.85; // from where one looks; of the view, for what is shown
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff };
 
 function lineOf(colour, points) {
@@ -230,7 +230,10 @@ export class RobotScene {
     }
     this.target.visible = Boolean(target);
     const before = this.points.at(-1);
-    if (!target || (before && (targetStamp < before.stamp || Math.hypot(...target.map((value, axis) => value - before.at[axis])) > 0.3))) this.points = [];
+    if (!target || (before && (targetStamp < before.stamp || Math.hypot(...target.map((value, axis) => value - before.at[axis])) > 0.3))) {
+      this.points = [];
+      this.kept.makeEmpty();
+    }
     if (target) {
       this.target.position.set(...target);
       if (targetStamp !== this.points.at(-1)?.stamp) this.points.push({ stamp: targetStamp, at: target });
