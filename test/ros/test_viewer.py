@@ -413,6 +413,7 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
     open_tab(page, "live")
     choose(page, "source", "/camera/image")
     wait_for(lambda: page.evaluate(MEAN_COLOUR) == pytest.approx([250, 120, 10], abs=6))
+    page.wait_for_function("headPage.camera.size")
     assert page.evaluate(LOADING) == [0, 1]
     page.evaluate(MARKED)
     box = page.locator("#labels").bounding_box()
