@@ -11,18 +11,17 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any
-from urllib.parse import quote
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import Message, Receive, Scope, Send
@@ -49,7 +48,6 @@ _START, _END = 10.0, 2.0  # s
 _PORTS = 20  # that are tried
 _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
 _MESSAGES = 200.0  # per second; a browser sends one for each state
-_PART = 64 * 1024  # bytes of a recording that are read at a time
 _RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
 _UNWATCHED = 0.5  # s between polls while no browser watches
 
@@ -219,7 +217,9 @@ class Page:
             "recordings": lambda _: [
                 {"name": file.name, "size": file.stat().st_size} for file in robot.recorder.files()
             ],
-            "recordings/{name}": lambda at: _download(self._recording(at["name"])),
+            "recordings/{name}": lambda at: FileResponse(
+                self._recording(at["name"]), media_type="application/mcap", filename=at["name"]
+            ),
             "replay/{key}/at": lambda at: replays.at(at["key"], float(at["time"])),
             "replay/{key}/picture": lambda at: _picture(
                 replays.picture(at["key"], float(at["time"]))
@@ -443,23 +443,6 @@ def _mesh(meshes: tuple[bytes, ...], number: int) -> Response:
 
 def _picture(picture: bytes | None) -> Response:
     return Response(picture, status_code=204 if picture is None else 200)
-
-
-def _download(recording: Path) -> Response:
-    file, size = recording.open("rb"), recording.stat().st_size
-    headers = {
-        "Content-Disposition": f"attachment; filename*=utf-8''{quote(recording.name)}",
-        "Content-Length": str(size),
-    }
-    return StreamingResponse(_parts(file, size), headers=headers, media_type="application/mcap")
-
-
-def _parts(file: IO[bytes], size: int) -> Iterator[bytes]:
-    """Yield the first bytes of a file, which may still grow, and close it."""
-    with file:
-        while size > 0 and (part := file.read(min(size, _PART))):
-            size -= len(part)
-            yield part
 
 
 def _listening(host: str, port: int) -> socket.socket:

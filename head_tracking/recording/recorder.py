@@ -93,9 +93,10 @@ class Recorder:
         return "" if session is None else session.status()
 
     def files(self) -> tuple[Path, ...]:
-        """Return the recordings, latest first."""
+        """Return the recordings that are complete, latest first."""
         with contextlib.suppress(OSError):
-            return tuple(sorted(self._directory.glob("*.mcap"), reverse=True))
+            found = sorted(self._directory.glob("*.mcap"), reverse=True)
+            return tuple(file for file in found if file != self.file)
         return ()
 
     def start(self) -> str:
