@@ -143,7 +143,9 @@ def test_invalid_claims_are_ignored(node):
     other = node()
     publisher = other.create_publisher(String, "head_claim", LATCHED)
     wait_for(publisher.get_subscription_count)
-    for data in ("", "7", "{}", json.dumps({"rank": [None], "head": 3})):
+    for rank in ([None], [], [False], [None] * 4, [False, False, 10**400, ""]):
+        publisher.publish(String(data=json.dumps({"rank": rank, "head": 3})))
+    for data in ("", "7", "{}", "[" * 100_000):
         publisher.publish(String(data=data))
     wait_for(lambda: other.count_publishers("head_claim") == 2)
     time.sleep(0.1)

@@ -61,13 +61,17 @@ class HeadClaim:
     def _on_claim(self, message: String) -> None:
         try:
             claim = json.loads(message.data)
-            rank, head = list(claim["rank"]), str(claim["head"])
+            simulated, searches, began, name = claim["rank"]
+            rank, head = [bool(simulated), bool(searches), float(began), str(name)], claim["head"]
             if rank < self._rank:
-                self._first = head
-            elif rank != self._rank and not rank[1]:
+                self._first = str(head)
+            elif rank != self._rank and not searches:
                 self._log.warning(f"another head is in this graph: {head}; this one continues")
-        except (ValueError, TypeError, KeyError, IndexError):
-            self._log.warning(f"head_claim: {message.data[:80]!r} is not the claim of a head")
+        except Exception:  # a RecursionError, too
+            self._log.warning(
+                f"head_claim: {message.data[:80]!r} is not the claim of a head",
+                throttle_duration_sec=1.0,
+            )
 
 
 def is_heard_elsewhere(environment: Mapping[str, str]) -> bool:
