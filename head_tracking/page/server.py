@@ -49,7 +49,7 @@ _PORTS = 20  # that are tried
 _PACE, _BURST = 0.005, 0.2  # s between two requests; eight browsers send one in 0.008 s at most
 _MESSAGES = 200.0  # per second; a browser sends one for each state
 _RECEIVED = 16 * 1024  # bytes of a connection that wait: they are parsed before others are served
-_UNWATCHED = 0.5  # s between polls while no browser watches
+_PERIOD, _UNWATCHED = 0.05, 0.5  # s between samples for browsers, and between polls without
 
 _LAST = 50  # the number of requests after which one ends its connection: uvicorn reads on for each
 _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of STOP
@@ -67,7 +67,7 @@ A text or None tells that a command was carried out. Raises one of `_REFUSED` if
 
 @dataclass(frozen=True, slots=True)
 class PageParameters:
-    """Where the page is, and how often it is brought up to date."""
+    """Where the page is, and for how many browsers."""
 
     host: str = parameter(
         "127.0.0.1",
@@ -83,9 +83,6 @@ class PageParameters:
     )
     max_browsers: int = parameter(
         8, "Browsers that may show the page at a time.", minimum=1, maximum=100, fixed=True
-    )
-    rate: float = parameter(
-        20.0, "States per second.", unit="Hz", minimum=1.0, maximum=60.0, fixed=True
     )
     horizontal_view: float = parameter(
         1.0,
@@ -119,7 +116,7 @@ class Page:
         self._robot = robot
         self._live = Live(robot, parameters.horizontal_view, report)
         self._replays = Replays(robot)
-        self._limit, self._period = parameters.max_browsers, 1.0 / parameters.rate
+        self._limit = parameters.max_browsers
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._sampled = asyncio.Event()
         self._ending = threading.Event()
@@ -196,7 +193,7 @@ class Page:
                 loop.call_soon_threadsafe(self._offer)
             else:
                 self._live.poll()
-            period = self._period if watchers else _UNWATCHED
+            period = _PERIOD if watchers else _UNWATCHED
             pause = max(start + period - time.monotonic(), 0.1 * period)
 
     def _offer(self) -> None:

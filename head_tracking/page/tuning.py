@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,9 +11,6 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import CONTROLLERS, POINTER, SENDERS, TRACKER
 from head_tracking.ros.kit.others import OtherParameters, Setting
 from head_tracking.tracking import LAWS, LearningParameters
-
-_DECADES = 99.0
-"""Ranges of at least this ratio have a logarithmic slider: two decades, rounded in degrees."""
 
 _ROUNDED = 0.005  # largest relative error: a slider sends three digits
 
@@ -57,7 +53,6 @@ class Tuning:
     def __init__(self, parameters: OtherParameters) -> None:
         self._parameters = parameters
         self._found: dict[tuple[str, str], Any] = {}
-        self._lock = threading.Lock()
 
     def listed(self) -> list[dict[str, Any]]:
         """Return the parameters that have an effect, for JSON; see `described`."""
@@ -111,9 +106,8 @@ class Tuning:
 
     def _settings(self) -> tuple[Setting, ...]:
         settings = self._parameters.settings()
-        with self._lock:
-            for one in settings:
-                self._found.setdefault((one.node, one.name), one.value)
+        for one in settings:
+            self._found.setdefault((one.node, one.name), one.value)
         return settings
 
     def _set_all(self, wanted: Sequence[tuple[Setting, Any]]) -> str:
@@ -132,18 +126,16 @@ def described(setting: Setting) -> dict[str, Any]:
     """Return a parameter for JSON: its value, range and label in the page's unit."""
     factor = _factor(setting)
     low, high = factor * setting.minimum, factor * setting.maximum
-    value = shown_value(setting)
     return {
         "node": setting.node,
         "name": setting.name,
         "label": label(setting),
         "unit": _unit(setting),
         "hint": setting.description,
-        "value": value,
+        "value": shown_value(setting),
         "whole": isinstance(setting.value, int) and not isinstance(setting.value, bool),
         "low": low if math.isfinite(low) else None,
         "high": high if math.isfinite(high) else None,
-        "logarithmic": _spans_decades(low, high, value),
         "choices": list(setting.choices),
         "expert": _is_expert(setting),
         "learning": _base(setting.node) == TRACKER and setting.name in _LEARNING,
@@ -208,12 +200,6 @@ def finite(shown: Any) -> float:
     return number
 
 
-def _spans_decades(low: float, high: float, value: Any) -> bool:
-    """Return whether a range, or what lies between the value and its maximum, spans decades."""
-    is_number = isinstance(value, (int, float)) and math.isfinite(high)
-    return is_number and low >= 0.0 and high >= _DECADES * (low or value)
-
-
 def _factor(setting: Setting) -> float:
     """Return the page's unit; what replaces a learned value has the unit of that."""
     angle = isinstance(setting.value, float) and setting.unit in _DEGREES
@@ -221,7 +207,8 @@ def _factor(setting: Setting) -> float:
 
 
 def _unit(setting: Setting) -> str:
-    return setting.unit if _factor(setting) == 1.0 else _DEGREES[setting.unit]
+    unit = setting.unit if _factor(setting) == 1.0 else _DEGREES[setting.unit]
+    return unit.replace("^2", "²")
 
 
 def _base(node: str) -> str:

@@ -1,7 +1,7 @@
 // The tabs Joints, Tune, Health and Record.
 import { button, by, command, degrees, element, get, hold, isHeld, latestOnly, offer, radians, rows, send, toast, write } from "./dom.js";
 
-const REFRESH = 1000, STEP = 0.002; // ms, of a slider
+const REFRESH = 1000, STEP = 0.002, WIDE = 99; // ms, of a slider, ratio
 const isSlide = (joint) => joint.type === "prismatic";
 const shown = (joint, position) => (isSlide(joint) ? 1000 * position : degrees(position));
 const meant = (joint, value) => (isSlide(joint) ? value / 1000 : radians(value));
@@ -10,16 +10,16 @@ export class Joints {
   /** @param {(joints: Object<string, number>) => void} aim receives joint positions [rad or m]. */
   constructor(aim) {
     this.aim = aim;
-    by("middle").onclick = () => this.all((low, high) => (low <= 0 && high >= 0 ? 0 : (low + high) / 2));
-    by("randomise").onclick = () => this.all((low, high) => low + Math.random() * (high - low));
+    by("middle").onclick = () => this.centre();
     by("torque-on").onclick = () => command("torque", { on: true });
     this.sliders = [];
   }
 
-  all(choose) {
+  /** Move all joints to 0, or to the middle of limits that do not have it. */
+  centre() {
     const movable = this.sliders.filter(({ slider }) => !slider.disabled);
     if (!movable.length) return toast("No joint can be moved from here. Is the head stopped, or torque off?");
-    this.aim(Object.fromEntries(movable.map(({ joint }) => [joint.name, choose(...joint.limits)])));
+    this.aim(Object.fromEntries(movable.map(({ joint: { name, limits: [low, high] } }) => [name, low <= 0 && high >= 0 ? 0 : (low + high) / 2])));
   }
 
   setRobot(robot) {
@@ -160,12 +160,12 @@ export class Tuning {
     return known;
   }
 
-  /** Add a slider beside a number; logarithmic over decades, with 0 at its left end. One across 0 has a step that is 0. */
+  /** Add a slider beside a number, finer at its left end if the range is wide. One across 0 has a step that is 0. */
   addSlider(row, known, input, set) {
-    const { low, high, logarithmic, whole, label } = known.about;
-    const least = low > 0 ? low : high / 1e4;
-    const toValue = (share) => (!logarithmic ? low + share * (high - low) : share === 0 ? low : least * (high / least) ** share);
-    const toShare = (value) => (!logarithmic ? (value - low) / (high - low || 1) : value <= least ? 0 : Math.log(value / least) / Math.log(high / least));
+    const { low, high, whole, label, value: present } = known.about;
+    const power = low >= 0 && high >= WIDE * (low || present) ? 4 : 1;
+    const toValue = (share) => low + share ** power * (high - low);
+    const toShare = (value) => (Math.max(0, value - low) / (high - low || 1)) ** (1 / power);
     const slider = element(row, "input", { type: "range", min: 0, max: 1, step: STEP, "aria-label": label });
     const value = () => { const found = toValue(Number(slider.value)), exact = low < 0 && Math.abs(found) < (STEP * (high - low)) / 2 ? 0 : found; return whole ? Math.round(exact) : Number(exact.toPrecision(3)); };
     slider.oninput = () => { hold(input); hold(slider); input.value = value(); };
