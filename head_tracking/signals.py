@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import threading
 import time
@@ -19,15 +20,19 @@ def ending_signals(*others: signal.Signals) -> Iterator[None]:
     """Raise KeyboardInterrupt at signals that would end the process and leave servos as they are.
 
     Further ones within a second would interrupt what relaxes the servos, and are ignored. Signals
-    that were ignored before stay ignored: nohup does that.
+    that were ignored before stay ignored: nohup does that. They end forks of the process, such as
+    the workers of a pool.
 
     Args:
         others: further signals, such as SIGINT, which Python handles in the same way each time.
     """
-    raised = -math.inf
+    raised, process = -math.inf, os.getpid()
 
     def interrupt(number: int, _frame: FrameType | None) -> None:
         nonlocal raised
+        if os.getpid() != process:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
         now = time.monotonic()
         if now - raised > _ONCE:
             raised = now

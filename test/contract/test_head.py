@@ -643,3 +643,19 @@ def test_the_end_of_the_program_relaxes_the_servos(servos):
     program = run_until_it_turns(servos, f"head.look_at({LEFT}, max_velocity=0.2, timeout=3.0)\n")
     assert program.wait(PATIENCE) == 0
     wait_for(lambda: servos.torque == [0, 0])
+
+
+def test_a_fork_of_the_program_ends_by_a_signal_as_usual():
+    """As a pool ends its workers; one that raises an error instead may keep the pool's locks."""
+    program = """
+import multiprocessing, time
+from head_tracking import Head
+with Head.simulated():
+    fork = multiprocessing.get_context("fork").Process(target=time.sleep, args=[60])
+    fork.start()
+    fork.terminate()
+    fork.join()
+    print(fork.exitcode)
+"""
+    ended = run_python("-c", program)
+    assert (ended.stdout, ended.stderr) == (f"{-signal.SIGTERM}\n", "")
