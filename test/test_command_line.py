@@ -152,6 +152,8 @@ def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, mo
         "--params nothing.yaml",
         "--without servo_bus",
         "--robot nobot",
+        "--ros-args -r __node:=head",
+        "--ros-args --remap __name:=head",
     ],
 )
 def test_a_run_with_a_wrong_option_is_refused(

@@ -19,6 +19,7 @@ from head_tracking.command_line import (
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page import MISSING, installed
 from head_tracking.programs import COMMANDS, has_ros
+from head_tracking.ros.kit.head_lock import node_name
 from head_tracking.run.node_sets import (
     CAMERA,
     FEEDS_BUFFER,
@@ -138,6 +139,12 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     options = parser.parse_args(with_negative_values(without_ros_arguments(arguments)))
     if options.viewer and has_ros() and not installed():  # without ROS nothing runs
         parser.error(MISSING)
+    if name := node_name(arguments, ""):
+        parser.error(
+            f"all nodes of the run would be named {name!r}, and have no parameters of their own: "
+            "leave out -r __node:= (in a launch file: name=), or rename one node, such as "
+            "-r head_tracker:__node:=tracker"
+        )
     usual = "fictitious" if options.sim and options.mode == "track" else "none"
     targets, scene = options.target or _target(usual)
     page = [VIEWER] if options.viewer else []

@@ -138,17 +138,17 @@ class HeadLock:
 
 def namespace(arguments: Sequence[str]) -> str:
     """Return the namespace that arguments of ROS give to all nodes, such as /second, or /."""
-    return "/" + _renamed(arguments, "__ns", "").strip("/")
+    return "/" + _renamed(arguments, ("__ns",), "").strip("/")
 
 
 def node_name(arguments: Sequence[str], usual: str) -> str:
-    """Return the name that arguments of ROS give to the only node of a program."""
-    return _renamed(arguments, "__node", usual)
+    """Return the name that arguments of ROS give to all nodes of a program."""
+    return _renamed(arguments, ("__node", "__name"), usual)
 
 
-def _renamed(arguments: Sequence[str], what: str, usual: str) -> str:
+def _renamed(arguments: Sequence[str], what: tuple[str, ...], usual: str) -> str:
     rules = [rule for word, rule in pairwise(arguments) if word in ("-r", "--remap")]
-    given = [name for rule, _, name in (rule.partition(":=") for rule in rules) if rule == what]
+    given = [name for rule, _, name in (rule.partition(":=") for rule in rules) if rule in what]
     return given[0] if given else usual  # ROS uses the first rule
 
 
