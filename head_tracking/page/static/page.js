@@ -147,7 +147,8 @@ class Page {
       if (message.type === "about") return this.showAbout(message);
       if (!this.replay.opened) this.show(message);
       await this.picture;
-      setTimeout(() => { if (socket.readyState === WebSocket.OPEN) socket.send("got"); }); // after a click that waits
+      if (!document.hidden) await new Promise((go) => setTimeout(go)); // to a click that waits; a hidden page would pause for long
+      if (socket.readyState === WebSocket.OPEN) socket.send("got");
     };
     socket.onclose = ({ code, reason }) => {
       this.setSilent(code === 4008 ? reason : "the page's server does not answer; trying again");
