@@ -27,6 +27,7 @@ class Word(StrEnum):
     MOVING = "moving"
     ON_TARGET = "on target"
     HOLDING = "holding"
+    WAITING = "waiting"
 
 
 class Summary(NamedTuple):
@@ -92,7 +93,7 @@ def head_status(
     if not live.controller:
         return Summary(Word.HOLDING, "no controller is enabled")
     if is_sought:
-        return Summary(Word.HOLDING, f"no {sought} in view: press Centre, or aim and choose again")
+        return Summary(Word.WAITING, f"no {sought} in view: press Centre, or aim and choose again")
     word = _WORDS.get(live.state)
     if word is None:  # point_head, or a tracker without a target
         if live.error is not None and live.error < _ON_TARGET:

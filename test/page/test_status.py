@@ -107,4 +107,4 @@ def test_a_node_that_has_gone_or_is_silent_is_named_once():
 def test_what_the_camera_does_not_see_is_named(state, is_named):
     live = replace(LIVE, state=state, refusal="too old")  # of what was followed before
     found = head_status(live, (), ON, stopped=False, sought="face")
-    assert ("face" in found.reason) is is_named
+    assert ("face" in found.reason) is is_named is (found.word is Word.WAITING)
