@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -131,25 +132,25 @@ def visit(viewer, browser) -> Iterator[Callable[..., Any]]:
         yield visit
 
 
-@pytest.fixture
-def camera(robot) -> Iterator[Callable[[], None]]:
-    """Publish orange pictures until this is called, or the test ends."""
-    orange = np.tile(np.array([250, 120, 10], np.uint8), (60, 80, 1))
+@pytest.fixture(scope="module")
+def pictures(robot) -> Event:
+    """While this is set, a camera publishes orange pictures."""
+    orange, publishing = np.tile(np.array([250, 120, 10], np.uint8), (60, 80, 1)), Event()
     publisher = robot.node.create_publisher(Image, "camera/image", 1)
-    timer = robot.node.create_timer(
-        0.1, lambda: publisher.publish(image_message(Header(), "rgb8", orange))
-    )
 
-    def destroy() -> None:
-        robot.node.destroy_timer(timer)
-        robot.node.destroy_publisher(publisher)
+    def publish() -> None:
+        if publishing.is_set():
+            publisher.publish(image_message(Header(), "rgb8", orange))
 
-    def end() -> None:
-        # in the thread that publishes, or it would use what is destroyed
-        wait_for(robot.node.executor.create_task(destroy).done)
+    robot.node.create_timer(0.1, publish)
+    return publishing
 
-    yield end
-    end()
+
+@pytest.fixture
+def camera(pictures) -> Iterator[Event]:
+    pictures.set()
+    yield pictures
+    pictures.clear()
 
 
 FAILED = [0]
@@ -418,7 +419,7 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
     wait_for(lambda: page.evaluate(MEAN_COLOUR) is None)
     choose(page, "source", "/camera/image")
     wait_for(lambda: "Live" in page.text_content("#fps"))
-    camera()
+    camera.clear()
     wait_for(lambda: page.text_content("#fps") == "no new picture")
     choose(page, "source", "")
 
