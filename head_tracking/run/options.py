@@ -141,9 +141,8 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
         parser.error(MISSING)
     if name := node_name(arguments, ""):
         parser.error(
-            f"all nodes of the run would be named {name!r}, and have no parameters of their own: "
-            "leave out -r __node:= (in a launch file: name=), or rename one node, such as "
-            "-r head_tracker:__node:=tracker"
+            f"all nodes of the run would be named {name!r}, and have no parameters of their own; "
+            "leave out -r __node:=, which name= in a launch file sets"
         )
     usual = "fictitious" if options.sim and options.mode == "track" else "none"
     targets, scene = options.target or _target(usual)
