@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent import futures
@@ -290,7 +291,8 @@ def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink
     except EndRequestedError:
         status.end("stopped during the start")
     except Exception as error:
-        status.end(f"head_tracking: {describe(error)}")
+        status.end("")
+        print(f"head_tracking: {describe(error)}", file=sys.stderr)
         return 1
     finally:
         link.send(servos=[])  # they are relaxed, or the output names those that are not

@@ -54,10 +54,10 @@ class StatusLine:
                 self._write(f"{text}\n")
 
     def end(self, text: str) -> None:
-        """Replace the status by a last text."""
+        """Replace the status by a last text; empty: remove it."""
         with self._lock:
             self._has_ended = True
-            self._write((CLEAR_LINE if self._is_terminal else "") + text + "\n")
+            self._write((CLEAR_LINE if self._is_terminal else "") + (text and f"{text}\n"))
 
     def _fit(self, parts: Sequence[str]) -> str:
         """Return the parts that fit into one line of the terminal."""

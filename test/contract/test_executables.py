@@ -69,7 +69,6 @@ def test_a_target_node_reports_the_package_that_is_missing(bench, words, package
     ("words", "code", "fact"),
     [
         ("head_tracking --simm", 2, "--simm"),
-        ("head_tracking --port /dev/ttyNOT0", 1, "/dev/ttyNOT0"),
         ("head_tracking --sim --ros-args -p arm:update_rate:=40.0", 1, "arm"),
         (
             "head_tracking --sim --ros-args -r __ns:=/left -p servo_bus:updat_rate:=40.0",
@@ -107,6 +106,13 @@ def test_usage_errors_have_an_exit_code_and_name_the_fact(bench, words, code, fa
     assert program.end() == code, program.output
     assert program.output
     assert fact in program.output
+
+
+def test_a_run_that_cannot_start_reports_the_reason_on_standard_error(bench):
+    words = ("-m", "head_tracking", "--port", "/dev/ttyNOT0")
+    done = run_python(*words, ROS_DOMAIN_ID=bench.domain)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "/dev/ttyNOT0" in done.stderr
 
 
 def test_every_node_runs_alone_and_ends_at_ctrl_c(bench):
