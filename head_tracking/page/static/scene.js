@@ -2,7 +2,7 @@
 import { THREE, GLTFLoader, OrbitControls, STLLoader } from "nicegui-scene";
 
 const MOST_TRAIL = 1500, AHEAD = 0.36, NEAREST = 0.2, FARTHEST = 20, SIGHT = 3, TRAIL = 5, ASPECT = 4 / 3; // m, s
-const FITTED = 0.5, PREDICTED = 0.5, SLOWEST = 0.02, CERTAIN = 4; // s, s, m/s, standard deviations
+const FITTED = 0.5, PREDICTED = 0.5, SLOWEST = 0.15; // s, s, m/s
 const CLICK = 6, PERIOD = 33, SLOW_PERIOD = 250; // pixels, ms
 const FROM = new THREE.Vector3(-0.75, -0.55, 0.36).normalize(), SHARE = 0.85; // from where one looks; of the view, for what is shown
 const COLOURS = { target: 0xd22699, trail: 0xe060b8, prediction: 0xfaa028, "line of sight": 0x28a050, "view cone": 0x5b8cff };
@@ -22,18 +22,13 @@ function draw(line, points) {
   line.geometry.setDrawRange(0, points.length);
 }
 
-/** Return both ends of a target's path in the next moment, by a line through its last points; empty if it may be at rest. */
-export function pathAhead(points, now) {
-  const last = points.at(-1)?.stamp, recent = points.filter(({ stamp }) => stamp > last - FITTED);
-  if (recent.length < 4 || now - last > FITTED) return [];
-  const mean = (of) => recent.reduce((sum, one) => sum + of(one), 0) / recent.length;
-  const middle = mean(({ stamp }) => stamp), spread = mean(({ stamp }) => (stamp - middle) ** 2);
-  const centre = [0, 1, 2].map((axis) => mean(({ at }) => at[axis]));
-  const speeds = centre.map((value, axis) => mean(({ stamp, at }) => (stamp - middle) * (at[axis] - value)) / spread);
-  const place = (stamp) => centre.map((value, axis) => value + speeds[axis] * (stamp - middle));
-  const error = mean(({ stamp, at }) => Math.hypot(...place(stamp).map((value, axis) => value - at[axis])) ** 2);
-  const deviation = Math.sqrt(error / (spread * (recent.length - 2)));
-  return Math.hypot(...speeds) < Math.max(SLOWEST, CERTAIN * deviation) ? [] : [place(last), place(now + PREDICTED)];
+/** Return both ends of a target's path in the next moment, by its last points; empty if it may be at rest. */
+function pathAhead(points, now) {
+  const last = points.at(-1), first = points.find(({ stamp }) => stamp > last.stamp - FITTED);
+  const seconds = last?.stamp - first?.stamp;
+  if (!(seconds > FITTED / 2) || now - last.stamp > FITTED) return [];
+  const speed = last.at.map((value, axis) => (value - first.at[axis]) / seconds);
+  return Math.hypot(...speed) < SLOWEST ? [] : [last.at, last.at.map((value, axis) => value + speed[axis] * (now + PREDICTED - last.stamp))];
 }
 
 function put(node, [x, y, z, qx, qy, qz, qw]) {
