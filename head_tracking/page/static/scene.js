@@ -242,12 +242,11 @@ export class RobotScene {
 
   /** Fit the view to the robot, and to where its target and picture have been, until the user moves it. */
   frame() {
-    const body = new THREE.Box3(), head = new THREE.Vector3();
+    const body = new THREE.Box3();
     this.root.updateWorldMatrix(true, true);
     this.root.traverse((node) => { if (node.isMesh) body.expandByObject(node); });
-    if (body.isEmpty() || !Number.isFinite(body.getSize(head).length())) return;
-    (this.cone ?? this.root).getWorldPosition(head);
-    for (const place of this.places()) this.kept.expandByPoint(place.sub(head).clampLength(0, SIGHT).add(head));
+    if (body.isEmpty() || !Number.isFinite(body.getSize(new THREE.Vector3()).length())) return;
+    for (const place of this.places()) this.kept.expandByPoint(place);
     const corners = [body, this.kept].filter((box) => !box.isEmpty()).flatMap(cornersOf);
     body.union(this.kept).getCenter(this.controls.target);
     for (let away = NEAREST; away < FARTHEST; away *= 1.03) {
@@ -260,9 +259,10 @@ export class RobotScene {
     this.request();
   }
 
-  /** Return the places of the target and of the picture. */
+  /** Return the places of the target, or of one nearer in its direction, and of the picture. */
   places() {
-    return [this.target, this.screen].filter((one) => one?.visible).map((one) => one.getWorldPosition(new THREE.Vector3()));
+    const place = (one) => one.getWorldPosition(new THREE.Vector3()), head = place(this.cone ?? this.root);
+    return [this.target, this.screen].filter((one) => one?.visible).map((one) => place(one).sub(head).clampLength(0, SIGHT).add(head));
   }
 
   /** Return whether this share of the view has these places. */
