@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
 
 from head_tracking.cli.client import Client, run_client
@@ -14,6 +15,7 @@ from head_tracking.command_line import point_in_frame, seconds, with_negative_va
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import Arrival
 from head_tracking.ros.kit.target_point import target_message
+from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.tracking import Target
 from head_tracking.transforms import LATEST, TransformException
 
@@ -44,6 +46,14 @@ def look(client: Client, options: argparse.Namespace) -> None:
         _wait(options, lambda: math.dist(positions(), centre))
         return
     point, frame = options.where
+    troubles: dict[str, str] = {}
+
+    def on_status(message: DiagnosticStatus) -> None:
+        is_good = message.level == DiagnosticStatus.OK
+        troubles[message.name] = "" if is_good else f"; {message.name} is {message.message}"
+
+    for node in ("head_tracker", "point_head"):
+        client.node.create_subscription(DiagnosticStatus, f"{node}/status", on_status, LATCHED)
     targets = client.node.create_publisher(PointStamped, "target_point", 10)
     client.wait_for(
         lambda: targets.get_subscription_count() > 0,
@@ -62,15 +72,16 @@ def look(client: Client, options: argparse.Namespace) -> None:
         targets.publish(target_message(Target(LATEST, frame, point)))
         return head.miss(seen, *positions())
 
-    def others() -> str:
+    def reasons() -> str:
         count = client.node.count_publishers(targets.topic_name) - 1
-        return f"; {count} other publishers of target_point: end them" if count else ""
+        others = f"; {count} other publishers of target_point: end them" if count else ""
+        return "".join(troubles.values()) + others
 
-    _wait(options, miss, others)
+    _wait(options, miss, reasons)
 
 
 def _wait(
-    options: argparse.Namespace, miss: Callable[[], float], others: Callable[[], str] = str
+    options: argparse.Namespace, miss: Callable[[], float], reasons: Callable[[], str] = str
 ) -> None:
     """Call `miss` until the head has arrived."""
     arrival, missed, has_arrived = Arrival(_TOLERANCE, _SETTLE_TIME), math.inf, False
@@ -81,7 +92,7 @@ def _wait(
         time.sleep(_PERIOD)
     text = f"the head misses the target by {math.degrees(missed):.2f} degrees"
     if not has_arrived:
-        raise HeadTrackingError(f"did not arrive: {text}{others()}")
+        raise HeadTrackingError(f"did not arrive: {text}{reasons()}")
     print(f"arrived: {text}")
 
 

@@ -140,14 +140,17 @@ def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
         bench.start("look", place, "--wait", "2") for place in ("-1,0,0.45@base_link", "@nose")
     ]
     assert [look.end() for look in failing] == [1, 1]
-    person.until_done("relax")
+    person.until_done("stop")
+    wait_for(lambda: person.state("point_head") == "disabled")
     look = bench.start("look", "1,1,0@base_link", "--timeout", "1")
     assert look.end() == 1, look.output
+    assert person.latched("point_head/state") in look.output
     look = bench.start("look", "1,1,0@base_link", "--timeout", "60")  # it publishes all the time
     targets = person.hear("target_point", PointStamped)
     wait_for(lambda: targets)
     assert look.end(signal.SIGINT) == 130, look.output
     assert person.looks_at(0.0, 0.0)
+    person.until_done("resume")
 
 
 def test_transforms_of_the_running_head(bench, person):
