@@ -31,6 +31,7 @@ _OVERDUE = 0.45  # s; prediction beyond the lead time while points are overdue
 _CAUTION = 0.5  # of the mean squared error so far ahead, which shortens a prediction
 _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
+_IN_VIEW = 0.4  # rad from its axis a camera sees a lost target
 _SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
 
 
@@ -183,6 +184,12 @@ def _line(a: tuple[float, Ray], b: tuple[float, Ray], time: float) -> Ray:
     return Ray(pan, first.tilt + ratio * (last.tilt - first.tilt), last.distance)
 
 
+def _in_view(wanted: float, places: Sequence[float]) -> float:
+    """Return the angle nearest to `wanted` from which a camera sees all places [rad]."""
+    lower, upper = max(places) - _IN_VIEW, min(places) + _IN_VIEW
+    return min(max(wanted, lower), upper) if lower < upper else 0.5 * (lower + upper)
+
+
 class TargetEstimator:
     """Estimate the pan and tilt that look at the target; its distance is that of the latest point.
 
@@ -282,6 +289,22 @@ class TargetEstimator:
         self._begin([latest], self._snapshots[-1])
         self.estimate = self._described(-1)
         return True
+
+    def lookout(self, now: float) -> Ray:
+        """Return the ray along which a lost target is waited for.
+
+        It is the predicted one, or so far before it that a camera also sees the latest used point
+        and the points that were suspected since. Call it only with an estimate.
+
+        Args:
+            now: the time [s].
+        """
+        assert self.estimate is not None
+        last = self.estimate.ray
+        suspects = [ray for _, ray in self._suspects if self._angle(ray, last) < _FARTHEST_AHEAD]
+        pans, tilts, _ = zip(last, *suspects, strict=True)
+        pan, tilt, distance = self.estimate.ray_at(now)
+        return Ray(_in_view(pan, pans), _in_view(tilt, tilts), distance)
 
     def _judge(self, index: int, stamp: float, ray: Ray) -> Verdict:
         """Use or suspect a point whose place among the others is `index`."""

@@ -255,12 +255,14 @@ class Tracker:
         return None if joints is None else self.law.stop(joints)
 
     def _waiting(self, joints: JointReading, now: float) -> tuple[float, float] | None:
-        """Return pan and tilt that look at where the lost target should be [rad]; None: unknown."""
+        """Return pan and tilt that look at where a lost target may be [rad]; None: unknown."""
         estimate = self.estimator.estimate
-        target = None if estimate is None else self._from_base(estimate, now)
-        if target is None:
+        if estimate is not None:
+            ray = self.estimator.lookout(now)
+            estimate = self._from_base(replace(estimate, ray=ray), now)
+        if estimate is None:
             return None
-        gaze = self.head.gaze_along(target.ray_at(now), *joints.positions)
+        gaze = self.head.gaze_along(estimate.ray, *joints.positions)
         return gaze.pan, gaze.tilt
 
     def _from_base(self, estimate: TargetEstimate, now: float) -> TargetEstimate | None:

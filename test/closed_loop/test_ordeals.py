@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from closed_loop import BASE_FRAME, WEBCAM, ClosedLoop, Conditions
 from plant import PlainServo
-from runs import HEAD, ON_HEAD, from_rest, run, still, swing, tracker
+from runs import HEAD, ON_HEAD, around, from_rest, run, still, swing, tracker
 
 from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
 
@@ -57,6 +57,20 @@ def test_gaps_do_not_carry_the_head_past_its_target():
 
 
 # A base that turns or drives under a target that stands still
+
+
+def hurry(t):
+    """Somebody crosses the view within 0.8 s, and stands."""
+    way = min(max((t - 3.0) / 0.8, 0.0), 1.0)
+    return around(0.5 - way**3 * (10.0 - 15.0 * way + 6.0 * way * way))
+
+
+@pytest.mark.parametrize("hidden", [3.35, 3.4, 3.45, 3.5, 3.55, 3.6])
+def test_who_stops_out_of_sight_is_found_again(hidden):
+    """The prediction leads to a place from which the camera does not see them."""
+    conditions = replace(ON_HEAD, servos=PlainServo(), gaps=((hidden, hidden + 1.2),))
+    assert run(hurry, conditions).recording.between(8.0).rms < 0.01
+
 
 WORLD = (3.0, 0.5, 0.2)  # m
 

@@ -250,6 +250,27 @@ def test_a_target_that_is_lost_has_not_gone_on_if_its_last_point_was_behind():
     assert estimator.estimate.ray_at(1.5).pan == pytest.approx(0.8, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("suspects", "lookout"),
+    [((), 0.0), ((0.3,), 0.0), ((0.5,), 0.1), ((0.5, -0.7), -0.1), ((1.3,), 0.0)],
+)
+def test_a_camera_that_waits_for_a_lost_target_sees_where_it_may_be(suspects, lookout):
+    estimator = fed(lambda t: at(0.0), 1.0)
+    for k, pan in enumerate(suspects):
+        assert estimator.add(1.1 + 0.1 * k, at(pan), 1.1 + 0.1 * k) is Verdict.JUMP
+    assert estimator.lookout(2.0).pan == pytest.approx(lookout, abs=2e-3)
+
+
+def test_a_lost_target_may_have_stopped_on_its_way():
+    estimator = fed(lambda t: at(1.2 * t), 1.0)
+    last = estimator.estimate.ray.pan
+    assert (
+        last + 0.3
+        < estimator.lookout(2.0).pan
+        < min(last + 0.45, estimator.estimate.ray_at(2.0).pan - 0.05)
+    )
+
+
 @pytest.mark.parametrize("rate", [15, 30])
 def test_a_fast_start_is_followed_without_a_stop(rate):
     rnd = random.Random(1)
