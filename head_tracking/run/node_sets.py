@@ -80,15 +80,16 @@ SCENES: Mapping[str, str] = {spec.target: spec.scene for spec in DETECTORS.value
 """What the simulated camera draws for a target that is detected in images."""
 
 
-def simulated_camera(scene: str, width: int = 320) -> NodeSpec:
-    """Return the camera of a simulated head, by default with small images, to save time."""
+def simulated_camera(scene: str, *, shown: bool) -> NodeSpec:
+    """Return the camera of a simulated head, with small images unless a page shows them."""
+    width = 640 if shown else 320
     size = {"width": width, "height": width * 3 // 4}
     return NodeSpec("simulated_camera", ("buffer",), {"scene": scene, **size}, VISION)
 
 
 VIEWER = NodeSpec("viewer", process=PAGE)
 
-CAMERA = simulated_camera("everything", 640)
+CAMERA = simulated_camera("everything", shown=True)
 """What the page shows of a simulated head whose target needs no camera."""
 
 

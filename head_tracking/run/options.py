@@ -148,7 +148,7 @@ def parse_arguments(arguments: Sequence[str]) -> Run:
     targets, scene = options.target or _target(usual)
     page = [VIEWER] if options.viewer else []
     if options.sim and scene:
-        targets = (simulated_camera(scene), *targets)
+        targets = (simulated_camera(scene, shown=options.viewer), *targets)
     elif options.sim and options.viewer and find_spec("cv2") is not None:
         page.append(CAMERA)  # last: nothing else waits for it
     port = {} if options.port is None else {"port_name": options.port}
