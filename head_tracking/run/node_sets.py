@@ -82,8 +82,7 @@ SCENES: Mapping[str, str] = {spec.target: spec.scene for spec in DETECTORS.value
 
 def simulated_camera(scene: str, *, shown: bool) -> NodeSpec:
     """Return the camera of a simulated head, with small images unless a page shows them."""
-    width = 640 if shown else 320
-    size = {"width": width, "height": width * 3 // 4}
+    size = {} if shown else {"width": 320, "height": 240}
     return NodeSpec("simulated_camera", ("buffer",), {"scene": scene, **size}, VISION)
 
 
