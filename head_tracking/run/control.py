@@ -53,7 +53,7 @@ class Composition:
         threads: spins the nodes.
         stop: ends the start between two nodes.
         start_elsewhere: starts the nodes of other processes; None: all nodes run in this process.
-        on_servos: receives the node servo_bus before anything is commanded.
+        on_servos: is called once `servo_bus` runs, before anything is commanded.
         owners: of the joints; None: new ones.
 
     Raises:
@@ -73,7 +73,7 @@ class Composition:
         threads: NodeThreads,
         stop: StopSignal,
         start_elsewhere: Callable[[NodeSpec], None] | None = None,
-        on_servos: Callable[[Any], object] = lambda _: None,
+        on_servos: Callable[[Composition], object] = lambda _: None,
         owners: JointOwners | None = None,
     ) -> None:
         self.nodes: dict[str, Any] = {}
@@ -92,7 +92,7 @@ class Composition:
             self._start(spec)
             if spec is plan.nodes[0]:
                 servo_bus = self.nodes[spec.name]
-                on_servos(servo_bus)
+                on_servos(self)
                 if all(other.name != FEEDS_BUFFER for other in plan.nodes):
                     TransformListener(self.buffer, servo_bus, frame_prefix=prefix_of(servo_bus))
 
@@ -145,8 +145,7 @@ class ControlProcess:
         self._reported_servos: list[Any] = []
         self._hint: list[str] = []
         self._page = ["the page starts"] if VIEWER in plan.nodes else []
-        self._owners = JointOwners(exclusive=not plan.options.allow_others)
-        self._servo_bus: Any = None
+        self._head: Composition  # once its servos are ready; no key comes before
 
     def run(self, threads: NodeThreads, kept: KeptStop | None) -> None:
         """Run until `stop`, or until the duration of the plan is over.
@@ -159,10 +158,11 @@ class ControlProcess:
         plan = self._plan
         claim = self._claim(threads)
         threading.Thread(target=self._receive, daemon=True).start()
+        owners = JointOwners(exclusive=not plan.options.allow_others)
         if kept is not None:
-            kept.guard(self._owners)
+            kept.guard(owners)
         head = Composition(
-            plan, threads, self._stop, self._start_elsewhere, self._on_servos, self._owners
+            plan, threads, self._stop, self._start_elsewhere, self._on_servos, owners
         )
         check_parameters(list(head.nodes.values()))
         head_node = head.nodes.get(MODES[plan.options.mode].name)
@@ -176,7 +176,7 @@ class ControlProcess:
             if not plan.options.allow_others:
                 claim.check()
             self._report_servos()
-            stopped = ["STOPPED"] if self._owners.stopped else []
+            stopped = ["STOPPED"] if owners.stopped else []
             self._status.show([*stopped, *self._page, *monitor.update(), *self._hint])
 
         try:
@@ -199,15 +199,15 @@ class ControlProcess:
         claim.begin()
         return claim
 
-    def _on_servos(self, servo_bus: Any) -> None:
+    def _on_servos(self, head: Composition) -> None:
         """Accept keys from now on: other programs may turn the head while nodes still start."""
-        self._servo_bus = servo_bus
+        self._head = head
         self._report_servos()
         self._link.send(ready=True)
 
     def _report_servos(self) -> None:
         """Report the present servos, which the supervisor relaxes if this process dies."""
-        servos = self._servo_bus.servos_by_port()
+        servos = self._head.nodes["servo_bus"].servos_by_port()
         if not self._plan.options.sim and servos != self._reported_servos:
             self._reported_servos = servos
             self._link.send(servos=servos)
@@ -246,8 +246,8 @@ class ControlProcess:
                 threading.Thread(target=self._press, args=[message["key"]], daemon=True).start()
 
     def _press(self, key: str) -> None:
-        backend = self._servo_bus.backend
-        result = execute(key, lambda: self._owners.stop(backend.relax_now), backend.resume)
+        backend = self._head.nodes["servo_bus"].backend
+        result = execute(key, self._head.loop.stop, backend.resume)
         if key == STOP:
             self._link.send(stopped=True)  # whether or not the servos have confirmed it
         self._status.print(result)
