@@ -90,16 +90,18 @@ class ServoBus:
             for joint in check_configuration(joints)
         }
         self._all = tuple(self._joints.values())
-        for joint in self._all:
-            others = {s.id for other in self._all if other is not joint for s in other.servos}
-            for servo in joint.servos:
-                servo.others = others
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
         self._procedures = Procedures(
             port, self._joints, self.requests, settings, version, clock, monotonic
         )
         self.port, self._pause, self._each_servo = port, pause, self._procedures.each_servo
         self.cycle = Cycle(self._procedures)
+        goals = {
+            servo: (joint.name, servo.calibration.init, servo.calibration.scale)
+            for joint, servo in self._each_servo()
+        }
+        for servo, own in goals.items():
+            servo.others = {other.id for other, goal in goals.items() if goal != own}
         self._connected = False
         self._refused = self._clamped = 0
 

@@ -116,7 +116,7 @@ class Servo:
         self._unpack, self._measured = model.feedback.layout.unpack, model.measured
         self.id = servo_id
         self.model = model
-        self.others: Collection[int] = ()  # ids of the servos of other joints
+        self.others: Collection[int] = ()  # ids of servos with other goals
         self.goal_key = (model.protocol, model.goal.address, model.goal.length)
         self.fastest = model.speed_maximum  # highest goal speed, counts
 
@@ -377,7 +377,7 @@ class Servo:
             right = memory["Drive Mode"] ^ _REVERSE
             yield "Drive Mode", right, f"turns in the other direction than {why}"
         if memory.get("Secondary ID") in self.others:
-            yield "Secondary ID", 255, "also obeys packets for a servo of another joint"
+            yield "Secondary ID", 255, "also obeys packets for a servo with other goals"
 
     def write_eeprom(self, wanted: Mapping[str, int]) -> Steps[dict[str, tuple[int, int]]]:
         """Write settings that differ, and read them back.

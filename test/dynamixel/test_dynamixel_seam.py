@@ -220,16 +220,18 @@ def test_torque_beyond_the_seam_is_refused_until_the_shaft_is_turned_back(case: 
 
 
 @pytest.mark.parametrize(
-    ("secondary", "refused"), [(1, True), (3, False), (9, False), (255, False)]
+    ("secondary", "mirrored", "refused"),
+    [(1, False, True), (3, False, False), (3, True, True), (9, False, False), (255, True, False)],
 )
-def test_a_servo_that_obeys_packets_for_another_joint_is_refused(
-    secondary: int, refused: bool
+def test_a_servo_that_obeys_packets_with_goals_of_another_servo_is_refused(
+    secondary: int, mirrored: bool, refused: bool
 ) -> None:
     model = servo_model("XM430-W350")
     servos = [SimulatedServo(i, model) for i in (1, 2, 3)]
     servos[1].set_register("Secondary ID", secondary)
     bench = Bench(servos)
-    second = ServoCalibration("tilt", 3, 2048, 4095, 0, model)
+    ends = (4095, 0) if mirrored else (0, 4095)  # the same goals: Drive Mode is reversed
+    second = ServoCalibration("tilt", 3, 2048, *ends, model)
     joints = [
         JointConfiguration("pan", 1, 2048, 0, 4095, controller="p", model=model),
         JointConfiguration("tilt", 2, 2048, 0, 4095, controller="t", model=model, second=second),
