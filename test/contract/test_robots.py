@@ -1,6 +1,5 @@
 """Every robot that comes with the package: its model, its servos, and its head in simulation."""
 
-import numpy as np
 import pytest
 from rig import DEGREE
 from robot_pursuit import pursue
@@ -57,21 +56,6 @@ def test_limits_of_model_and_servo_agree(robot):
         slack = 0.02 if servo.lower < -2.6 and servo.model.name == "AX-12" else 1.01 * tick
         assert servo.lower == pytest.approx(limits.lower, abs=slack)
         assert servo.upper == pytest.approx(limits.upper, abs=slack)
-
-
-def test_every_gaze_is_exact(robot):
-    rng = np.random.default_rng(1)
-    low, high = ([getattr(servo, end) for servo in robot.servos] for end in ("lower", "upper"))
-    for _ in range(500):
-        joints = rng.uniform(low, high)
-        limits = [robot.model.joints[name].limits for name in robot.names]
-        joints = [float(np.clip(j, b.lower, b.upper)) for j, b in zip(joints, limits, strict=True)]
-        seen = robot.model.transform(
-            robot.head.base_frame, "camera_link", dict(zip(robot.names, joints, strict=True))
-        )
-        point = seen @ (rng.uniform(0.5, 5.0), 0.0, 0.0)
-        gaze = robot.head.gaze(point, *joints)
-        assert robot.head.miss(point, gaze.pan, gaze.tilt) < 1e-6
 
 
 def test_the_camera_looks_ahead_and_its_picture_is_upright(robot):

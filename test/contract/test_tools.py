@@ -60,15 +60,6 @@ def test_a_simulated_bus_counts_faults_echoes_and_collisions(bench):
     assert "two senders at once: servos with the same id 1" in twins.output
 
 
-@pytest.mark.parametrize("model", ["AX-12", "STS3215", "XL330-M288"])
-def test_two_simulated_servos_with_one_id_are_found_as_that(bench, model):
-    """As servos fresh from the box, which are practised with."""
-    twins = bench.start("simulated_bus", "--servo", f"{model}:1", "--servo", f"{model}:1")
-    port = twins.read_until("/dev/").strip()
-    scan = bench.start("servo", "--port", port, "scan", "--bauds", "1000000", "--ids", "1-2")
-    scan.read_until("used twice")
-
-
 def servo_on_terminal(bench, *words):
     terminal = Terminal()
     tool = ("-m", "head_tracking", "servo", "--port", bench.servos.name, *words)
