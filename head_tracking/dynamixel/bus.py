@@ -40,6 +40,7 @@ from head_tracking.dynamixel.state import (
 )
 
 _STARTING: Final = 1.5  # s that the servos of the next joint that starts may take to answer
+_AGAIN: Final = 0.01  # s after which servos that have not confirmed a STOP are relaxed again
 _PATIENCE: Final = 0.3  # s after which servos are asked again, in case the machine was busy
 
 
@@ -378,16 +379,20 @@ class ServoBus:
         self.requests.obeyed = self.requests.epoch.value
         deadline = self._procedures.monotonic() + round(timeout * 1e9)
         self.requests.discard()
-        steps = self._procedures.relax(self._all)
-        try:
-            self._pause(next(steps))  # also without any time
-            while self._procedures.monotonic() <= deadline:
-                self._pause(next(steps))
-            steps.close()
-        except StopIteration as end:
-            return end.value  # type: ignore[no-any-return]
-        late = "it has not confirmed in time"
-        return {joint.name: "" if joint.confirmed else late for joint in self._all}
+        problems = dict.fromkeys(self._joints, "it has not confirmed in time")
+        steps = self._relaxing_until_confirmed(problems)
+        self._pause(next(steps))  # also without any time
+        while self._procedures.monotonic() <= deadline and (wait := next(steps, -1.0)) >= 0.0:
+            self._pause(wait)
+        steps.close()
+        return {joint.name: "" if joint.confirmed else problems[joint.name] for joint in self._all}
+
+    def _relaxing_until_confirmed(self, problems: dict[str, str]) -> Steps[None]:
+        """Relax all joints, and again those that do not confirm; update what went wrong."""
+        problems |= yield from self._procedures.relax(self._all)
+        while self.port.is_open and (left := [j for j in self._all if not j.confirmed]):
+            yield _AGAIN
+            problems |= yield from self._procedures.relax(left)
 
     def recovering(
         self, joints: Iterable[str] | None = None, patience: float = 0.0
