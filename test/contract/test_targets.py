@@ -9,12 +9,9 @@ import pytest
 import yaml
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
 from rig import DEGREE, SOURCE, bearing
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 from waiting import wait_for
-
-from head_tracking.tf import Buffer, TransformListener
 
 MUX = ("-p", "target_mux:sources:=[clicked_point, target_pose, face]")
 PROMISES = [
@@ -126,26 +123,6 @@ def test_the_fictitious_target_is_switched_off_and_on(bench):
     count = len(targets)
     assert bench.person.call("fictitious_target/enable", True).success
     wait_for(lambda: len(targets) > count + 3)
-
-
-def test_a_target_of_the_heads_camera_is_used_at_its_stamp(tracked):
-    """A ball stands still; the camera says where it saw it late, but with the picture's time."""
-    ball = PointStamped(point=Point(x=1.5, y=0.8, z=0.3))
-    ball.header.frame_id = "base_link"
-    buffer = Buffer()
-    listener = TransformListener(buffer, tracked.node)
-    errors = tracked.hear("head_tracker/tracking_error", Float64)
-
-    def followed():
-        if buffer.can_transform("camera_optical_frame", "base_link", Time()):
-            seen = buffer.transform(ball, "camera_optical_frame")
-            time.sleep(0.08)  # the picture is processed
-            tracked.publish("target_point", seen)
-        is_there = abs(tracked.pan - bearing(1.5, 0.8)) < 2 * DEGREE
-        return is_there and len(errors) > 40 and errors[-1].data < 1.5 * DEGREE
-
-    wait_for(followed)
-    listener.unregister()
 
 
 @pytest.mark.parametrize("topic", ["target_point", "clicked_point"])

@@ -126,13 +126,6 @@ def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
     assert "5" in tracked.fields["refusal"]
 
 
-def test_a_resumed_head_keeps_max_joint_speed(track):
-    tracked = track(max_joint_speed=0.1)
-    tracked.stop_and_resume()
-    tracked.path = lambda now: AWAY
-    assert 0.05 < max(tracked.world.speeds(3.0)) < 0.12
-
-
 def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
     """As `Head.look_at` after `Head.follow`."""
     tracked = track()
@@ -350,19 +343,6 @@ def test_joint_states_from_the_future_are_not_fresh(track):
     assert tracked.world.writes == 0
 
 
-def test_old_joint_states_are_not_used_after_the_clock_jumps_back(track):
-    tracked = track()
-    world, world.is_simulated = tracked.world, True
-    tracked.see(AWAY, 2.0)
-    world.is_measured = False
-    world.run(1.0)
-    assert tracked.node.control.trouble == Obstacle(Blocked.NOT_MEASURED, "head_pan_joint")
-    world.offset -= 1_200_000_000  # the last sample lies a little before the time as it is now
-    before = world.writes
-    world.run(0.5)
-    assert world.writes - before <= 1
-
-
 @pytest.mark.parametrize(
     ("is_simulated", "jump", "law"),
     [
@@ -387,35 +367,6 @@ def test_a_jump_of_the_clock_stops_the_head_which_follows_again(track, is_simula
     assert tracked.fields["target"] == "false"
     tracked.see(-AWAY, 4.0)
     assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.03)
-
-
-def test_a_head_that_turns_the_wrong_way_is_disabled_until_it_is_enabled(track, kinectbot):
-    tracked = track()
-    world, control = tracked.world, tracked.node.control
-    states, diagnoses = world.record("/head_tracker/state"), world.record("/diagnostics")
-    chain = kinectbot.chain("head_pan_link", "camera_link")
-
-    def see():
-        pan, tilt = map(world.true_position, chain.joints)
-        point = chain.transform(-pan, tilt).inverse() @ (2.0, 0.6, 0.4)
-        seen = Target(world.now, "camera_link", point)
-        world.at(world.now + 50_000_000, lambda: control.accept(seen))
-
-    world.every(33_000_000, see)
-    world.run(2.5)
-    fault = "disabled: head_pan_joint turns in"
-    assert states[-1][1].data.startswith(fault)
-    assert tracked.fields["enabled"] == "false"
-    assert set(world.loop.owners.of(control.joints).values()) == {""}
-    newest = diagnoses[-1][1].status[0]
-    assert newest.level == DiagnosticStatus.ERROR
-    assert "head_pan_joint" in newest.message
-    stood = world.true_position("head_pan_joint")
-    world.run(1.0)
-    assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.001)
-    control.enable()
-    world.run(2.0)
-    assert sum(message.data.startswith(fault) for _, message in states) == 2
 
 
 def test_a_whole_run_uses_simulated_time(make_robot):

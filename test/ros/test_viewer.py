@@ -30,7 +30,6 @@ from waiting import wait_for
 
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
-from head_tracking.transforms import Rotation, Transform
 
 PLACES = ("live", "joints", "tune", "health", "record")
 MEAN_COLOUR = """() => {
@@ -289,17 +288,6 @@ def test_a_drag_in_the_3d_view_turns_the_view_and_a_click_on_the_floor_looks_the
     page.mouse.click(x, y)
     wait_for(lambda: viewer.robot.observe().target not in (before, None))
     assert viewer.robot.observe().target[2] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_the_head_turns_to_a_frame_and_back_to_the_middle(robot, viewer, page):
-    place = Transform((0.4, 0.2, 0.6), Rotation.identity())
-    for frames in (robot.composition.buffer.core, viewer.robot.buffer):
-        frames.set_transform(0, "base_link", "hand", place, static=True)
-    choose_mode(page, "point")
-    point_head(page, "hand", 0.0, 0.0, 0.0)
-    turned(robot, bearing(0.4, 0.2))
-    press(page, "Centre")
-    turned(robot, 0.0)
 
 
 def test_the_pad_turns_the_head_by_mouse_and_by_keys(robot, page):

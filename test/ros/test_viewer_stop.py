@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rig import JOINTS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 from viewing import view
 from waiting import PATIENCE, wait_for
 
@@ -165,26 +164,6 @@ def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
     with pytest.raises(HeadTrackingError, match="stopped"):
         robot.modes.set_mode(Mode.POINT)
     assert pointer.asked == []
-
-
-def test_a_node_that_starts_turns_the_head_in_no_other_mode(start, tracked):
-    """It is enabled when it starts, and sends what it finds."""
-    _, tracker, robot = tracked
-    starter, enabled = Node("starter"), []
-
-    def on_start(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        enabled.append(tracker.on)
-        start(ControllerStandIn("fictitious_target"))
-        response.success = True
-        return response
-
-    starter.create_service(Trigger, "node_starter/fictitious_target", on_start)
-    start(starter)
-    wait_for(lambda: Mode.FICTITIOUS in robot.modes.possible())
-    robot.modes.set_mode(Mode.FICTITIOUS)
-    assert enabled == [False]
-    assert tracker.on
-    assert robot.modes.mode() is Mode.FICTITIOUS
 
 
 def test_what_has_waited_over_a_stop_and_resume_does_not_move_the_head(tracked):
