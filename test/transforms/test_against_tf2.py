@@ -13,7 +13,6 @@ import pytest
 from tf2_model import Refused, Tf2Model
 
 from head_tracking.transforms import (
-    ExtrapolationException,
     Rotation,
     StampedTransform,
     Transform,
@@ -104,19 +103,3 @@ def test_long_histories_end_as_in_tf2(seed, tf2):
         for _ in range(3):
             asked = rnd.choice((0, stamp, now - rnd.choice(AGES), now - rnd.randrange(12 * SECOND)))
             ask(buffer, model, rnd.choice(FRAMES), rnd.choice(FRAMES), max(0, asked))
-
-
-def test_a_pose_is_never_that_in_another_parent():
-    """Samples kept for interpolation and the parents agree: a cup put down before it was held."""
-    buffer = TransformBuffer()
-    still = Transform.identity()
-    buffer.set_transform(0, "room", "table", Transform.from_xyz_rpy((5, 0, 0)), static=True)
-    buffer.set_transform(0, "room", "hand", Transform.from_xyz_rpy((0, 5, 0)), static=True)
-    buffer.set_transform(100 * SECOND, "table", "cup", still)
-    for stamp in range(103, 112):
-        buffer.set_transform(stamp * SECOND, "hand", "cup", still)
-        found = buffer.lookup_transform("room", "cup", 102 * SECOND)
-        assert found.transform.translation == (5, 0, 0)
-    buffer.set_transform(112 * SECOND, "hand", "cup", still)
-    with pytest.raises(ExtrapolationException):
-        buffer.lookup_transform("room", "cup", 102 * SECOND)

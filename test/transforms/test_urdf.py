@@ -1,4 +1,3 @@
-import pickle
 import subprocess
 import sys
 
@@ -72,27 +71,6 @@ def test_a_missing_parser_is_an_error_that_users_can_correct(in_child, monkeypat
         parse_robot_model(robot('<link name="a"/>'))
 
 
-def test_left_out_origin_axis_and_limits_are_what_urdf_says():
-    model = parse_robot_model(robot(TWO_LINKS, joint(type="continuous", more="")))
-    assert model.joints["j"].axis == (1, 0, 0)
-    assert model.joints["j"].origin == Transform.identity()
-    assert model.joints["j"].limits.upper == float("inf")
-
-
-def test_a_speed_of_0_is_no_limit():
-    limit = '<limit lower="-1" upper="1" velocity="0" effort="0"/>'
-    model = parse_robot_model(robot(TWO_LINKS, joint(more=limit)))
-    assert model.joints["j"].limits.velocity == float("inf")
-
-
-def test_an_axis_is_normalised():
-    model = parse_robot_model(
-        robot(TWO_LINKS, joint(type="prismatic", more=LIMIT + '<axis xyz="0 3 4"/>'))
-    )
-    assert model.joints["j"].axis == pytest.approx((0, 0.6, 0.8))
-    assert model.transform("a", "b", {"j": 1.0}).translation == pytest.approx((0, 0.6, 0.8))
-
-
 def test_a_missing_file_and_a_broken_xacro_name_the_file(tmp_path):
     with pytest.raises(RobotModelError):
         load_robot_model(tmp_path / "nothing.urdf")
@@ -142,17 +120,6 @@ from head_tracking.transforms.urdf_parser import parse_robot_model
 here = parse_robot_model(child.urdf)
 assert (child.name, child.links, child.joints) == (here.name, here.links, here.joints)
 """)
-
-
-@pytest.mark.parametrize("call", [("parse_robot_model", [robot(TWO_LINKS, joint())]), None])
-def test_a_parsing_child_of_a_killed_program_is_silent(call):
-    command = [sys.executable, "-m", "head_tracking.transforms.urdf_parser"]
-    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    with subprocess.Popen(command, **pipes) as child:
-        child.stdout.close()
-        child.stdin.write(pickle.dumps(call) if call else b"")
-        child.stdin.close()
-        assert child.stderr.read() == b""
 
 
 def test_ctrl_c_in_all_processes_does_not_end_a_parsing_child():
