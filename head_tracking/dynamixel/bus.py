@@ -40,7 +40,8 @@ from head_tracking.dynamixel.state import (
 )
 
 _STARTING: Final = 1.5  # s that the servos of the next joint that starts may take to answer
-_AGAIN: Final = 0.01  # s after which servos that have not confirmed a STOP are relaxed again
+_AGAIN: Final = 0.01  # s after which joints that have not confirmed are relaxed again
+_CLOSING: Final = 0.6  # s that servos may take to confirm at the end
 _PATIENCE: Final = 0.3  # s after which servos are asked again, in case the machine was busy
 
 
@@ -314,10 +315,7 @@ class ServoBus:
                     with suppress(DynamixelError):
                         run(self._procedures.braking(), self._pause)
                 finally:  # also after an interrupt
-                    problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
-                    if any(problems.values()):
-                        self._pause(_PATIENCE)
-                        problems = run(self._procedures.relax(self._all, disarm=True), self._pause)
+                    problems = self._relax_within(_CLOSING, disarm=True)
         finally:
             self._connected = False
             self.port.close()
@@ -377,22 +375,25 @@ class ServoBus:
         if epoch is None:
             self.requests.epoch.advance()
         self.requests.obeyed = self.requests.epoch.value
-        deadline = self._procedures.monotonic() + round(timeout * 1e9)
         self.requests.discard()
+        return self._relax_within(timeout)
+
+    def _relax_within(self, timeout: float, *, disarm: bool = False) -> Mapping[str, str]:
+        """Relax all joints, and again those that do not confirm; return what went wrong, if so."""
+        deadline = self._procedures.monotonic() + round(timeout * 1e9)
         problems = dict.fromkeys(self._joints, "it has not confirmed in time")
-        steps = self._relaxing_until_confirmed(problems)
+        steps = self._relaxing_until_confirmed(problems, disarm)
         self._pause(next(steps))  # also without any time
         while self._procedures.monotonic() <= deadline and (wait := next(steps, -1.0)) >= 0.0:
             self._pause(wait)
         steps.close()
         return {joint.name: "" if joint.confirmed else problems[joint.name] for joint in self._all}
 
-    def _relaxing_until_confirmed(self, problems: dict[str, str]) -> Steps[None]:
-        """Relax all joints, and again those that do not confirm; update what went wrong."""
-        problems |= yield from self._procedures.relax(self._all)
+    def _relaxing_until_confirmed(self, problems: dict[str, str], disarm: bool) -> Steps[None]:
+        problems |= yield from self._procedures.relax(self._all, disarm=disarm)
         while self.port.is_open and (left := [j for j in self._all if not j.confirmed]):
             yield _AGAIN
-            problems |= yield from self._procedures.relax(left)
+            problems |= yield from self._procedures.relax(left, disarm=disarm)
 
     def recovering(
         self, joints: Iterable[str] | None = None, patience: float = 0.0
