@@ -7,16 +7,15 @@ import pytest
 from rendered_frames import KINECT, SMALL, View, seen_surface, watch
 
 from head_tracking.run.node_sets import TARGETS
-from head_tracking.scene import SCENES, Ball, Board, Swing, make_scene
+from head_tracking.scene import SCENES, Swing, make_scene
 from head_tracking.scene.drawings import marker
 from head_tracking.scene.room import room
-from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, ORANGE, marker_board
+from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, marker_board
 from head_tracking.vision import (
     DETECTORS,
     Box,
     Camera,
     Candidate,
-    ColourParameters,
     DistanceParameters,
     Frame,
     IdentityParameters,
@@ -83,27 +82,6 @@ def test_an_empty_room_has_no_targets(kinectbot, what):
 
 def still(thing, **others):
     return {**room(), "thing": thing, **others}
-
-
-@pytest.mark.parametrize(
-    ("colour", "hue"), [((20, 20, 220), 0.0), ((200, 60, 20), 227.0), ((40, 190, 60), 112.0)]
-)
-def test_hue_is_cyclic(kinectbot, colour, hue):
-    view = View(still(Ball(0.08, colour, Swing(1.5, 0.62))), kinectbot, SMALL, swing=0.0)
-    seen = watch(tracker("colour", ColourParameters(hue=hue)), view, "thing", 6)
-    assert len(seen.misses) == 4
-    other = ColourParameters(hue=(hue + 60) % 360)
-    assert not watch(tracker("colour", other), view, "thing", 6).misses
-
-
-def test_a_ball_that_is_half_covered_keeps_its_depth(kinectbot):
-    cover = Board(np.full((64, 64, 4), 255, np.uint8), 0.3, Swing(0.9, 0.62, middle=0.13))
-    ball = Ball(0.1, ORANGE, Swing(1.5, 0.62))
-    view = View(still(ball, cover=cover), kinectbot, KINECT, swing=0.0)
-    seen = watch(tracker("colour"), view, "thing", 8)
-    assert len(seen.sightings) - seen.sightings.count(None) == 6
-    last = seen.sightings[-1]
-    assert math.hypot(*last.point) == pytest.approx(1.4, abs=0.1)
 
 
 # markers

@@ -79,11 +79,6 @@ def test_damaged_images_are_refused(image):
         decode_picture(image)
 
 
-def test_the_last_row_needs_no_padding():
-    image = RawImage("mono8", 3, 2, 8, bytes([1, 2, 3, 0, 0, 0, 0, 0, 4, 5, 6]))
-    assert decode_picture(image).bgr[..., 0].tolist() == [[1, 2, 3], [4, 5, 6]]
-
-
 @pytest.mark.parametrize("encoding", ["bgr8", "mono8", "rgba8", "mono16"])
 def test_an_image_of_one_pixel_is_an_image(encoding):
     numbers = ENCODERS[encoding](np.full((1, 1, 3), 80, np.uint8))

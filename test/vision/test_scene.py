@@ -7,7 +7,6 @@ from rendered_frames import SMALL
 
 from head_tracking.scene import SCENES, Ball, Board, Renderer, SensorNoise, Swing, make_scene
 from head_tracking.scene.render import Rendering
-from head_tracking.scene.scenes import face
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.vision import ColourDetector, ColourParameters
 from head_tracking.vision.candidate import Frame
@@ -48,13 +47,6 @@ def test_the_nearer_one_hides_the_other_whatever_the_order():
         assert np.isclose(seen.depth, 2.0, atol=0.02).sum() > 1000
 
 
-def test_objects_behind_or_around_the_camera_cause_no_error():
-    for path in (Swing(-1.0, 0.6), Swing(0.02, 0.6), Swing(0.0, 0.6)):
-        things = {"ball": Ball(0.1, (0, 0, 255), path), "board": Board(plain(), 0.5, path)}
-        seen = Renderer(things, SMALL).render(LEVEL, 0.0)
-        assert not np.isnan(seen.depth).any()
-
-
 def test_noise_and_holes_are_as_asked_for():
     rng = np.random.default_rng(4)
     flat = Rendering(np.full((240, 320, 3), 128, np.uint8), np.full((240, 320), 2.0, np.float32))
@@ -67,14 +59,6 @@ def test_noise_and_holes_are_as_asked_for():
     assert (flat.picture == 128).all()
 
 
-def test_a_person_walks_while_the_path_goes_on_and_stands_when_it_ends():
-    walker = face(lambda time: (1.5, 0.5 * min(time, 2.0), 0.6))
-    walking = {walker.image(0.1 * k).tobytes() for k in range(10)}
-    standing = {walker.image(3.0 + 0.1 * k).tobytes() for k in range(10)}
-    assert len(walking) > 1
-    assert len(standing) == 1
-
-
 def test_nothing_but_the_ball_looks_like_the_ball():
     things = make_scene("everything", np.random.default_rng(1))
     renderer = Renderer({name: one for name, one in things.items() if name != "ball"}, SMALL)
@@ -83,10 +67,3 @@ def test_nothing_but_the_ball_looks_like_the_ball():
     for pan, time in itertools.product(np.arange(-1.5, 1.6, 0.15), (0.0, 5.0)):
         picture = noise.picture(renderer.render(turned(pan, 0.0), time, depth=False).picture)
         assert detector.detect(Frame(0, SMALL, Picture(picture)), []) == []
-
-
-def test_rendering_without_depths_gives_the_same_image():
-    renderer = Renderer(make_scene("everything", np.random.default_rng(1)), SMALL)
-    with_depth, without = (renderer.render(LEVEL, 0.5, depth=wanted) for wanted in (True, False))
-    assert (with_depth.picture == without.picture).all()
-    assert without.depth.size == 0
