@@ -67,16 +67,6 @@ def test_connect_names_missing_ids_after_a_second_try() -> None:
     assert rig.bus.connect() == "2 AX-12 servos: ids 1, 2"
 
 
-@pytest.mark.parametrize("first", [1, 2, 5])
-def test_connect_asks_again_if_a_servo_that_answers_pings_then_falls_silent(first: int) -> None:
-    """Beside other work a Python program may miss all replies for a while."""
-    rig = FakeRig(connect=False)
-    rig.tilt.mute.extend([False] * first + [True] * 6)
-    rig.connect()
-    assert rig.tilt["Torque Enable"] == 0
-    assert len(rig.step().states) == 2
-
-
 def test_many_servos_of_another_model_are_refused_soon() -> None:
     rig = FakeRig(
         *[replace(PAN, joint_name=f"j{i}", controller=f"c{i}", id=i) for i in range(9)],
@@ -233,20 +223,6 @@ def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) 
     assert all("head_tilt_joint" in reading.states for reading in readings)
 
 
-def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(
-    rig: FakeRig,
-) -> None:
-    rig.pan.answers = False
-    rig.step(4)
-    rig.bus.command({"head_pan_joint": Goal(0.1)})
-    rig.step()
-    assert rig.lost == ["head_pan_joint"]
-    rig.pan.answers = True
-    rig.bench.pass_time(0.6)
-    rig.step(5)
-    assert rig.pan["Torque Enable"] == 0
-
-
 def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: FakeRig) -> None:
     rig.pan.answers = False
     rig.step(5)
@@ -375,12 +351,6 @@ def test_servo_that_does_not_take_the_goal_is_left_relaxed(rig: FakeRig, ignored
     assert ("write", 1, TORQUE, b"\x01") not in rig.log
 
 
-def test_torque_of_an_unknown_joint_switches_nothing(rig: FakeRig) -> None:
-    with pytest.raises(GoalError, match=r"no joint 'elbow'.*head_pan_joint, head_tilt_joint"):
-        run(rig.bus.switching_torque(["head_pan_joint", "elbow"], True))
-    assert rig.log == []
-
-
 # Commands
 
 
@@ -473,16 +443,6 @@ def test_a_position_outside_the_limits_is_clamped_and_that_is_reported_or_refuse
 
 
 # Commands that something overtakes after they were accepted
-
-
-def test_a_command_that_closing_overtakes_moves_nothing_when_the_bus_is_connected_again(
-    rig: FakeRig,
-) -> None:
-    rig.bus.command({"head_pan_joint": Goal(0.5)}, claim=lambda _: rig.bus.close())
-    rig.bus.connect()
-    rig.take_log()
-    rig.step()
-    assert writes(rig.log) == []
 
 
 @pytest.mark.parametrize("overtakes", [False, True])

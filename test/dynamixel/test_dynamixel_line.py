@@ -1,22 +1,19 @@
 """Packets of both protocols, damaged replies, and another program on the line."""
 
 from contextlib import suppress
-from dataclasses import replace
 
 import pytest
 from dynamixel_sdk import Protocol1PacketHandler, Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated_device import Bench, OnAnswers, Rig
+from simulated_device import Bench
 
 from head_tracking.dynamixel import (
     Adapter,
     CommunicationError,
     DynamixelPort,
-    Goal,
     ReplyTimeoutError,
     ServoModel,
-    TorqueError,
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import LineBusyError
@@ -29,10 +26,7 @@ from head_tracking.dynamixel.protocol import (
     sync_write_packet,
 )
 from head_tracking.dynamixel.reading import ReadGroup
-from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
-    Answer,
-    SimulatedBus,
     SimulatedClock,
     SimulatedLine,
     SimulatedServo,
@@ -179,25 +173,6 @@ def test_the_late_reply_to_a_write_is_no_refusal_of_the_next_read() -> None:
         port.write(1, 24, b"\x00")
     device.answer = bytes.fromhex(f"FF FF 01 02 01 FB {POSITION_512}")  # error bit: low voltage
     assert port.read(1, 36, 2).data == b"\x00\x02"
-
-
-@pytest.mark.parametrize("model", ["AX-12", "XM430-W350"])
-def test_the_late_reply_to_a_ping_is_not_taken_for_the_reply_to_the_next(model: str) -> None:
-    late = iter([45_300_000])  # ns
-
-    def delay(answer: Answer) -> list[Answer]:
-        return [replace(answer, late=next(late, 0))]
-
-    servo = SimulatedServo(1, servo_model(model), boot_time=0.0)
-    bench = Bench(SimulatedBus([servo], faults=OnAnswers(delay)))
-    protocol, port = servo.model.protocol, bench.port
-    port.open()
-    with pytest.raises(ReplyTimeoutError):
-        port.ping(1, protocol)
-    bench.clock.now = 1_045_323_000  # its reply is still being sent when the late one arrives
-    assert port.ping(1, protocol) == 0
-    port.sync_write(24, {1: b"\0"}, protocol)
-    assert not bench.line.overlaps
 
 
 pieces = st.one_of(
@@ -352,20 +327,6 @@ def test_no_transaction_waits_long_for_a_second_master(gap: float, model: ServoM
 
 
 @models
-def test_servos_are_read_between_the_packets_of_a_second_master(model: ServoModel) -> None:
-    made, master = bench(0.002, model)
-    master.speaks = False
-    expected = feedback(made.port, model).data
-    master.speaks = True
-    replies = 0
-    for _ in range(200):
-        with suppress(CommunicationError):
-            replies += feedback(made.port, model).data == expected
-        made.pass_time(0.0031)
-    assert replies > 50
-
-
-@models
 @pytest.mark.parametrize("gap", [0.00025, 0.005])
 @pytest.mark.parametrize("known", [False, True], ids=["unknown", "known"])
 def test_stop_is_sent_between_the_packets_of_a_second_master(
@@ -396,26 +357,3 @@ def test_stop_that_finds_no_gap_is_reported(model: ServoModel) -> None:
         made.port.sync_write(torque(model), {1: b"\0"}, patience=0.1)
     assert 0.1e9 <= made.clock.now - begin < 0.11e9
     assert not master.heard and not master.spoken_over
-
-
-@models
-@pytest.mark.parametrize("gap", [0.00025, 0.005])
-def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float, model: ServoModel) -> None:
-    rig = Rig(*(SimulatedServo(i, model) for i in (1, 2)))
-    made = rig.bench
-    for _ in range(50):
-        rig.bus.command({"j1": Goal(0.3), "j2": Goal(-0.3)})
-        rig.step()
-    assert rig.torque == [1, 1]
-    master = share_line(made, gap)
-    rig.step(5)
-    begin = made.clock.now
-    reported: tuple[str, ...] = ()
-    try:
-        run(rig.bus.stopping(None), made.pass_time)
-    except TorqueError as error:
-        reported = tuple(error.problems)
-    assert made.clock.now - begin < 2e9
-    powered = {f"j{servo.id}" for servo in rig.servos if servo.register("Torque Enable")}
-    assert powered <= set(reported)
-    assert torque_off(model, 1, 2) in master.heard

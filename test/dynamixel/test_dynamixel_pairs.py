@@ -68,20 +68,6 @@ class Pair(Rig):
         return self.joint.position(self.servos[0].true_ticks)
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_servos_whose_torque_comes_on_in_motion_do_not_push_against_each_other(name: str) -> None:
-    pair = Pair(name)
-    pair.send(0.9)
-    pair.bus.command({"j": Goal(pair.joint.lower, 5.0)})
-    pair.step(9)
-    run(pair.bus.switching_torque(None, False))
-    run(pair.bus.switching_torque(None, True), pair.bench.pass_time)
-    pair.step(5)
-    pair.goals_apart = 0
-    pair.step(30)
-    assert pair.goals_apart <= 1
-
-
 @pytest.mark.parametrize("relaxed", [False, True])
 @pytest.mark.parametrize("name", MODELS)
 def test_narrowed_limits_move_both_goals(name: str, relaxed: bool) -> None:
@@ -120,20 +106,6 @@ def test_limits_that_leave_a_pair_no_position_are_refused() -> None:
     with pytest.raises(ConfigurationError):
         pair.bus.connect()
     assert pair.powered == 0
-
-
-def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back() -> None:
-    pair = Pair("XM430-W350")
-    pair.send(0.2)
-    second, limit = pair.servos[1], pair.joint.model.position_limits[1]
-    second.set_register("ID", 99)
-    pair.step(20)
-    second.set_register(limit, round(0.44 * second.model.ticks))  # the joint's 0.56 and more
-    pair.bus.joint("j").reconfigure(highest=round(0.52 * second.model.ticks))
-    second.set_register("ID", 2)
-    pair.step(100)
-    assert not pair.bus.joint("j").complete
-    assert not second.register("Torque Enable")
 
 
 @pytest.mark.parametrize("name", MODELS)

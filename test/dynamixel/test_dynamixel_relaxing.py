@@ -2,10 +2,9 @@
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeRig, submit, writes
-from simulated_device import Bench, Rig
+from simulated_device import Bench
 
 from head_tracking.dynamixel import (
-    BusThread,
     ConfigurationError,
     EventKind,
     ServoError,
@@ -56,15 +55,6 @@ def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | 
     assert not rig.bench.port.is_open
 
 
-def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig: FakeRig) -> None:
-    loosen(rig)
-    with pytest.raises(TorqueError):
-        run(rig.bus.stopping([PAN.joint_name]))
-    assert EventKind.TORQUE_FAILED in [event.kind for event in rig.bus.step().events]
-    assert rig.bus.close() == (PAN.joint_name,)
-    assert rig.torque == [1, 0]
-
-
 def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end(
     rig: FakeRig,
 ) -> None:
@@ -95,33 +85,6 @@ def test_no_joint_is_called_relaxed_when_the_adapter_has_gone(rig: FakeRig) -> N
     run(rig.bus.stopping([TILT.joint_name]))
     rig.bench.line.plugged = False
     assert rig.bus.close() == (PAN.joint_name,)
-
-
-@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
-def test_a_stopped_joint_that_was_recovered_is_called_relaxed_at_the_end(name: str) -> None:
-    servo = SimulatedServo(1, name, boot_time=0.1)
-    rig = Rig(servo)
-    run(rig.bus.switching_torque(None, True), rig.bench.pass_time)
-    servo.overload()
-    rig.step(5)
-    run(rig.bus.stopping(None), rig.bench.pass_time)
-    assert run(rig.bus.recovering(), rig.bench.pass_time) == ("j1",)
-    rig.step(25)
-    assert rig.bus.close() == ()
-    assert rig.torque == [0]
-
-
-@pytest.mark.parametrize("close", [False, True])
-def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
-    servo = SimulatedServo(1, "XM430-W350")
-    rig = Rig(servo)
-    run(rig.bus.switching_torque(None, True))
-    assert servo.register("Bus Watchdog") > 0
-    if close:
-        assert rig.bus.close() == ()
-    else:
-        run(rig.bus.stopping(None))
-    assert servo.register("Bus Watchdog") == 0
 
 
 @pytest.mark.parametrize("silent", [0, 1, 4, 11])
@@ -173,26 +136,6 @@ def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_ans
     assert rig.bus.close() == ()
 
 
-@pytest.mark.parametrize("close", [False, True])
-def test_a_servo_that_is_silent_for_a_moment_is_relaxed_by_stop_and_at_the_end(
-    rig: FakeRig, close: bool
-) -> None:
-    loosen(rig)
-    write, end = rig.bench.line.write, rig.bench.now() + (0.8e9 if close else 0.2e9)
-
-    def plug_in_and_write(data: bytes) -> None:
-        if rig.bench.now() > end:
-            plug_in(rig)
-        write(data)
-
-    rig.bench.line.write = plug_in_and_write  # type: ignore[method-assign]
-    if close:
-        assert rig.bus.close() == ()
-    else:
-        assert not any(rig.bus.relax_at_once(0.4).values())
-    assert rig.torque == [0, 0]
-
-
 def test_a_stop_without_time_relaxes_all_the_same(rig: FakeRig) -> None:
     rig.pan.mute += [True] * 3
     assert rig.bus.relax_at_once(0.0)[PAN.joint_name]  # not confirmed yet
@@ -222,21 +165,6 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
     rig.tilt[name] = before
     rig.step(100)
     assert rig.bus.statistics().connected
-
-
-@pytest.mark.parametrize("on", [False, True])
-def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(
-    rig: FakeRig, on: bool
-) -> None:
-    rig.bench.line.plugged = False
-    rig.bus.step()
-    rig.bus.relax_at_once(0.1)
-    asked = submit(rig.bus, rig.bus.switching_torque(None, on))
-    rig.step(20)
-    assert isinstance(asked.exception(0.0), TorqueError)
-    rig.bench.line.plugged = True
-    rig.step(100)
-    assert rig.torque == [0, 0]
 
 
 # Without a running bus
@@ -285,34 +213,3 @@ def test_what_cannot_be_relaxed_raises() -> None:
         relax_servos("/dev/none", {1: "AX-13"})
     with pytest.raises(PortMissingError):
         relax_servos("/dev/none", {1: "AX-12"})
-
-
-# Interrupts, and errors of other kinds
-
-
-def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(
-    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(rig.bus._procedures, "write_goals", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        rig.bus.close()
-    assert rig.torque == [0, 0]
-
-
-def test_no_joint_is_called_relaxed_when_closing_fails(
-    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    errors: list[BaseException] = []
-    thread = BusThread(rig.bus, 100.0, lambda _: None, errors.append)
-
-    def fail(*_: object, **__: object) -> None:
-        raise RuntimeError
-
-    monkeypatch.setattr(thread.bus, "close", fail)
-    thread.start()
-    thread.stop()
-    assert thread.unconfirmed == (PAN.joint_name, TILT.joint_name)
-    assert isinstance(errors[0], RuntimeError)

@@ -196,22 +196,6 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
     assert run.stops > INTERLEAVINGS // 8
 
 
-def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig: FakeRig) -> None:
-    first, second = rig.bus.requests.epoch.advance(), rig.bus.requests.epoch.advance()
-    for epoch in (second, first):  # as the port became free
-        assert set(rig.bus.relax_at_once(1.0, epoch).values()) == {""}
-    run(rig.bus.switching_torque(None, True))
-    rig.step(5)
-    assert rig.torque == [1, 1]
-
-
-def test_a_function_that_was_cancelled_is_not_called(rig: FakeRig) -> None:
-    called: list[int] = []
-    assert rig.bus.requests.add(lambda: called.append(1)).cancel()
-    rig.bus.requests.begin_next()
-    assert not called
-
-
 def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> None:
     submit(rig.bus, rig.bus.switching_torque([JOINT], True))
     for _ in range(4):
@@ -246,50 +230,6 @@ def holding() -> Rig:
     rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.1))
     rig.go(0.3)
     return rig
-
-
-def test_torque_is_called_on_when_it_is_on_though_the_bus_has_not_switched_it_off(
-    holding: Rig,
-) -> None:
-    holding.servos[0].set_register("Torque Enable", 0)  # by another program
-    on = submit(holding.bus, holding.bus.switching_torque(None, True))
-    while not on.done():
-        holding.step()
-    assert on.exception() is None
-    assert holding.torque == [1]
-
-
-def test_a_joint_that_is_relaxed_while_its_torque_is_checked_stays_relaxed(holding: Rig) -> None:
-    for steps in range(16):
-        run(holding.bus.switching_torque(None, True), holding.bench.pass_time)
-        holding.servos[0].set_register("Torque Enable", 0)
-        submit(holding.bus, holding.bus.switching_torque(None, True))
-        for _ in range(steps):
-            holding.bus.cycle.fill(holding.bench.now() + 1_000_000_000)
-        submit(holding.bus, holding.bus.switching_torque(None, False))
-        holding.step(20)
-        assert (holding.torque, holding.bus.joint("j1").torque) == ([0], Torque.OFF_ON_REQUEST), (
-            steps
-        )
-
-
-def test_a_joint_accepts_a_command_as_soon_as_its_torque_is_on(holding: Rig) -> None:
-    """Its servo has just returned."""
-    holding.servos[0].power_off()
-    holding.step(20)
-    holding.servos[0].power_on()
-    for number in range(500):
-        holding.bench.pass_time(0.001)
-        on = submit(holding.bus, holding.bus.switching_torque(None, True))
-        while not on.done() and holding.bus.cycle.fill(holding.bench.now() + 1_000_000_000):
-            pass
-        if on.done() and on.exception() is None:
-            break
-        if number % 20 == 0:
-            holding.bus.step()
-    holding.bus.command({"j1": Goal(0.1)})
-    holding.step(60)
-    assert holding.reading.states["j1"].position == pytest.approx(0.1, abs=0.02)
 
 
 # A request that fails
