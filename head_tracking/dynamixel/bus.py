@@ -41,7 +41,7 @@ from head_tracking.dynamixel.state import (
 
 _STARTING: Final = 1.5  # s that the servos of the next joint that starts may take to answer
 _AGAIN: Final = 0.01  # s after which joints that have not confirmed are relaxed again
-_CLOSING: Final = 0.6  # s that servos may take to confirm at the end
+_CLOSING: Final = 0.3  # s that each joint may take to confirm at the end
 _PATIENCE: Final = 0.3  # s after which servos are asked again, in case the machine was busy
 
 
@@ -315,7 +315,7 @@ class ServoBus:
                     with suppress(DynamixelError):
                         run(self._procedures.braking(), self._pause)
                 finally:  # also after an interrupt
-                    problems = self._relax_within(_CLOSING, disarm=True)
+                    problems = self._relax_within(_CLOSING * len(self._all), disarm=True)
         finally:
             self._connected = False
             self.port.close()

@@ -258,6 +258,16 @@ def test_no_cycle_takes_much_longer_while_a_servo_returns(
     assert longest <= 1.7 * usual + latency / 16  # whole periods of the adapter
 
 
+def test_many_servos_behind_a_slow_adapter_confirm_at_the_end() -> None:
+    model = servo_model("XM430-W350")
+    rig = Rig(*[SimulatedServo(i, model) for i in range(1, 15)], latency=0.016)
+    on = submit(rig.bus, rig.bus.switching_torque(None, True))
+    while not on.done():
+        rig.step()
+    assert set(rig.torque) == {1}
+    assert rig.bus.close() == ()
+
+
 @pytest.mark.parametrize("where", ["read", "write"])
 def test_a_pause_of_the_process_within_a_cycle_is_noticed_at_once(where: str) -> None:
     settings = BusSettings(watchdog=0.2)
