@@ -136,6 +136,26 @@ def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_ans
     assert rig.bus.close() == ()
 
 
+@pytest.mark.parametrize("close", [False, True])
+def test_a_servo_that_is_silent_for_a_moment_is_relaxed_by_stop_and_at_the_end(
+    rig: FakeRig, close: bool
+) -> None:
+    loosen(rig)
+    write, end = rig.bench.line.write, rig.bench.now() + (0.8e9 if close else 0.2e9)
+
+    def plug_in_and_write(data: bytes) -> None:
+        if rig.bench.now() > end:
+            plug_in(rig)
+        write(data)
+
+    rig.bench.line.write = plug_in_and_write  # type: ignore[method-assign]
+    if close:
+        assert rig.bus.close() == ()
+    else:
+        assert not any(rig.bus.relax_at_once(0.4).values())
+    assert rig.torque == [0, 0]
+
+
 def test_a_stop_without_time_relaxes_all_the_same(rig: FakeRig) -> None:
     rig.pan.mute += [True] * 3
     assert rig.bus.relax_at_once(0.0)[PAN.joint_name]  # not confirmed yet
