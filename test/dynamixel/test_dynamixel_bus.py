@@ -11,7 +11,6 @@ from dynamixel_fakes import (
     TILT,
     TORQUE,
     FakeRig,
-    Request,
     goal_bytes,
     speed_ticks,
     writes,
@@ -36,10 +35,6 @@ from head_tracking.dynamixel.state import Counters
 from head_tracking.simulation import SimulatedServo
 
 JOINTS = (PAN, TILT)
-
-
-def feedback(servo_id: int) -> Request:
-    return ("read", servo_id, 36, 8)
 
 
 # Connecting

@@ -232,6 +232,17 @@ def holding() -> Rig:
     return rig
 
 
+def test_torque_is_called_on_when_it_is_on_though_the_bus_has_not_switched_it_off(
+    holding: Rig,
+) -> None:
+    holding.servos[0].set_register("Torque Enable", 0)  # by another program
+    on = submit(holding.bus, holding.bus.switching_torque(None, True))
+    while not on.done():
+        holding.step()
+    assert on.exception() is None
+    assert holding.torque == [1]
+
+
 # A request that fails
 
 

@@ -81,6 +81,19 @@ def test_a_servo_that_shut_down_while_its_cable_was_out_is_relaxed_when_it_retur
     assert rig.torque == [0]
 
 
+def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_recovered() -> None:
+    servo = SimulatedServo(1)
+    servo.overload()
+    servo.set_register("Torque Limit", 0)
+    rig = Rig(servo)
+    rig.step()
+    assert EventKind.FAULTED in rig.kinds
+    with pytest.raises(GoalError, match="recover"):
+        rig.bus.command({"j1": Goal(0.1)})
+    run(rig.bus.recovering())
+    assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.03)
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_was(
     name: str,
@@ -337,3 +350,16 @@ def test_two_servos_with_one_id_are_suspected_at_the_start() -> None:
     rig = Rig(SimulatedServo(1, position=300), SimulatedServo(1, position=700), connect=False)
     with pytest.raises(CorruptReplyError):
         rig.bus.connect()
+
+
+def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None:
+    rig = Rig(SimulatedServo(1), SimulatedServo(2))
+    for _ in range(5):
+        for switch in (rig.servos[0].power_off, rig.servos[0].power_on):
+            switch()
+            rig.step(50)  # 1 s
+    assert rig.kinds.count(EventKind.LOST) == rig.kinds.count(EventKind.RETURNED) == 2
+    rig.step(2000)  # 40 s
+    rig.servos[0].power_off()
+    rig.step(50)
+    assert rig.kinds.count(EventKind.LOST) == 3

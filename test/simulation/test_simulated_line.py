@@ -11,7 +11,6 @@ from head_tracking.simulation import (
     Fault,
     Faults,
     Overlap,
-    SerialLine,
     SimulatedBus,
     SimulatedClock,
     SimulatedLine,
@@ -44,16 +43,6 @@ def test_duration_of_a_read(delay: int, wire: float) -> None:
     answer, time = transaction(line, clock, READ_1)
     assert len(answer) == 14
     assert time == pytest.approx(wire)
-
-
-def test_answers_of_a_sync_read_follow_each_other() -> None:
-    made = [SimulatedServo(i, servo_model("XL430-W250")) for i in (1, 2)]
-    wire = SerialLine(SimulatedBus(made), paced=True)
-    wire.send(InstructionPacket2.sync_read(132, 4, (1, 2)).encode(), 0, 1_000_000)
-    first = 160 * US + 500 * US + 150 * US  # question, return delay, answer
-    assert wire.due == first
-    assert len(wire.receive(first)) == 15
-    assert wire.due == first + 500 * US + 150 * US
 
 
 def test_latency_of_the_adapter() -> None:

@@ -4,12 +4,10 @@ import math
 from operator import attrgetter
 
 import pytest
-from simulated_packets import InstructionPacket, write
+from simulated_packets import InstructionPacket
 
-from head_tracking.dynamixel import servo_model
-from head_tracking.simulation import SimulatedBus, SimulatedServo
+from head_tracking.simulation import SimulatedServo
 
-AX_12 = servo_model("AX-12")
 MS = 1_000_000
 SECOND = 1000 * MS
 
@@ -21,9 +19,6 @@ class Bench:
         self.servo = servo
         self.now = 0
         servo.advance(0)
-
-    def write(self, name: str, value: int) -> None:
-        write(self.servo, name, value, self.now)
 
     def go(self, goal: int, speed: int) -> None:
         data = goal.to_bytes(2, "little") + speed.to_bytes(2, "little")
@@ -69,19 +64,6 @@ def test_deflection_under_load() -> None:
     assert b.servo.register("Present Load") == pytest.approx(1024 + 512, abs=30)  # clockwise
 
 
-@pytest.mark.parametrize("model", ["AX-12", "XM430-W350", "STS3215"])
-def test_a_relaxed_shaft_does_not_coast_far(model: str) -> None:
-    b = Bench(SimulatedServo(1, model))
-    b.servo.drive.push(0.25 * b.servo.model.stall_torque)
-    while b.servo.drive.speed < 1.0:
-        b.run(0.001)
-    released = b.servo.true_position
-    b.servo.drive.push(0.0)
-    b.run(3.0)
-    assert b.servo.drive.speed == 0.0
-    assert math.degrees(b.servo.true_position - released) < 5.0
-
-
 @pytest.mark.parametrize("model", ["AX-12", "XL-320"])
 def test_the_dead_angle_reads_as_the_nearer_end_of_the_range(model: str) -> None:
     b = Bench(SimulatedServo(1, model))
@@ -97,16 +79,6 @@ def test_the_dead_angle_reads_as_the_nearer_end_of_the_range(model: str) -> None
     assert len(read[0]) > 10
 
 
-def test_wheel_mode_turns_without_end() -> None:
-    b = bench()
-    b.write("CCW Angle Limit", 0)
-    b.write("Moving Speed", 512)
-    travelled = sum(v * 0.001 for v in b.run(5.0, "drive.speed"))
-    assert travelled > 2 * math.pi
-    b.write("Moving Speed", 1024 + 512)
-    assert b.run(1.0, "drive.speed")[-1] < -1.0
-
-
 def test_motion_does_not_depend_on_the_calls_of_advance() -> None:
     often, rarely = bench(), bench()
     for b in (often, rarely):
@@ -117,53 +89,3 @@ def test_motion_does_not_depend_on_the_calls_of_advance() -> None:
     rarely.servo.advance(SECOND)
     assert often.servo.true_position == rarely.servo.true_position
     assert often.servo.drive.speed == rarely.servo.drive.speed
-
-
-def test_time_at_rest_is_skipped() -> None:
-    b = bench()
-    b.go(600, 0)
-    b.servo.advance(10**18)  # thirty years in steps of a millisecond would not end
-    assert b.servo.at_rest
-    assert b.servo.true_ticks == pytest.approx(600, abs=1.5)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 2.0])
-def test_link_play_shifts_the_link_by_half_to_either_side(
-    degrees: float,
-) -> None:
-    b = bench(link_play=math.radians(degrees))
-    for goal, sign in ((600, 1.0), (430, -1.0)):
-        b.go(goal, 100)
-        b.run(2.5)
-        play = sign * (b.servo.drive.angle - b.servo.true_position)
-        assert play == pytest.approx(0.5 * math.radians(degrees), abs=1e-9)
-
-
-@pytest.mark.parametrize("volts", [9.6, 12.0])
-def test_torque_falls_with_the_supply(volts: float) -> None:
-    """The heaviest load that it still lifts is in proportion to its supply."""
-
-    def lifts(share: float) -> bool:
-        b = bench(supply_voltage=volts)
-        b.servo.drive.push(
-            -share * b.servo.model.stall_torque * volts / b.servo.model.nominal_voltage
-        )
-        b.go(600, 0)
-        b.run(0.3)
-        return b.servo.drive.angle > 0.0
-
-    assert lifts(0.9)
-    assert not lifts(1.05)
-
-
-@pytest.mark.parametrize("gap", [1_000_000, 700_000, 100_000_000])
-def test_coupled_shafts_turn_together_however_often_the_bus_is_simulated(gap: int) -> None:
-    bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)])
-    bus.couple(1, 2)
-    bus.advance(SECOND)
-    bus[1].lead(700.0, 0.1)
-    for now in range(SECOND, 2 * SECOND, gap):
-        bus.advance(now)
-    bus.advance(2 * SECOND)
-    assert bus[1].true_position > 0.7
-    assert bus[2].true_position == pytest.approx(-bus[1].true_position, abs=0.01)

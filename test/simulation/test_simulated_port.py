@@ -40,17 +40,6 @@ def port() -> Iterator[SimulatedPort]:
         yield opened
 
 
-def test_bytes_pass_unchanged(port: SimulatedPort) -> None:
-    """Line disciplines like to change 0x0A, 0x0D, 0x11, 0x13, 0x03, 0x04, 0x7F."""
-    client = client_of(port.port_name)
-    for value in (0x03, 0x04, 0x0A, 0x0D, 0x11, 0x13, 0x1A, 0x7F, 0xFF):
-        write = InstructionPacket.write(1, 34, bytes((value, 3))).encode()
-        assert ask(client, write, 6) == PONG
-        read = InstructionPacket.read(1, 34, 2).encode()
-        assert ask(client, read, 8) == StatusPacket(1, data=bytes((value, 3))).encode()
-    client.close()
-
-
 def test_unread_answers_do_not_block_the_bus(port: SimulatedPort) -> None:
     client = client_of(port.port_name)
     read = InstructionPacket.read(1, 0, 50).encode()

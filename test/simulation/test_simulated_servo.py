@@ -14,7 +14,7 @@ from simulated_packets import (
 from head_tracking.dynamixel import ServoModel, servo_model
 from head_tracking.dynamixel.models import all_models
 from head_tracking.dynamixel.protocol import ErrorBits, StatusCode
-from head_tracking.simulation import SimulatedServo, WriteLog
+from head_tracking.simulation import SimulatedServo
 
 Packet, Packet2 = InstructionPacket, InstructionPacket2
 MS = 1_000_000
@@ -26,12 +26,6 @@ XM430 = servo_model("XM430-W350")
 @pytest.mark.parametrize(("address", "length"), [(49, 2), (50, 1), (0, 51), (255, 1), (0, 0)])
 def test_read_behind_the_table_is_a_range_error(address: int, length: int) -> None:
     assert SimulatedServo(1).execute(Packet.read(1, address, length), 0) == RANGE
-
-
-def test_write_with_one_bad_value_changes_nothing() -> None:
-    servo = SimulatedServo(1)
-    assert servo.execute(Packet.write(1, 30, b"\xf4\x01\xff\xff"), 0) == RANGE
-    assert (servo.register("Goal Position"), servo.register("Moving Speed")) == (512, 0)
 
 
 def test_goal_outside_the_angle_limits_is_refused() -> None:
@@ -87,32 +81,7 @@ def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model: str)
     assert servo.true_ticks == pytest.approx(goal, abs=6)
 
 
-def test_write_log_contains_accepted_writes_only() -> None:
-    servo = SimulatedServo(3)
-    servo.write_log = WriteLog()
-    servo.execute(Packet.write(3, 30, bytes.fromhex("F4 01 64 00")), 5)
-    write(servo, "LED", 1)
-    write(servo, "CW Angle Limit", 400)
-    servo.execute(Packet.write(3, 30, bytes.fromhex("2C 01")), 6)  # below the limit
-    write(servo, "Torque Enable", 0, 7)
-    assert servo.write_log.goals(3) == [500]
-    taken = servo.write_log.writes
-    assert [(t.time, t.goal, t.speed, t.torque) for t in taken] == [
-        (5, 500, 100, True),
-        (7, 500, 100, False),
-    ]
-
-
 # MX
-
-
-def test_mx_goal_acceleration_ramps_the_speed() -> None:
-    servo = SimulatedServo(1, servo_model("MX-28"))
-    servo.advance(0)
-    write(servo, "Goal Acceleration", 10)  # 1.5 rad/s2
-    servo.execute(Packet.write(1, 30, bytes.fromhex("A0 0F 00 02")), 0)
-    servo.advance(500 * MS)
-    assert servo.drive.speed == pytest.approx(0.75, rel=0.15)
 
 
 # Protocol 2.0
@@ -183,15 +152,6 @@ def test_bus_watchdog_trips_in_time_without_calls_of_advance() -> None:
 # Operating modes
 
 
-@pytest.mark.parametrize("setting", [("Operating Mode", 1), ("Drive Mode", 4)])
-def test_the_motor_does_not_drive_in_a_mode_that_is_not_simulated(setting) -> None:
-    s = servo()
-    for name, value in (setting, ("Torque Enable", 1), ("Goal Position", 3000)):
-        assert write(s, name, value) == 0
-    s.advance(SECOND)
-    assert s.true_ticks == 2048
-
-
 def test_extended_position_mode_counts_turns() -> None:
     s = servo()
     write(s, "Operating Mode", 4)
@@ -199,68 +159,6 @@ def test_extended_position_mode_counts_turns() -> None:
     assert write(s, "Goal Position", -6000) == 0
     s.advance(10 * SECOND)
     assert s.register("Present Position") == pytest.approx(-6000, abs=6)
-
-
-def test_enabling_torque_resets_the_turns() -> None:
-    s = servo()
-    s.lead(6000, 2.0, 2.0)
-    s.advance(4 * SECOND)
-    assert s.register("Present Position") == pytest.approx(6000, abs=20)
-    write(s, "Torque Enable", 1, 4 * SECOND)
-    assert s.register("Present Position") == pytest.approx(6000 - 4096, abs=20)
-
-
-def test_enabling_torque_starts_a_motion_to_the_former_goal() -> None:
-    """X servos do; a driver must set the goal to where the servo stands before."""
-    s = servo()
-    write(s, "Goal Position", 3000)
-    s.advance(SECOND)
-    assert s.true_ticks == 2048
-    write(s, "Torque Enable", 1, SECOND)
-    s.advance(3 * SECOND)
-    assert s.true_ticks == pytest.approx(3000, abs=5)
-
-
-def test_reverse_mode_mirrors_position_and_velocity() -> None:
-    s = servo(position=1000)
-    write(s, "Drive Mode", 1)
-    assert s.register("Present Position") == 4096 - 1000
-    write(s, "Torque Enable", 1)
-    write(s, "Goal Position", 4000)
-    s.advance(300 * MS)
-    assert s.register("Present Velocity") > 0
-    assert s.drive.speed < 0
-    s.advance(3 * SECOND)
-    assert s.register("Present Position") == pytest.approx(4000, abs=5)
-
-
-@pytest.mark.parametrize(
-    ("acceleration", "velocity", "goal", "top", "rise"),
-    [
-        (16, 100, 3500, 100, 400),  # a trapezoid: 64 v / a
-        (10, 200, 2148, None, None),  # a short distance: a triangle
-    ],
-)
-def test_profiles(acceleration, velocity, goal, top, rise) -> None:
-    s = servo()
-    for name, value in (
-        ("Torque Enable", 1),
-        ("Profile Acceleration", acceleration),
-        ("Profile Velocity", velocity),
-        ("Goal Position", goal),
-    ):
-        write(s, name, value)
-    speeds = []
-    for now in range(0, 5 * SECOND, MS):
-        s.advance(now)
-        speeds.append(s.register("Velocity Trajectory"))
-    assert s.register("Present Position") == pytest.approx(goal, abs=5)
-    assert speeds[-1] == s.register("Moving") == 0
-    if top is None:
-        assert 10 < max(speeds) < 100
-    else:
-        assert max(speeds) == pytest.approx(top, rel=0.02)
-        assert speeds.index(max(speeds)) == pytest.approx(rise, abs=12)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
