@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -182,3 +183,27 @@ def configured_joint(
         max_speed=controller.max_speed or None,
         second=ServoCalibration(**calibration(second_motor)) if second_motor.id >= 0 else None,
     )
+
+
+def joints_by_port(
+    bus: ServoBusParameters, joints: Iterable[tuple[ControllerParameters, JointConfiguration]]
+) -> dict[str, tuple[int, list[JointConfiguration]]]:
+    """Return baud rate and joints of each port.
+
+    Raises:
+        ConfigurationError: joints of one port have different baud rates.
+    """
+    ports: dict[str, tuple[int, list[JointConfiguration]]] = {}
+    for controller, joint in joints:
+        name, baud_rate = (
+            controller.port_name or bus.port_name,
+            controller.baud_rate or bus.baud_rate,
+        )
+        common, found = ports.setdefault(name, (baud_rate, []))
+        if baud_rate != common:
+            raise ConfigurationError(
+                f"{joint.joint_name}: its baud rate is {baud_rate}, that of others on {name} is "
+                f"{common}; all servos of a port need the same"
+            )
+        found.append(joint)
+    return ports

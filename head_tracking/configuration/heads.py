@@ -15,6 +15,7 @@ from head_tracking.configuration.bus_parameters import (
     SecondMotorParameters,
     ServoBusParameters,
     configured_joint,
+    joints_by_port,
 )
 from head_tracking.dynamixel import (
     ConfigurationError,
@@ -123,18 +124,17 @@ def configured_buses(
     p = values.read(ServoBusParameters)
     temperature = values.read(TemperatureParameters, "temperature.")
     values.read(EepromSettings, "eeprom.")  # only ~/write_eeprom uses them
-    buses: dict[tuple[str, int], list[JointConfiguration]] = {}
+    joints: list[tuple[ControllerParameters, JointConfiguration]] = []
     for name in p.dynamixels:
         prefix = f"{name}_controller."
         controller = values.read(ControllerParameters, prefix, {"joint_name": f"{name}_joint"})
         motor = values.read(MotorParameters, f"{prefix}motor.", TUTORIAL_HEAD.get(name, {}))
         second = values.read(SecondMotorParameters, f"{prefix}second_motor.")
-        bus = (controller.port_name or p.port_name, controller.baud_rate or p.baud_rate)
-        buses.setdefault(bus, []).append(configured_joint(name, controller, motor, second))
+        joints.append((controller, configured_joint(name, controller, motor, second)))
     values.check_names()
     return tuple(
-        ConfiguredBus(port, baud, p.update_rate, check_configuration(joints), temperature)
-        for (port, baud), joints in buses.items()
+        ConfiguredBus(port, baud, p.update_rate, check_configuration(found), temperature)
+        for port, (baud, found) in joints_by_port(p, joints).items()
     )
 
 

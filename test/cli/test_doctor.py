@@ -138,6 +138,7 @@ CONFIGURED = "servo_bus: {ros__parameters: "
 WIDE = "{head_tilt_controller: {motor: {min: 0, max: 1023}}}}"
 RED: list[tuple[str, Callable[[Head], None]]] = [
     ("configuration", lambda h: h.params(CONFIGURED + "{head_pan_controller.motor.id: x}}")),
+    ("configuration", lambda h: h.params(CONFIGURED + "{head_tilt_controller.baud_rate: 57600}}")),
     ("configuration", lambda h: h.params("- 1")),
     ("configuration", lambda h: h.params("servobus: {ros__parameters: {baud_rate: 57600}}")),
     ("configuration", lambda h: h.params("{")),

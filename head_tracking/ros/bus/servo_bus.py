@@ -19,6 +19,7 @@ from head_tracking.configuration.bus_parameters import (
     SecondMotorParameters,
     ServoBusParameters,
     configured_joint,
+    joints_by_port,
 )
 from head_tracking.control import LEASE, ControlLoop, OwnershipError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
@@ -104,7 +105,7 @@ class ServoBusNode(ClosingNode):
         self._throttle, self._refusals = Throttle(_LOG_PERIOD), Throttle(_REFUSAL_PERIOD)
         self._safe: list[str] | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        ports = self._declare_joints(p)
+        ports = joints_by_port(p, map(self._declare_joint, p.dynamixels))
         buses = [
             ServoBus(
                 DynamixelPort(
@@ -118,7 +119,7 @@ class ServoBusNode(ClosingNode):
                 settings=self._settings,
                 epoch=loop.owners.epoch,
             )
-            for (name, baud_rate), joints in ports.items()
+            for name, (baud_rate, joints) in ports.items()
         ]
         self.backend = DynamixelBackend(
             buses, loop, p.update_rate, self._report, self._on_reading, self._on_error
@@ -167,18 +168,7 @@ class ServoBusNode(ClosingNode):
                 self.get_logger().error(problem)
         return self._safe
 
-    def _declare_joints(
-        self, p: ServoBusParameters
-    ) -> dict[tuple[str, int], list[JointConfiguration]]:
-        """Return the joints of each port and baud rate."""
-        ports: dict[tuple[str, int], list[JointConfiguration]] = {}
-        for name in p.dynamixels:
-            joint, controller = self._declare_joint(name)
-            port = (controller.port_name or p.port_name, controller.baud_rate or p.baud_rate)
-            ports.setdefault(port, []).append(joint)
-        return ports
-
-    def _declare_joint(self, dynamixel: str) -> tuple[JointConfiguration, ControllerParameters]:
+    def _declare_joint(self, dynamixel: str) -> tuple[ControllerParameters, JointConfiguration]:
         """Declare the parameters of a joint, which apply new speeds and limits at once."""
         prefix = f"{dynamixel}_controller."
 
@@ -211,7 +201,7 @@ class ServoBusNode(ClosingNode):
         ).value
         other = NodeParameters(self, SecondMotorParameters, f"{prefix}second_motor.").value
         joint = configured_joint(dynamixel, controller, motor, other)
-        return joint, controller
+        return controller, joint
 
     def _connect(self, allow_missing: bool) -> None:
         log = self.get_logger()
