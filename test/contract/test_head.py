@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rig import DEGREE, SOURCE, bearing, follow_a_swing, run_python, swing_until_learned
-from waiting import PATIENCE, join, repeating, wait_for
+from waiting import PATIENCE, repeating, wait_for
 
 from head_tracking import (
     FrameError,
@@ -213,21 +213,6 @@ def test_learned_values_are_reported_frozen_forgotten_and_set(head):
             head.learn(**wrong)
 
 
-def test_following_does_not_wait_for_the_servos(head, servos):
-    answering = threading.Event()
-    silence = threading.Thread(target=servos.port.use, args=[lambda _: answering.wait(30.0)])
-    silence.start()
-    try:
-        head.follow(LEFT)
-        assert not answering.is_set()
-    finally:
-        answering.set()
-        join(silence)
-
-    wait_for(lambda: servos.true[0] > 0.1)
-    assert servos.torque == [1, 1]
-
-
 def test_look_at_follows_a_moving_frame_and_fixes_a_point_on_the_head(head, servos):
 
     def move():
@@ -298,13 +283,6 @@ def test_invalid_targets_raise_errors_with_attributes_and_move_nothing(head, ser
 def test_servos_that_are_no_pair_of_configurations_are_refused(servos):
     with pytest.raises(TypeError, match="JointConfiguration"):
         Head.simulated(servos=servos)
-
-
-def test_a_closed_head_does_not_begin_a_block():
-    head = Head.simulated()
-    head.close()
-    with pytest.raises(RefusedCommandError), head:
-        pass
 
 
 def test_numbers_of_any_type_are_accepted_and_reported_angles_are_true(head, servos):
@@ -608,18 +586,6 @@ def test_stop_and_close_relax_the_servos_while_a_log_handler_hangs(servos, kinec
     finally:
         continues.set()
         logger.removeHandler(handler)
-
-
-def test_a_timeout_error_of_a_signal_handler_ends_look_at(head):
-    """It is no timeout of look_at."""
-
-    def interrupt(*_):
-        raise TimeoutError
-
-    with on_alarm(interrupt), pytest.raises(TimeoutError):
-        signal.setitimer(signal.ITIMER_REAL, 0.3)
-        head.look_at(LEFT, max_velocity=0.2)
-    assert head.state is HeadState.HOLDING
 
 
 def test_a_program_keeps_its_own_signal_handlers(servos):

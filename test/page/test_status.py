@@ -86,12 +86,6 @@ def test_a_fault_has_advice_and_the_command_that_may_help(level, fault, command)
     assert shown.advice != advice("none", "servo_bus")[0]
 
 
-@pytest.mark.parametrize("level", [Level.OK, Level.WARN])
-def test_a_warning_is_no_fault(level):
-    slow = Part("servo_bus: bus", level, "45 of 50 cycles per second", {})
-    assert faults([slow]) == []
-
-
 def test_a_node_that_has_gone_or_is_silent_is_named_once():
     (fault,) = faults([SILENT])
     assert "head_tracker" in fault.advice

@@ -119,15 +119,6 @@ def test_a_bag_of_stock_nodes_opens(kinectbot, compression):
     assert recording.at(4.5).target is None  # nobody sent it any more
 
 
-def test_a_target_is_placed_with_the_joints_as_they_were_when_it_was_seen(kinectbot):
-    """Though it comes, and was recorded, half a second later."""
-    frame = kinectbot.joints[PAN].child
-    target = {"header": header(at(1.0), frame), "point": xyz((1.0, 0.0, 0.0))}
-    messages = [*moving(kinectbot, 3.0), (1.5, "target_point", target)]
-    x, y, _ = read(bag(messages)).at(1.7).target
-    assert math.atan2(y, x) == pytest.approx(math.sin(1.0), abs=0.03)
-
-
 @pytest.mark.parametrize("has_target", [True, False])
 def test_a_target_is_shown_while_the_controller_has_it(kinectbot, has_target):
     field = {"key": "target", "value": "true" if has_target else "false"}

@@ -18,7 +18,7 @@ from waiting import repeating, wait_for
 
 from head_tracking.dynamixel import BusStatistics, BusTiming
 from head_tracking.gaze import PointingParameters
-from head_tracking.head.obstacle import Blocked, Obstacle
+from head_tracking.head.obstacle import Blocked
 from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
@@ -99,15 +99,6 @@ def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(track
     assert max(tracked.world.speeds(1.0)) > 1.0
 
 
-def test_short_pauses_of_the_target_are_not_logged(track, capfd):
-    tracked = track()
-    for _ in range(3):
-        tracked.see(0.1, 1.0)
-        tracked.see(None, 0.3)
-        assert tracked.fields["state"] == "coasting"
-    assert capfd.readouterr().err.count("tracking: ") == 1
-
-
 def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
     """The state keeps the first reason for a second."""
     tracked = track()
@@ -124,19 +115,6 @@ def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
         number = float(re.search(r"([\d.]+) s", refusal.reason)[1])
         assert number == pytest.approx(age, abs=0.1)
     assert "5" in tracked.fields["refusal"]
-
-
-def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
-    """As `Head.look_at` after `Head.follow`."""
-    tracked = track()
-    begun = tracked.world.seconds
-    tracked.path = lambda now: now - begun
-    tracked.world.run(1.0)
-    p = PointingParameters(max_velocity=1.0)
-    tracked.node.control.point(tracked.target(2.0), p, lambda motion: None)
-    speeds = tracked.world.speeds(0.2)
-    assert speeds[0] > 0.7
-    assert min(speeds) > 0.5
 
 
 PAN_DELAY = "head_pan_joint: delay of its servo"
@@ -250,20 +228,6 @@ def test_the_summary_judges_a_target_from_a_while_after_it_came_until_it_is_give
 WITHOUT_HEAD = '<robot name="arm"><link name="shoulder"/></robot>'
 
 
-def test_a_disabled_tracker_stays_disabled_with_another_model(track, kinectbot):
-    tracked = track()
-    tracked.node.control.disable(Blocked.DISABLED)
-    tracked.path = lambda now: AWAY
-    again = kinectbot.urdf.replace("</robot>", "<!-- another one --></robot>")
-    tracked.world.buffer.core.set_model(parse_robot_model(again))
-    assert max(tracked.world.speeds(1.0)) == 0.0
-    assert tracked.world.writes == 0
-    assert tracked.fields["state"] == "disabled"
-    tracked.node.control.enable()
-    tracked.world.run(1.0)
-    assert tracked.fields["state"] == "tracking"
-
-
 @pytest.mark.parametrize(
     ("parameters", "urdf", "reason"),
     [
@@ -333,14 +297,6 @@ def test_a_paused_clock_is_reported_and_tracking_resumes(track):
     world.paused_at = None
     assert max(tracked.world.speeds(3.0)) < 0.3
     assert tracked.fields["state"] == "tracking"
-
-
-def test_joint_states_from_the_future_are_not_fresh(track):
-    tracked = track()
-    tracked.world.early = 5 * SECOND
-    tracked.see(AWAY, 2.0)
-    assert tracked.node.control.trouble == Obstacle(Blocked.FUTURE, "head_pan_joint")
-    assert tracked.world.writes == 0
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import math
 import random
-import threading
 
 import pytest
 
@@ -14,8 +13,6 @@ from rig import JOINTS
 from std_srvs.srv import SetBool
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.head.obstacle import Blocked, Obstacle
-from head_tracking.ros.head import head_actions
 from head_tracking.ros.head.point_head import PointHeadNode
 
 
@@ -144,30 +141,6 @@ def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, ki
     assert min(speeds) > 0.5 * speeds[0]
 
 
-def test_actions_and_topic_have_the_name_of_another_controller(world):
-    """As clients of TIAGo and PR2 call it."""
-    world.make(PointHeadNode, {"controller_name": "head_controller"}, loop=world.loop)
-    assert world.listeners("/head_controller/joint_trajectory") == 1
-
-
-def test_a_goal_is_refused_while_another_owns_the_joints_or_nobody_measures_them(pointed):
-    world, control = pointed.world, pointed.node.control
-    request = point_goal(1, -1, 0.1, pointed.head.base_frame)
-    world.loop.owners.take_over("/somebody", JOINTS)
-    world.run(0.1)
-    assert pointed.node.actions.point_refusal(request)
-    assert control.obstacle.detail == "/somebody"
-    control.enable()
-    world.run(0.1)
-    assert not pointed.node.actions.point_refusal(request)
-    world.is_measured = False
-    world.run(1.0)
-    assert control.obstacle == Obstacle(Blocked.NOT_MEASURED, JOINTS[0])
-    world.is_measured = True
-    world.run(0.3)
-    assert control.obstacle is None
-
-
 def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     world, owners = pointed.world, pointed.world.loop.owners
     world.run(0.5)
@@ -188,27 +161,6 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     assert max(speeds) < 0.4  # rad/s
 
 
-def test_the_cycle_goes_on_while_a_trajectory_is_checked(pointed, monkeypatch):
-    control, free = pointed.node.control, []
-
-    def checking(*_):
-        """Let another thread, like that of the bus, use the head meanwhile."""
-
-        def use():
-            free.append(control.lock.acquire(timeout=5.0))
-            if free[-1]:
-                control.lock.release()
-
-        cycle = threading.Thread(target=use)
-        cycle.start()
-        cycle.join()
-
-    monkeypatch.setattr(head_actions, "checked_waypoints", checking)
-    pointed.node.actions.follow(HeldGoal(following((0.2, (0.1, 0.1)))))
-    assert free
-    assert all(free)
-
-
 def begun(head, kind):
     """A goal that turns pan for some seconds, and has just done so for a while."""
     if kind == "point":
@@ -220,23 +172,6 @@ def begun(head, kind):
     head.world.run(1.0)
     assert not goal.status
     return goal
-
-
-def test_a_program_that_stands_still_before_its_first_command_takes_no_joint_for_blocked(pointed):
-    """Between a measurement and what follows from it, as on a busy computer."""
-    world, write = pointed.world, pointed.world.write
-
-    def stand_still(*goals):
-        world.is_measured, world.write = False, write
-
-        def go_on():
-            world.is_measured = True
-            write(*goals)
-
-        world.at(world.now + 450_000_000, go_on)
-
-    world.write = stand_still
-    assert pointed.look_at((1.0, 0.5, 0.1)).status == "succeeded", pointed.said
 
 
 @pytest.mark.parametrize("kind", ["point", "follow"])
@@ -255,17 +190,6 @@ def test_a_blocked_joint_aborts_the_goal(pointed, kind):
     head.world.run(1.0)
     assert head.true == pytest.approx(stood, abs=0.05)  # nobody takes it on
     assert head.look_at((2.0, 0.5, 0.1)).status == "succeeded"
-
-
-def test_a_diagnosis_of_the_servo_bus_aborts_the_goal(pointed):
-    stuck = pointed.world.loop.stuck
-    stuck["head_pan_joint"] = "an old story"
-    goal = begun(pointed, "point")
-    stuck["head_pan_joint"] = "head_pan_joint (id 1): servo 1: torque lost"
-    pointed.world.run(0.05)
-    assert goal.status == "aborted"
-    assert pointed.said.startswith("aborted: ")
-    assert "servo 1: torque lost" in pointed.said
 
 
 def stop_and_resume(pointed):

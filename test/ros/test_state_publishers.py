@@ -137,17 +137,6 @@ def test_a_stream_that_is_too_fast_is_thinned_and_another_passes_whole(
     assert len(tf("tf")) == pytest.approx(share * count, abs=0 if rate == 20 else 2)
 
 
-def test_after_a_clock_that_jumped_back_tf_goes_on(world, publish_robot, tf):
-    publish_robot()
-    now = world.now // 10**9
-    world.publish("/joint_states", joints(now + 3600, shoulder=0.5, elbow=1.0))
-    world.run(0.01)
-    world.publish("/joint_states", joints(now, shoulder=0.7, elbow=1.0))
-    world.run(0.01)
-    assert [moving[0].header.stamp.sec for moving in tf("tf")] == [now + 3600, now]
-    assert tf("tf")[-1][0].transform.rotation.z == pytest.approx(math.sin(0.35))
-
-
 @pytest.fixture
 def calibration(tmp_path) -> Calibration:
     """A calibration that is 400 days old, in a file."""
@@ -205,12 +194,6 @@ def complete(world):
 
 def positions(message: JointState) -> dict[str, float]:
     return dict(zip(message.name, message.position, strict=True))
-
-
-def test_nothing_is_sent_that_nobody_knows(complete):
-    (found,) = complete(joints(3.0, shoulder=0.5))
-    assert positions(found) == {"shoulder": 0.5}
-    assert found.header.stamp.sec == 3
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import (
-    Point,
     PointStamped,
     Pose,
     PoseStamped,
@@ -21,7 +20,6 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
-from std_msgs.msg import Header
 from transform_messages import shifted
 from waiting import join, wait_for
 
@@ -35,7 +33,6 @@ from head_tracking.tf import (
     TransformException,
     TypeException,
 )
-from head_tracking.tf.conversions import ns_to_stamp
 
 TURN = 0.5
 NAMES = """
@@ -81,36 +78,6 @@ def test_the_names_and_methods_of_tf2_are_there():
     """That an exported name exists is checked in test_architecture.py."""
     assert set(NAMES.split()) <= set(tf.__all__)
     assert set(CORE.split()) <= set(dir(tf.BufferCore))
-
-
-# What goes in comes out
-
-
-def test_the_messages_are_those_that_the_constructors_make(buffer):
-    time = Time(seconds=1, nanoseconds=5).to_msg()
-    found = buffer.lookup_transform("map", "ball", time)
-    expected = message(found.transform.translation.x, 1)
-    expected.header.stamp.nanosec = 5
-    expected.transform.rotation = found.transform.rotation
-    assert found == expected
-    assert repr(found) == repr(expected)
-    moved = buffer.transform(stamped(PointStamped), "map")
-    again = PointStamped(
-        header=Header(stamp=ns_to_stamp(2_000_000_000), frame_id="map"),
-        point=Point(x=moved.point.x, y=moved.point.y, z=moved.point.z),
-    )
-    assert moved == again
-    assert repr(moved) == repr(again)
-    found.transform.translation.x = 9.0  # the buffer keeps its own
-    assert buffer.lookup_transform("map", "ball", time) != found
-
-
-def test_the_cache_time_is_kept():
-    buffer = Buffer(cache_time=Duration(seconds=1))
-    for second in (1, 2, 5, 6):
-        buffer.set_transform(message(1.0, second))
-    assert not buffer.can_transform("map", "ball", Time(seconds=2))
-    assert buffer.can_transform("map", "ball", Time(seconds=5))
 
 
 # Lookups

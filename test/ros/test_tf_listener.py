@@ -1,8 +1,5 @@
 """Feeding a buffer from topics, in the program's own thread or in another; sending transforms."""
 
-import threading
-from contextlib import ExitStack
-
 import pytest
 import rclpy
 from geometry_msgs.msg import TransformStamped
@@ -20,7 +17,6 @@ from head_tracking.ros.kit.topics import LATCHED
 from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,
-    LookupException,
     StaticTransformBroadcaster,
     TransformBroadcaster,
     TransformListener,
@@ -108,16 +104,6 @@ def test_a_callback_waits_for_data_while_its_executor_is_busy_with_it(make_node,
     assert turned(found[0])
 
 
-def test_the_remaps_of_the_program_hold_for_a_listener_without_a_node():
-    with ExitStack() as resources:
-        rclpy.init(args=["--ros-args", "-r", "joint_states:=/robot/joint_states"])
-        resources.callback(rclpy.shutdown)
-        listener = TransformListener(Buffer())
-        resources.callback(listener.unregister)
-        topics = [subscription.topic_name for subscription in listener._subscriptions]
-        assert "/robot/joint_states" in topics
-
-
 def test_a_node_that_listens_has_the_prefix_as_a_parameter(make_node, head):
     """As robot_state_publisher in another process: /tf has its frames with the prefix."""
     prefix = Parameter("frame_prefix", value="left/")
@@ -143,21 +129,6 @@ def test_joints_of_a_second_robot_do_not_turn_the_first(make_node, head, urdf):
     first.unregister()
     TransformListener(buffer, other, frame_prefix="right/")
     assert other.count_subscribers("joint_states") == 1
-
-
-def test_the_robot_can_be_exchanged(make_node, head, urdf):
-    buffer = Buffer()
-    listener = TransformListener(buffer)  # without a node
-    head.move(0.5, 2)
-    buffer.lookup_transform("base_link", "camera_link", Time(seconds=2), PATIENCE)
-    head.describe(urdf.replace("camera_link", "eye_link"))
-    found = buffer.lookup_transform("base_link", "eye_link", Time(seconds=2), PATIENCE)
-    assert turned(found)
-    with pytest.raises(LookupException):
-        buffer.lookup_transform("base_link", "camera_link", Time())
-    threads = threading.active_count()
-    listener.unregister()
-    assert threading.active_count() == threads - 1
 
 
 def test_a_system_clock_that_was_set_back_is_followed(make_node, head):

@@ -72,13 +72,6 @@ def test_a_jpeg_of_a_camera_is_passed_on_unless_it_is_too_wide():
     assert (smaller.format, smaller.size) == ("JPEG", (32, 24))
 
 
-def test_other_compressions_become_jpeg():
-    message = compressed("PNG")
-    picture = Snapshot("/image", 1, message, *size_of(message))
-    shown = PillowImage.open(io.BytesIO(picture.jpeg(64)))
-    assert (shown.format, shown.size) == ("JPEG", (64, 48))
-
-
 @pytest.mark.parametrize(
     "message",
     [

@@ -2,7 +2,6 @@
 
 import struct
 import threading
-import time
 from importlib.util import find_spec
 
 import numpy as np
@@ -14,7 +13,7 @@ if find_spec("cv2") is None:
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.parameter import Parameter
 from rig import DEGREE
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, CompressedImage, RegionOfInterest
 from visual_pursuit import pursue
 from waiting import PATIENCE, wait_for
 
@@ -214,23 +213,6 @@ def test_follow_can_be_changed_also_after_a_detector_that_fails(world, look):
     assert not accepts(node, follow="nobody")
 
 
-def test_images_are_subscribed_to_while_results_are_used(world, look):
-    node = look(follow="colour")
-
-    def images(on=None):
-        if on is not None:
-            node.output.set(on)
-        world.run(0.3)
-        return world.listeners("/image"), world.listeners("/depth")
-
-    assert images() == (1, 1)
-    assert images(on=False) == (0, 0)
-    assert images(on=True) == (1, 1)
-    assert images(on=False) == (0, 0)
-    world.record("/visual_target/roi")
-    assert images() == (1, 1)
-
-
 def test_selected_boxes(world, look):
     node = look(follow="features", distance=1.0)
     targets = world.record("/target_point")
@@ -278,33 +260,6 @@ def test_what_else_is_seen_is_published_and_can_be_selected(world, look):
 
 def simulated_camera(world, **parameters):
     return world.make(SimulatedCameraNode, {**parameters, **SMALL}, buffer=world.buffer)
-
-
-@pytest.mark.parametrize("kind", ["16UC1", ""])
-def test_stamps_and_delay_of_the_simulated_camera(world, kind):
-    simulated_camera(world, scene="ball", depth_encoding=kind, delay=0.2)
-    topics = ("/image", "/camera_info", "/depth")
-    heard = {topic: world.record(topic) for topic in topics}
-    world.run(0.8)
-    assert len(heard["/image"]) == pytest.approx(9, abs=2)
-    assert len(heard["/depth"]) == (len(heard["/image"]) if kind else 0)
-    for (when, image), (_, info) in zip(heard["/image"], heard["/camera_info"], strict=True):
-        stamp = image.header.stamp.sec * 10**9 + image.header.stamp.nanosec
-        assert 0.2 <= (when - stamp) * 1e-9 < 0.21
-        assert info.header == image.header
-        assert isinstance(image, Image)
-        assert len(image.data) == image.step * image.height == 320 * 240 * 3
-
-
-def test_the_simulated_camera_shows_the_scene_that_was_chosen_last(world):
-    first = Parameter("scene", value="ball")
-    eye = SimulatedCameraNode(buffer=world.buffer, parameter_overrides=[first])
-    for name in ("marker", "ball"):  # the second one before the first one is drawn
-        assert accepts(eye, scene=name)
-    time.sleep(0.3)  # for its thread
-    assert "ball" in eye.scene
-    assert "marker" not in eye.scene
-    eye.destroy_node()
 
 
 @pytest.mark.parametrize("wanted", [(), ("/depth",), ("/image", "/camera_info")])
