@@ -18,7 +18,6 @@ from dynamixel_fakes import (
 from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
-    BusEvent,
     ConfigurationError,
     EventKind,
     Goal,
@@ -216,23 +215,6 @@ def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) 
         (EventKind.LOST, "head_pan_joint")
     ]
     assert all("head_tilt_joint" in reading.states for reading in readings)
-
-
-def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: FakeRig) -> None:
-    rig.pan.answers = False
-    rig.step(5)
-    rig.pan.answers = True
-    rig.pan["Model Number"] = 29
-    rig.pan["Torque Enable"] = 1
-    events: list[BusEvent] = []
-    for _ in range(5):
-        rig.bench.pass_time(0.6)
-        events += rig.step().events
-        assert rig.lost == ["head_pan_joint"]
-    events += rig.step().events
-    assert {event.kind for event in events} == {EventKind.UNUSABLE}
-    assert [event.repeated for event in events] == [False, False, True, True, True]
-    assert rig.pan["Torque Enable"] == 0
 
 
 # The adapter unplugged
@@ -435,6 +417,16 @@ def test_a_position_outside_the_limits_is_clamped_and_that_is_reported_or_refuse
     assert rig.bus.statistics().clamped_commands == clamps
     rig.step(2)
     assert rig.tilt["Goal Position"] == ticks
+
+
+def test_a_command_that_closing_overtakes_moves_nothing_when_the_bus_is_connected_again(
+    rig: FakeRig,
+) -> None:
+    rig.bus.command({"head_pan_joint": Goal(0.5)}, claim=lambda _: rig.bus.close())
+    rig.bus.connect()
+    rig.take_log()
+    rig.step()
+    assert writes(rig.log) == []
 
 
 # Commands that something overtakes after they were accepted

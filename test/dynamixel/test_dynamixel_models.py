@@ -22,7 +22,7 @@ from head_tracking.dynamixel.models import TABLES, all_models, read_model, servo
 from head_tracking.dynamixel.protocol import Instruction
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.simulation import SimulatedServo
-from head_tracking.simulation.models import registers_of, simulated_model
+from head_tracking.simulation.models import registers_of
 
 every_model = pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
 
@@ -171,16 +171,6 @@ initial_step = 2, range = [0, 9]}
 """
 
 
-def test_every_model_of_the_driver_can_be_simulated() -> None:
-    for model in all_models():
-        simulated = simulated_model(model)
-        for fact in ("ticks", "center", "radians_per_tick", "endless", "no_load_speed"):
-            assert getattr(simulated, fact) == pytest.approx(getattr(model, fact)), fact
-        assert simulated.number == model.model_number
-        names = {register.name for register in model.control_table}
-        assert names == {register.name for register in registers_of(model.name, 50)}
-
-
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for path in TABLES.glob("*.toml"):
@@ -247,11 +237,6 @@ def test_zero_is_at_init_and_positions_of_a_reversed_servo_fall_with_ticks() -> 
     assert joint.position(401) == pytest.approx(math.radians(300.0) / 1024)
     assert REVERSED.direction == -1
     assert REVERSED.position(501) == pytest.approx(-PAN.resolution)
-
-
-def test_no_load_speed_is_the_limit_unless_configured() -> None:
-    assert PAN.speed_limit == servo_model("AX-12").no_load_speed
-    assert replace(PAN, joint_speed=0.5, max_speed=1.0).speed_limit == 1.0
 
 
 @pytest.mark.parametrize(

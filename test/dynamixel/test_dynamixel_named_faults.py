@@ -23,7 +23,6 @@ from head_tracking.dynamixel import (
     Symptom,
     servo_model,
 )
-from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import Fault, Faults, SimulatedBus, SimulatedServo
 
 AX, XM = servo_model("AX-12"), servo_model("XM430-W350")
@@ -252,19 +251,6 @@ def test_a_slow_fault_is_named_before_the_servo_shuts_down(
     assert named is not None and head.time - named > 1.0, head.complaints
 
 
-@pytest.mark.parametrize(("model", "distance"), [(AX, 0.28), (STS, 2.4)], ids=["AX", "STS"])
-def test_a_servo_that_is_slower_than_commanded_is_named(model: ServoModel, distance: float) -> None:
-    head = Head(model)
-    head.goal = lambda joint: -distance / 2  # type: ignore[method-assign]
-    head.run(2.0)
-    assert not head.complaints
-    head[1].drive.impede(0.9)
-    head.goal = lambda joint: distance / 2  # type: ignore[method-assign]
-    struck = head.time
-    head.run(0.6)  # a healthy servo needs half of it to accelerate
-    assert head.named(struck, Symptom.SLOW)
-
-
 def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
     head = Head(pair=True)
     head.run(2.0)
@@ -297,29 +283,6 @@ def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
     head.bus.connect()
     head.step()
     assert head.named(0.0, Symptom.SWAPPED, cause="head_tilt")
-
-
-@pytest.mark.parametrize("model", [AX, XM, STS], ids=["AX", "X", "STS"])
-def test_a_symptom_lasts_until_its_cause_is_gone(model: ServoModel) -> None:
-    head = Head(model)
-
-    def health() -> set[Symptom]:
-        return set(head.bus.statistics().servos[0].symptoms)
-
-    head.still = True
-    head.run(1.0)
-    head[1].drive.impede(2.0)
-    head.goal = lambda joint: 0.7  # type: ignore[method-assign]
-    head.run(0.1)
-    head.bus.cycle._clock = lambda: head.bench.now() - 3_600_000_000_000  # it is set back
-    head.run(0.4)
-    assert health() == {Symptom.BLOCKED}
-    head[1].drive.impede(0.0)
-    head.run(0.3)
-    run(head.bus.recovering())
-    head.run(3.0)
-    assert not health()
-    assert EventKind.CLEARED in head.kinds
 
 
 # No fault

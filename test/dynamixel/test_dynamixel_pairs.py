@@ -8,13 +8,11 @@ from head_tracking.dynamixel import (
     ConfigurationError,
     EventKind,
     Goal,
-    GoalError,
     JointConfiguration,
     ServoCalibration,
     Torque,
     servo_model,
 )
-from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 APART = 12  # ticks; what accelerating and friction make of a stiff bracket
@@ -68,23 +66,6 @@ class Pair(Rig):
         return self.joint.position(self.servos[0].true_ticks)
 
 
-@pytest.mark.parametrize("relaxed", [False, True])
-@pytest.mark.parametrize("name", MODELS)
-def test_narrowed_limits_move_both_goals(name: str, relaxed: bool) -> None:
-    pair = Pair(name)
-    pair.send(0.9)
-    ticks = pair.joint.model.ticks
-    if relaxed:
-        run(pair.bus.switching_torque(None, False))
-    pair.bus.joint("j").reconfigure(highest=ticks // 2)
-    if relaxed:
-        run(pair.bus.switching_torque(None, True))  # its goal is the limit, at the lowest speed
-        pair.send(0.5)
-    pair.step(60)
-    assert pair.position == pytest.approx(pair.joint.position(ticks // 2), abs=0.05)
-    assert pair.apart < APART and pair.goals_apart < APART
-
-
 def test_limits_that_leave_a_pair_no_position_are_refused() -> None:
     pair = Pair("AX-12")
     model, joint = pair.joint.model, pair.bus.joint("j")
@@ -122,25 +103,6 @@ def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name: 
     assert EventKind.UNUSABLE in pair.kinds
     assert pair.powered == 0
     assert pair.bus.joint("j").torque is Torque.OFF_UNTIL_COMMANDED
-
-
-@pytest.mark.parametrize("silent", [1, 2])
-def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) -> None:
-    pair = Pair("XM430-W350")
-    pair.send(0.6)
-    mute = pair.servos[silent - 1]
-    mute.set_register("ID", 99)
-    pair.step(20)
-    with pytest.raises(GoalError):
-        pair.send(0.2)
-    goals = [servo.register("Goal Position") for servo in pair.servos]
-    pair.step(10)
-    assert [servo.register("Goal Position") for servo in pair.servos] == goals
-    mute.set_register("ID", silent)
-    pair.step(60)
-    pair.send(0.2)
-    assert pair.bus.joint("j").torque is Torque.ON
-    assert pair.apart < APART and pair.goals_apart < APART
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -183,19 +145,3 @@ def test_no_servo_of_a_pair_holds_alone_when_the_other_one_lost_its_power_while_
     assert pair.powered == 0
     pair.send(0.2)
     assert pair.bus.joint("j").torque is Torque.ON
-
-
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("relaxed", [0, 1])
-def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(
-    name: str, relaxed: int
-) -> None:
-    pair = Pair(name)
-    pair.send(0.9)
-    pair.servos[relaxed].set_register("Torque Enable", 0)
-    pair.step(15)
-    assert pair.powered != 1  # a goal switches the torque of some models on
-    assert (EventKind.TORQUE_LOST in pair.kinds) == (pair.powered == 0)
-    pair.send(0.2)
-    assert pair.bus.joint("j").torque is Torque.ON
-    assert pair.apart < APART and pair.goals_apart < APART

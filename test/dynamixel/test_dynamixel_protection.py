@@ -1,7 +1,7 @@
 """Faults, heat, watchdogs, timeouts; joints stopped, started and changed while running."""
 
 import pytest
-from dynamixel_fakes import PAN, TILT, TORQUE, FakeRig, speed_ticks, submit, writes
+from dynamixel_fakes import PAN, TILT, FakeRig, speed_ticks, submit
 from simulated_device import Rig
 
 from head_tracking.dynamixel import (
@@ -70,24 +70,6 @@ def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
     assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
 
 
-@pytest.mark.parametrize("missed", [0, 1, 2])
-def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_off(
-    missed: int,
-) -> None:
-    rig = FakeRig().switched_on(0.5)
-    rig.pan.answers = False
-    rig.step(2)
-    rig.pan.power_off()
-    rig.pan.power_on()
-    rig.pan.answers = True
-    rig.pan.mute += [False, True] * missed
-    rig.take_log()
-    assert rig.passed(5) == [EventKind.TORQUE_LOST]
-    assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
-    assert {packet[1] for packet in writes(rig.log)} == {TORQUE}
-    assert rig.pan["Torque Enable"] == 0
-
-
 # Commands that stop coming
 
 
@@ -133,30 +115,6 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     run(rig.bus.stopping(None))  # twice is harmless
     run(rig.bus.switching_torque(None, False))
     assert rig.pan_torque is Torque.OFF_STOPPED
-
-
-@pytest.mark.parametrize("wrong", ["silent", "in wheel mode", "keeps its torque"])
-def test_a_joint_whose_servo_cannot_be_used_is_not_called_started_and_looked_for(
-    rig: FakeRig, wrong: str
-) -> None:
-    run(rig.bus.stopping(["head_pan_joint"]))
-    rig.pan.answers = wrong != "silent"
-    if wrong == "in wheel mode":
-        rig.pan["CCW Angle Limit"] = 0
-    elif wrong == "keeps its torque":
-        rig.pan["Torque Enable"] = 1
-        rig.pan.ignored.add(TORQUE)
-    starting = [submit(rig.bus, rig.bus.starting(["head_pan_joint"])) for _ in range(2)]
-    for _ in range(1000):  # between any two steps
-        rig.bus.cycle.fill(rig.bench.now() + 1_000_000_000)
-        rig.bench.pass_time(0.002)
-        rig.reading = rig.bus.step()
-    assert all(isinstance(each.exception(0.0), ServoError) for each in starting)
-    assert "head_pan_joint" not in rig.reading.states
-    rig.pan.answers = True
-    rig.pan.ignored.clear()
-    rig.pan["CCW Angle Limit"] = 1023
-    assert "head_pan_joint" in rig.step(5).states
 
 
 def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> None:

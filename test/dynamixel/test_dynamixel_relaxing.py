@@ -55,20 +55,6 @@ def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | 
     assert not rig.bench.port.is_open
 
 
-def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end(
-    rig: FakeRig,
-) -> None:
-    run(rig.bus.stopping([PAN.joint_name]))
-    rig.pan.answers = False
-    assert rig.bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
-    run(rig.bus.switching_torque(None, False))
-    rig.tilt.answers = False  # relaxed, too, but not taken out of the cycle
-    problems = rig.bus.relax_at_once(1.0)
-    assert problems[TILT.joint_name] and not problems[PAN.joint_name]
-    rig.tilt.answers = True
-    assert rig.bus.close() == ()
-
-
 def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_relaxed(
     rig: FakeRig,
 ) -> None:
