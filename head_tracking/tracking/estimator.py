@@ -31,7 +31,7 @@ _OVERDUE = 0.45  # s; prediction beyond the lead time while points are overdue
 _CAUTION = 0.5  # of the mean squared error so far ahead, which shortens a prediction
 _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
-_IN_VIEW = 0.4  # rad from its axis a camera sees a lost target
+_IN_VIEW = 0.4  # rad from its axis a camera sees a target
 _SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
 
 
@@ -92,6 +92,7 @@ class TargetEstimate:
         bearings: filters of the pan and tilt that look at the target, at `stamp`.
         leads: the usual lead time, and a longer one for points that are overdue [s].
         reach: the prediction stands still from this time after `stamp` on [s].
+        farthest: the prediction goes no farther from the latest point [rad].
         turned: transforms a predicted ray into the base frame at its time [s], if the base moves.
     """
 
@@ -100,6 +101,7 @@ class TargetEstimate:
     bearings: tuple[Bearing, Bearing]
     leads: tuple[float, float]
     reach: float
+    farthest: float = _FARTHEST_AHEAD
     turned: Callable[[Ray, float], Ray] | None = None
 
     def ray_at(self, time: float, tilt_time: float | None = None) -> Ray:
@@ -127,6 +129,13 @@ class TargetEstimate:
         overdue = ahead - lead
         grown = (far_error - near_error) * overdue / (far - lead)
         return math.sqrt(near_error + grown + (0.5 * ACCELERATION * overdue**2) ** 2)
+
+    def in_view(self) -> TargetEstimate:
+        """Return the target if points are missing: a camera that looks at it sees the latest one.
+
+        The target may have stopped there, or be back.
+        """
+        return replace(self, farthest=_IN_VIEW)
 
     def within(self, limits: Sequence[tuple[float, float]]) -> TargetEstimate:
         """Return the target for joints that cannot follow its oscillation in full.
@@ -165,7 +174,7 @@ class TargetEstimate:
             missed = bearing.far_error - max(bearing.error, bearing.variance)
             squares = away * away + share * _CAUTION * max(missed, 0.0) + _FINEST
             away *= away * away / squares
-        return here + min(max(away, -_FARTHEST_AHEAD), _FARTHEST_AHEAD)
+        return here + min(max(away, -self.farthest), self.farthest)
 
 
 class _Snapshot(NamedTuple):

@@ -184,6 +184,8 @@ class Tracker:
         self.reading_age += _SMOOTHING * (now - joints.stamp - self.reading_age)
         estimate = self.estimator.estimate
         if estimate is not None and self._follows(now):
+            if self.machine.state is TargetState.COASTING:
+                estimate = estimate.in_view()
             target = self._from_base(estimate, now)
             if target is None:
                 return TrackingStep()

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from closed_loop import BASE_FRAME, WEBCAM, ClosedLoop, Conditions
 from plant import PlainServo
-from runs import HEAD, ON_HEAD, around, from_rest, run, still, swing, tracker
+from runs import HEAD, ON_HEAD, around, from_rest, run, sine, still, swing, tracker
 
 from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
 
@@ -46,6 +46,13 @@ def test_at_rest_the_head_is_quieter_than_the_points(conditions, most):
     goals = outcome.goals[200:]
     assert sum(a != b for a, b in pairwise(goals)) / (len(goals) / 50.0) < most
     assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * conditions.noise
+
+
+@pytest.mark.parametrize("seed", [8, 10])
+def test_a_fast_target_without_points_does_not_take_the_camera_off_its_last_place(seed):
+    usual = Conditions(points=30.0, delay=0.1, noise=0.002, duration=20.0)
+    head = run(sine(0.5), replace(usual, lost=0.5, outage=0.3, seed=seed)).recording
+    assert abs(head.positions[:, 0]).max() < 0.7
 
 
 def test_gaps_do_not_carry_the_head_past_its_target():
