@@ -106,7 +106,10 @@ def test_a_recording_holds_what_was_published(bench):
 
     folder = bench.folder / "recordings"
     bench.start("head_tracking", "--sim")
-    recorder = bench.start("recorder", "--ros-args", "-p", f"record_directory:={folder}")
+    words = ("recorder", "--ros-args", "-p", f"record_directory:={folder}")
+    assert bench.start(*words, "-p", "record_directry:=x").end() == 1
+    assert not folder.exists()  # what is refused leaves no file
+    recorder = bench.start(*words)
     recorded = {"/joint_states", "/target_point", "/robot_description"}
 
     def hears(topic):

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.ros.kit.node_parameters import NodeParameters
+from head_tracking.ros.kit.node_parameters import NodeParameters, check_parameters
 from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
 
 _PERIOD = 1.0  # s
@@ -33,6 +33,7 @@ class RecorderNode(ClosingNode):
         super().__init__("recorder", **options)
         parameters = NodeParameters(self, RecorderParameters).value
         self.recorder = Recorder(self, parameters)
+        check_parameters([self])  # before there is a file
         self._watch = steady_timer(self, _PERIOD, self._check)
         self.get_logger().info(self.recorder.start())
         self.closing.callback(self._end)
