@@ -18,6 +18,7 @@ from dynamixel_fakes import (
 from simulated_device import Bench, joint_of
 
 from head_tracking.dynamixel import (
+    BusEvent,
     ConfigurationError,
     EventKind,
     Goal,
@@ -215,6 +216,23 @@ def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) 
         (EventKind.LOST, "head_pan_joint")
     ]
     assert all("head_tilt_joint" in reading.states for reading in readings)
+
+
+def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: FakeRig) -> None:
+    rig.pan.answers = False
+    rig.step(5)
+    rig.pan.answers = True
+    rig.pan["Model Number"] = 29
+    rig.pan["Torque Enable"] = 1
+    events: list[BusEvent] = []
+    for _ in range(5):
+        rig.bench.pass_time(0.6)
+        events += rig.step().events
+        assert rig.lost == ["head_pan_joint"]
+    events += rig.step().events
+    assert {event.kind for event in events} == {EventKind.UNUSABLE}
+    assert [event.repeated for event in events] == [False, False, True, True, True]
+    assert rig.pan["Torque Enable"] == 0
 
 
 # The adapter unplugged

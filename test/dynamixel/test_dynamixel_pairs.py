@@ -89,6 +89,20 @@ def test_limits_that_leave_a_pair_no_position_are_refused() -> None:
     assert pair.powered == 0
 
 
+def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back() -> None:
+    pair = Pair("XM430-W350")
+    pair.send(0.2)
+    second, limit = pair.servos[1], pair.joint.model.position_limits[1]
+    second.set_register("ID", 99)
+    pair.step(20)
+    second.set_register(limit, round(0.44 * second.model.ticks))  # the joint's 0.56 and more
+    pair.bus.joint("j").reconfigure(highest=round(0.52 * second.model.ticks))
+    second.set_register("ID", 2)
+    pair.step(100)
+    assert not pair.bus.joint("j").complete
+    assert not second.register("Torque Enable")
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name: str) -> None:
     pair = Pair(name)

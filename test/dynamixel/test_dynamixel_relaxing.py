@@ -2,7 +2,7 @@
 
 import pytest
 from dynamixel_fakes import PAN, TILT, FakeRig, submit, writes
-from simulated_device import Bench
+from simulated_device import Bench, Rig
 
 from head_tracking.dynamixel import (
     ConfigurationError,
@@ -71,6 +71,19 @@ def test_no_joint_is_called_relaxed_when_the_adapter_has_gone(rig: FakeRig) -> N
     run(rig.bus.stopping([TILT.joint_name]))
     rig.bench.line.plugged = False
     assert rig.bus.close() == (PAN.joint_name,)
+
+
+@pytest.mark.parametrize("close", [False, True])
+def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
+    servo = SimulatedServo(1, "XM430-W350")
+    rig = Rig(servo)
+    run(rig.bus.switching_torque(None, True))
+    assert servo.register("Bus Watchdog") > 0
+    if close:
+        assert rig.bus.close() == ()
+    else:
+        run(rig.bus.stopping(None))
+    assert servo.register("Bus Watchdog") == 0
 
 
 @pytest.mark.parametrize("silent", [0, 1, 4, 11])
@@ -171,6 +184,21 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
     rig.tilt[name] = before
     rig.step(100)
     assert rig.bus.statistics().connected
+
+
+@pytest.mark.parametrize("on", [False, True])
+def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(
+    rig: FakeRig, on: bool
+) -> None:
+    rig.bench.line.plugged = False
+    rig.bus.step()
+    rig.bus.relax_at_once(0.1)
+    asked = submit(rig.bus, rig.bus.switching_torque(None, on))
+    rig.step(20)
+    assert isinstance(asked.exception(0.0), TorqueError)
+    rig.bench.line.plugged = True
+    rig.step(100)
+    assert rig.torque == [0, 0]
 
 
 # Without a running bus

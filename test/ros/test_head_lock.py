@@ -1,6 +1,7 @@
 """One head for each domain and namespace: on a machine by a lock, between machines by claims."""
 
 import json
+import subprocess
 import sys
 import threading
 import time
@@ -10,7 +11,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
-from waiting import join, wait_for
+from waiting import PATIENCE, join, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus import servo_bus
@@ -64,6 +65,20 @@ def test_a_real_head_that_waits_too_long_is_refused(lock):
     lock(simulated=True).acquire(sleep)
     with pytest.raises(RefusedError):
         lock().acquire(sleep, patience=0.1)
+
+
+def test_the_lock_lasts_as_long_as_a_process_that_inherited_it(lock):
+    simulated = lock(simulated=True)
+    simulated.acquire(sleep)
+    child = subprocess.Popen(
+        [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=simulated.descriptors
+    )
+    simulated.release()
+    with pytest.raises(RefusedError):
+        lock(simulated=True).acquire(sleep)
+    child.kill()
+    child.communicate(timeout=PATIENCE)
+    lock(simulated=True).acquire(sleep)
 
 
 @pytest.mark.parametrize(

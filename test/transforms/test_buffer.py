@@ -224,25 +224,6 @@ def test_what_is_older_than_the_cache_takes_no_memory():
     assert len(history.stamps) == len(history.values) <= 2 * len(history)
 
 
-@pytest.mark.parametrize("stamp", [1.5, math.nan, None, "now"])
-def test_a_time_that_is_no_integer_is_refused_and_recorded_nowhere(buffer, stamp):
-    buffer.set_transform(SECOND, "map", "ball", moved(1.0))
-    for call in (
-        lambda: buffer.set_joint_positions(stamp, HEAD),
-        lambda: buffer.set_joint_positions(stamp, {"another_joint": 0.0}),
-        lambda: buffer.set_transform(stamp, "map", "ball", moved(1.0)),
-        lambda: buffer.set_transform(stamp, "map", "cup", moved(1.0)),
-        lambda: buffer.lookup_transform("base_link", "camera_link", stamp),
-        lambda: buffer.can_transform("base_link", "camera_link", stamp),
-    ):
-        with pytest.raises(TypeError, match="nanoseconds"):
-            call()
-    buffer.set_transform(2 * SECOND, "map", "cup", moved(1.0))
-    assert buffer.lookup_transform("map", "cup").stamp == 2 * SECOND
-    buffer.set_joint_positions(2 * SECOND, HEAD)
-    assert buffer.lookup_transform("base_link", "camera_link").stamp == 2 * SECOND
-
-
 def test_numbers_of_numpy_are_times_and_waits(buffer):
     buffer.set_transform(np.int64(SECOND), "map", "ball", moved(1.0))
     found = buffer.lookup_transform("map", "ball", np.int64(SECOND), np.float32(0.1))

@@ -5,9 +5,7 @@ import math
 import pytest
 
 from head_tracking.transforms import (
-    ExtrapolationException,
     InvalidArgumentException,
-    LookupException,
     Rotation,
     Transform,
     TransformBuffer,
@@ -23,10 +21,6 @@ def buffer():
 
 def moved(x: float) -> Transform:
     return Transform.from_xyz_rpy((x, 0, 0))
-
-
-def x_of(found) -> float:
-    return found.transform.translation[0]
 
 
 def test_a_leading_slash_is_stripped_when_set_and_refused_when_asked_for(buffer):
@@ -76,22 +70,6 @@ def test_of_the_two_quaternions_of_a_rotation_it_is_tf2_s(buffer, given, expecte
     assert buffer.lookup_transform("map", "base").transform.rotation == pytest.approx(expected)
     full = buffer.lookup_transform_full("map", SECOND, "base", SECOND, "map")
     assert full.transform.rotation == pytest.approx(expected)
-
-
-def test_full_goes_through_a_frame_that_stands_still(buffer):
-    for stamp in (1, 2, 3):
-        buffer.set_transform(stamp * SECOND, "odom", "base", moved(stamp))
-        buffer.set_transform(stamp * SECOND, "odom", "ball", moved(10 * stamp))
-    found = buffer.lookup_transform_full("base", 3 * SECOND, "ball", SECOND, "odom")
-    assert x_of(found) == pytest.approx(10 - 3)
-    assert found.stamp == 3 * SECOND
-    assert (found.target_frame, found.source_frame) == ("base", "ball")
-    back = buffer.lookup_transform_full("base", SECOND, "base", 3 * SECOND, "odom")
-    assert x_of(back) == pytest.approx(2)  # where base will be, as base sees it now
-    with pytest.raises(ExtrapolationException):
-        buffer.lookup_transform_full("base", 9 * SECOND, "ball", SECOND, "odom")
-    with pytest.raises(LookupException):
-        buffer.lookup_transform_full("base", SECOND, "ball", SECOND, "nose")
 
 
 def test_the_frames_as_tf2_writes_them(buffer):

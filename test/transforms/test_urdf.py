@@ -1,7 +1,6 @@
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from head_tracking.transforms import (
@@ -79,18 +78,6 @@ def test_a_missing_file_and_a_broken_xacro_name_the_file(tmp_path):
                       "<xacro:undefined/></robot>")  # fmt: skip
     with pytest.raises(RobotModelError):
         load_robot_model(broken)
-
-
-def test_a_model_can_be_put_into_the_world(kinectbot):
-    T_world_base = Transform.from_xyz_rpy((0, 0, 0.0325), (0, 0, 0.4))
-    model = with_fixed_root(kinectbot, '<"world">', T_world_base)
-    assert model.root == '<"world">'
-    assert model.parent_joint("base_link").parent == '<"world">'
-    found = model.transform('<"world">', "base_link", {})
-    assert np.allclose(found.as_matrix(), T_world_base.as_matrix(), atol=1e-12)
-    again = parse_robot_model(model.urdf)
-    assert again.links == model.links
-    assert again.joints == model.joints
 
 
 def test_a_second_world_is_refused(kinectbot):
