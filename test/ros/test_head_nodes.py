@@ -285,20 +285,6 @@ def test_a_turning_base_is_compensated_in_the_fixed_frame(track):
     assert world.true_position("head_pan_joint") == pytest.approx(-0.8, abs=0.1)
 
 
-def test_a_paused_clock_is_reported_and_tracking_resumes(track):
-    tracked = track()
-    world, world.is_simulated = tracked.world, True
-    tracked.see(AWAY, 3.0)
-    assert tracked.fields["state"] == "tracking"
-    world.paused_at = world.stamp
-    world.run(2.0)
-    assert (tracked.fields["state"], tracked.fields["reason"]) == ("idle", Blocked.CLOCK)
-    world.offset -= world.now + world.offset - world.paused_at
-    world.paused_at = None
-    assert max(tracked.world.speeds(3.0)) < 0.3
-    assert tracked.fields["state"] == "tracking"
-
-
 @pytest.mark.parametrize(
     ("is_simulated", "jump", "law"),
     [

@@ -26,11 +26,7 @@ from waiting import join, wait_for
 from head_tracking import tf
 from head_tracking.tf import (
     Buffer,
-    ConnectivityException,
-    ExtrapolationException,
-    InvalidArgumentException,
     LookupException,
-    TransformException,
     TypeException,
 )
 
@@ -81,27 +77,6 @@ def test_the_names_and_methods_of_tf2_are_there():
 
 
 # Lookups
-
-
-@pytest.mark.parametrize(
-    ("target", "source", "time", "error"),
-    [
-        ("map", "nose", Time(), LookupException),
-        ("map", "island", Time(), ConnectivityException),
-        ("map", "ball", Time(seconds=4), ExtrapolationException),
-        ("map", "ball", Time(nanoseconds=1), ExtrapolationException),
-        ("/map", "ball", Time(), InvalidArgumentException),
-        ("", "ball", Time(), InvalidArgumentException),
-    ],
-)
-def test_errors_are_those_of_tf2(buffer, target, source, time, error):
-    buffer.set_transform_static(message(0.0, 0, "sea", "island"))
-    with pytest.raises(error) as caught:
-        buffer.lookup_transform(target, source, time)
-    assert isinstance(caught.value, TransformException)
-    reason = str(caught.value)
-    assert buffer.can_transform(target, source, time, return_debug_tuple=True) == (False, reason)
-    assert buffer.can_transform(target, source, time) is False
 
 
 def test_the_core_answers_without_waiting(buffer):

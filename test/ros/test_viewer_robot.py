@@ -145,21 +145,6 @@ def test_a_refused_point_is_not_shown_as_the_target_of_the_head(robot, seen):
             assert seen.observe().target is None
 
 
-def test_parameters_are_described_and_follow_changes_from_elsewhere(robot, seen):
-    def setting(name: str) -> Any:
-        return next(one for one in seen.parameters.settings() if one.name == name)
-
-    found = setting("k_pan")
-    assert (found.node, found.value) == ("/head_tracker", 1.5)
-    assert (found.minimum, found.maximum) == (0.1, 20.0)
-    assert "Pan speed per error" in found.description
-    seen.parameters.set("/head_tracker", "k_pan", 4.0)
-    wait_for(lambda: setting("k_pan").value == 4.0)
-    names = {one.name for one in seen.parameters.settings()}
-    assert "rate" not in names, "it can't be changed"
-    assert "robot_description" not in names, "a wrong one ends the robot's program"
-
-
 def magenta(picture: Any) -> int:
     r, g, b = (picture[..., channel].astype(int) for channel in range(3))
     return int(np.count_nonzero((r > g + 60) & (b > g + 60)))

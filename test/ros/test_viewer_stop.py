@@ -10,9 +10,7 @@ import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from geometry_msgs.msg import PointStamped
-from rclpy.node import Node
 from rig import JOINTS
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from viewing import view
 from waiting import PATIENCE, wait_for
@@ -251,24 +249,6 @@ def test_joints_that_were_moved_before_the_model_came_are_published_when_it_has(
 def seen(page, monkeypatch) -> Any:
     monkeypatch.setattr("head_tracking.page.robot._PATIENCE", 0.5)
     return page()
-
-
-def test_joint_states_that_end_are_missed_until_they_come_again(seen):
-    wait_for(lambda: seen.joints.free)
-    assert not seen.silent_joints(), "nobody has promised any"
-    measuring = Node("encoders")
-    publisher = measuring.create_publisher(JointState, "joint_states", 10)
-    wait_for(lambda: not seen.joints.free)
-
-    def measured() -> bool:
-        message = JointState(name=list(JOINTS), position=[0.1, 0.2])
-        message.header.stamp = measuring.get_clock().now().to_msg()
-        publisher.publish(message)
-        return seen.silent_joints() == ()
-
-    wait_for(lambda: seen.silent_joints() == JOINTS)  # none has come
-    wait_for(measured)
-    wait_for(lambda: seen.silent_joints() == JOINTS)
 
 
 def test_with_servos_the_page_never_publishes_the_joints_itself(seen, monkeypatch):

@@ -40,7 +40,6 @@ class World:
     Attributes:
         now: the time [ns].
         offset: of the clock of the nodes from `now` [ns].
-        paused_at: the time at which that clock stands still [ns]; None: it runs.
         is_simulated: whether that clock is one of a simulation.
         is_measured: whether the joints are read.
         early: joint states are stamped so far in the future [ns].
@@ -53,7 +52,6 @@ class World:
 
     def __init__(self, model: RobotModel | None) -> None:
         self.now, self.offset, self.early, self.writes = _START, 0, 0, 0
-        self.paused_at: int | None = None
         self.is_simulated, self.is_measured = False, True
         self.buffer = Buffer()
         if model is not None:
@@ -79,7 +77,7 @@ class World:
     @property
     def stamp(self) -> int:
         """The time on the clock of the nodes [ns]."""
-        return self.now + self.offset if self.paused_at is None else self.paused_at
+        return self.now + self.offset
 
     def at(self, when: int, what: Callable[[], object]) -> None:
         """Does something at a time [ns]."""
