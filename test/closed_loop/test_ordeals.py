@@ -48,6 +48,12 @@ def test_at_rest_the_head_is_quieter_than_the_points(conditions, most):
     assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * conditions.noise
 
 
+@pytest.mark.parametrize(("frequency", "most"), [(0.2, 0.015), (0.3, 0.02)])
+def test_a_computer_that_is_often_late_follows_smoothly(frequency, most):
+    conditions = replace(ON_HEAD, late=0.3, duration=20.0)
+    assert run(sine(frequency), conditions).recording.between(3.0).rms < most
+
+
 @pytest.mark.parametrize("seed", [8, 10])
 def test_a_fast_target_without_points_does_not_take_the_camera_off_its_last_place(seed):
     usual = Conditions(points=30.0, delay=0.1, noise=0.002, duration=20.0)
