@@ -8,6 +8,7 @@ from head_tracking.dynamixel import (
     ConfigurationError,
     EventKind,
     Goal,
+    GoalError,
     JointConfiguration,
     ServoCalibration,
     Torque,
@@ -117,6 +118,25 @@ def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name: 
     assert EventKind.UNUSABLE in pair.kinds
     assert pair.powered == 0
     assert pair.bus.joint("j").torque is Torque.OFF_UNTIL_COMMANDED
+
+
+@pytest.mark.parametrize("silent", [1, 2])
+def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) -> None:
+    pair = Pair("XM430-W350")
+    pair.send(0.6)
+    mute = pair.servos[silent - 1]
+    mute.set_register("ID", 99)
+    pair.step(20)
+    with pytest.raises(GoalError):
+        pair.send(0.2)
+    goals = [servo.register("Goal Position") for servo in pair.servos]
+    pair.step(10)
+    assert [servo.register("Goal Position") for servo in pair.servos] == goals
+    mute.set_register("ID", silent)
+    pair.step(60)
+    pair.send(0.2)
+    assert pair.bus.joint("j").torque is Torque.ON
+    assert pair.apart < APART and pair.goals_apart < APART
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -311,6 +311,17 @@ def test_a_jump_of_the_clock_stops_the_head_which_follows_again(track, is_simula
     assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.03)
 
 
+def test_a_head_that_turns_the_wrong_way_is_an_error_on_diagnostics(track):
+    """That it is found: see test/closed_loop/test_mounting.py."""
+    tracked = track()
+    diagnoses = tracked.world.record("/diagnostics")
+    tracked.node.control.disable(Blocked.FAULT, "head_pan_joint")
+    tracked.world.run(1.1)
+    status = diagnoses[-1][1].status[0]
+    assert status.level == DiagnosticStatus.ERROR
+    assert "head_pan_joint" in status.message
+
+
 def test_a_whole_run_uses_simulated_time(make_robot):
     """On a clock that comes 10 times a second and starts anew."""
     robot = make_robot(ros_args=["-p", "use_sim_time:=true"], wait=False)
