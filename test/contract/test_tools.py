@@ -7,8 +7,6 @@ from importlib.util import find_spec
 
 import pytest
 import serial
-import yaml
-from rig import TICK
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 from terminal import Terminal
 from waiting import PATIENCE, wait_for
@@ -78,25 +76,6 @@ def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
         terminal.waits_for(r"\$ ")
         terminal.type("echo code $?\n")
         assert f"code {130 if ended == 'by ctrl-c' else 1}" in terminal.waits_for(r"code \d+\r")
-
-
-def test_calibration_is_led_by_hand_and_written_to_a_file(bench):
-    file = bench.folder / "head.yaml"
-    words = ("calibrate", "head_pan:1", "--output", str(file))
-    unattended = bench.start("servo", "--port", bench.servos.name, *words)
-    assert unattended.end() == 3, unattended.output
-    assert not file.exists()
-    with closing(servo_on_terminal(bench, *words)) as terminal:
-        for prompt, tick in (("zero", 512), ("lowest", 300), ("highest", 700)):
-            terminal.waits_for(prompt)
-            bench.servos.turn_by_hand(1, (tick - 512) * TICK)
-            wait_for(lambda tick=tick: abs(bench.servos.ticks[0] - tick) < 10)
-            bench.servos.at_rest()
-            terminal.type("\n")
-        wait_for(file.exists)
-    motor = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
-    motor = motor["head_pan_controller"]["motor"]
-    assert [motor[key] for key in ("init", "min", "max")] == pytest.approx([512, 306, 694], abs=14)
 
 
 @pytest.mark.skipif(find_spec("mcap_ros2") is None, reason="needs requirements/viewer.txt")
