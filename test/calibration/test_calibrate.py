@@ -233,6 +233,17 @@ def test_a_turn_is_repeated_while_the_joints_are_not_measured(monkeypatch):
         views._turn(PLACE, math.inf)
 
 
+def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
+    """Also if the last part of the motion is heard of later."""
+    head, directions = LateHead(0.0), []
+    views = gather(head)
+    for pan in (0.01, 0.2, 0.22, 0.21, 0.1, 0.09, 0.11):
+        head.true = {**head.true, "head_pan_joint": pan}
+        views._note_motion()
+        directions.append(views._directions[0])
+    assert directions == [0, 1, 1, 0, -1, -1, 0]
+
+
 class RestlessHead(LateHead):
     """A head that turns to and fro, by itself or by hand."""
 
