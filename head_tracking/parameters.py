@@ -74,13 +74,16 @@ def checked(name: str, info: ParameterInfo, default: Any, value: Any) -> Any:
         value: the value to check; a sequence becomes a tuple.
 
     Raises:
-        ParameterError: wrong type, out of range or not finite.
+        ParameterError: wrong type, out of range, not finite, or a name twice in a list of names.
     """
     if isinstance(default, tuple):
         if isinstance(value, str) or not hasattr(value, "__iter__"):
             raise ParameterError(f"{name} is {value!r}; it must be a list")
         element = default[0] if default else ""
-        return tuple(checked(f"{name}[{i}]", info, element, v) for i, v in enumerate(value))
+        values = tuple(checked(f"{name}[{i}]", info, element, v) for i, v in enumerate(value))
+        if info.ros_name and len(set(values)) < len(values):
+            raise ParameterError(f"{name} is {list(values)}; each name is allowed once")
+        return values
     expected = type(default)
     if expected is float and isinstance(value, Real) and not isinstance(value, bool):
         value = float(value)

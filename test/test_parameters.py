@@ -40,6 +40,8 @@ def test_a_name_that_ros_would_refuse_is_refused(name):
         checked("topic", NAMES, "", name)
     with pytest.raises(ParameterError):
         checked("topics", NAMES, ("servo_states",), ["servo_states", ""])
+    with pytest.raises(ParameterError):
+        checked("topics", NAMES, ("servo_states",), ["left", "left"])
 
 
 @pytest.mark.parametrize(
@@ -51,6 +53,7 @@ def test_a_name_that_ros_would_refuse_is_refused(name):
         ("{head_tilt_controller: {motor: {id: 2, mni: 375}}}", "motor.mni"),
         ("{eeprom: {return_delay: low}}", "eeprom.return_delay"),
         ("{dynamixels: 3}", "list"),
+        ("{dynamixels: [head_pan, head_pan]}", "dynamixels"),
         ("[a]", "ros__parameters"),
         ("{a: [1", "YAML"),
     ],
