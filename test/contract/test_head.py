@@ -616,9 +616,15 @@ def test_a_fork_of_the_program_ends_by_a_signal_as_usual():
     program = """
 import multiprocessing, time
 from head_tracking import Head
+def work():
+    runs.set()
+    time.sleep(60)
+context = multiprocessing.get_context("fork")
+runs = context.Event()
 with Head.simulated():
-    fork = multiprocessing.get_context("fork").Process(target=time.sleep, args=[60])
+    fork = context.Process(target=work)
     fork.start()
+    runs.wait()  # Python forgets signals that come while it forks
     fork.terminate()
     fork.join()
     print(fork.exitcode)
