@@ -195,10 +195,8 @@ def joints_by_port(
     """
     ports: dict[str, tuple[int, list[JointConfiguration]]] = {}
     for controller, joint in joints:
-        name, baud_rate = (
-            controller.port_name or bus.port_name,
-            controller.baud_rate or bus.baud_rate,
-        )
+        name = controller.port_name or bus.port_name
+        baud_rate = controller.baud_rate or bus.baud_rate
         common, found = ports.setdefault(name, (baud_rate, []))
         if baud_rate != common:
             raise ConfigurationError(

@@ -254,7 +254,8 @@ class PredictiveLaw(TrackingLaw):
     def _times(self, now: float) -> list[tuple[float, float]]:
         """Return the times [s], each of pan and tilt, when a command of now acts and ends."""
         pan, tilt = (now + delay for delay in self.delays)
-        ahead = 0.0, self._usual, self._usual + RESERVE
+        end = self._usual
+        ahead = 0.0, end, end + RESERVE
         return [(pan + time, tilt + time) for time in ahead]
 
     def _gaze(
