@@ -17,7 +17,7 @@ from head_tracking import Head, HeadState, RefusedCommandError
 from head_tracking.calibration import Calibration, gathering
 from head_tracking.calibration.gathering import calibrate_camera
 from head_tracking.calibration.geometry import HeadGeometry
-from head_tracking.calibration.solver import CalibrationError, Reason
+from head_tracking.calibration.solver import CalibrationError, Reason, View
 from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
@@ -242,6 +242,36 @@ def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
         views._note_motion()
         directions.append(views._directions[0])
     assert directions == [0, 1, 1, 0, -1, -1, 0]
+
+
+@pytest.mark.parametrize(("noise", "speed", "found"), [(2.0, 0.0, True), (0.5, 5.0, False)])
+def test_noise_of_the_corners_is_no_motion(monkeypatch, noise, speed, found):
+    """As in a dark room; none of a hundred pairs of images has four corners within 1 pixel."""
+    head, rng, square = LateHead(0.0), np.random.default_rng(3), np.eye(4, 2)
+    views, shown, begin = gather(head), iter(range(70)), time.time()
+
+    def detect(stamp, picture):
+        corners = square + speed * next(shown) + rng.normal(0.0, noise, (4, 2))
+        return {7: View(0.0, 0.0, 7, corners)}
+
+    monkeypatch.setattr(views, "_detect", detect)
+    monkeypatch.setattr(views, "_source", ((begin + k / 30.0, None) for k in range(70)))
+    monkeypatch.setattr(gathering, "_LATE", 0.0)
+    monkeypatch.setattr(head, "hear", lambda: None)
+    monkeypatch.setattr(gathering.time, "time", lambda: begin + 3.0)
+    assert bool(views._views()) is found
+
+
+def test_both_joints_turn_between_two_views():
+    """A joint that does not turn stays at an unknown place in its play."""
+    head, places = LateHead(0.0), []
+    views = gather(head)
+    views._camera = camera_with_view(320, 240, DEFAULT_VIEW)
+    for point in views._points(View(0.0, 0.0, 7, np.array([(160.0, 120.0)]))):
+        head.look_at(point, "", max_velocity=1.0)
+        places.append([*head.true.values()])
+    assert len(places) == 25
+    assert np.abs(np.diff(places, axis=0)).min() > gathering._CROSSED
 
 
 class RestlessHead(LateHead):

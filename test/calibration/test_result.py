@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +19,7 @@ from head_tracking.calibration.geometry import HeadGeometry
 from head_tracking.cli.doctor.configured import check_calibration
 from head_tracking.cli.doctor.findings import Grade
 from head_tracking.exceptions import RefusedError
-from head_tracking.share import robot_file
+from head_tracking.share import robot_file, write_file
 from head_tracking.transforms import load_robot_model, parse_robot_model
 
 CHANGES = np.array([0.03, -0.05, 0.02, 0.004, -0.003, 0.006, 0.01, 0.02, -0.015, 0.025])
@@ -72,6 +74,38 @@ def test_a_file_that_is_not_written_leaves_the_earlier_one_and_no_draft(file, pr
         calibration.save(file)
     assert file.read_text() == before
     assert list(file.parent.iterdir()) == [file]
+
+
+def test_two_processes_that_write_one_file_at_once_both_succeed(file, monkeypatch):
+    other = (
+        "import sys, pathlib, head_tracking.share as share;"
+        "share.write_file(pathlib.Path(sys.argv[1]), 'other')"
+    )
+    replace = Path.replace
+
+    def replace_after_the_other(draft, path):
+        subprocess.run([sys.executable, "-c", other, path], check=True, timeout=60)
+        return replace(draft, path)
+
+    monkeypatch.setattr(Path, "replace", replace_after_the_other)
+    write_file(file, "own")
+    assert file.read_text() == "own"
+    assert list(file.parent.iterdir()) == [file]
+
+
+def test_a_file_in_a_read_only_folder_is_written(file, monkeypatch):
+    """Else the motion of 90 s was in vain."""
+    calibration, write = Calibration.load(file), Path.write_text
+
+    def refuse_drafts(path, text, **options):
+        if path != file:
+            raise PermissionError(13, "Permission denied")
+        return write(path, text, **options)
+
+    file.write_text("")
+    monkeypatch.setattr(Path, "write_text", refuse_drafts)
+    calibration.save(file)
+    assert Calibration.load(file) == calibration
 
 
 def test_a_device_is_written_and_not_replaced(file):

@@ -1,6 +1,7 @@
 """new-robot on simulated servos: from unknown servos to a head that points."""
 
 from pathlib import Path
+from typing import IO, Any
 
 import pytest
 import yaml
@@ -158,6 +159,20 @@ def test_a_file_that_another_program_writes_meanwhile_stays(
     assert user.run(*GIVEN, "--yes") == FAILED
     assert user.files == [other]
     assert other.read_text() == "precious"
+
+
+def test_a_full_disk_leaves_no_file(user: User, monkeypatch: pytest.MonkeyPatch) -> None:
+    open_file = Path.open
+
+    def open_on_full_disk(path: Path, mode: str = "r", *others: Any, **named: Any) -> IO[Any]:
+        if (mode, path.suffix) == ("x", ".yaml"):
+            path.symlink_to("/dev/full")
+            mode = "w"
+        return open_file(path, mode, *others, **named)
+
+    monkeypatch.setattr(Path, "open", open_on_full_disk)
+    assert user.run(*GIVEN, "--yes") == FAILED
+    assert user.files == []
 
 
 def test_torque_off_needs_confirmation(user: User) -> None:

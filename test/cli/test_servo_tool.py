@@ -1,11 +1,13 @@
 """The tool `servo` on simulated servos, in simulated time."""
 
 import errno
+import os
 import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from random import Random
 
 import pytest
 import yaml
@@ -19,6 +21,7 @@ from head_tracking.dynamixel.exceptions import PortMissingError
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.dynamixel.serial_port import port_error
 from head_tracking.simulation import SimulatedBus, SimulatedLine, SimulatedPort, SimulatedServo
+from head_tracking.simulation.faults import Fault, Faults
 
 AX_12 = servo_model("AX-12")
 XL430 = servo_model("XL430-W250")
@@ -143,6 +146,13 @@ def test_scan_warns_of_two_servos_with_one_id(
     assert "id 1 " in bench.messages and "set-id" in bench.messages
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Tool, seed: int) -> None:
+    bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(seed), 0.2, [Fault.DROP]))
+    assert bench.run("scan", "--bauds", "1000000", "--ids", "0-10") == DONE
+    assert [row[1] for row in bench.rows()] == ["1", "2", "7", "8"]
+
+
 # info
 
 
@@ -155,6 +165,16 @@ def test_info_shows_all_registers_in_units(bench: Tool) -> None:
     assert "1000000 baud" in bench.output
     assert bench.run("info", "7", "--all") == DONE
     assert "Indirect Address 28" in bench.output
+
+
+@pytest.mark.parametrize("servo_id", ["1", "7"])
+@pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.STALL])
+def test_info_reads_a_servo_whose_answers_are_often_lost_damaged_or_late(
+    bench: Tool, servo_id: str, kind: Fault
+) -> None:
+    bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(1), 0.25, [kind]))
+    assert bench.run("info", servo_id) == DONE, bench.messages
+    assert "1000000 baud" in bench.output
 
 
 @pytest.mark.parametrize(
@@ -437,6 +457,16 @@ def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) 
     for joint, ticks, error in ((pan, (520, 210, 840), 4), (tilt, (2100, 2967, 1533), 12)):
         motor = joint["motor"]
         assert [motor[key] for key in ("init", "min", "max")] == pytest.approx(ticks, abs=error)
+
+
+def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench: Tool, tmp_path: Path) -> None:
+    file = tmp_path / "head.yaml"
+    file.write_text("precious")
+    file.with_name(f".{file.name}.{os.getpid()}.draft").symlink_to("/dev/full")
+    bench.answers = "y\n"
+    bench.move_by_hand(1, 520, 200, 850)
+    assert bench.run("calibrate", "head_pan:1", "--output", str(file)) == FAILED
+    assert [each.read_text() for each in tmp_path.iterdir()] == ["precious"]
 
 
 @pytest.mark.parametrize(

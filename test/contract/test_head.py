@@ -285,6 +285,13 @@ def test_servos_that_are_no_pair_of_configurations_are_refused(servos):
         Head.simulated(servos=servos)
 
 
+def test_a_closed_head_does_not_begin_a_block():
+    head = Head.simulated()
+    head.close()
+    with pytest.raises(RefusedCommandError), head:
+        pass
+
+
 def test_numbers_of_any_type_are_accepted_and_reported_angles_are_true(head, servos):
     """Else the loop fails at the first step, and closes the head."""
     assert head.look_at(RIGHT, max_velocity=Decimal("2.5"), timeout=np.float32(10.0)).arrived
@@ -586,6 +593,18 @@ def test_stop_and_close_relax_the_servos_while_a_log_handler_hangs(servos, kinec
     finally:
         continues.set()
         logger.removeHandler(handler)
+
+
+def test_a_timeout_error_of_a_signal_handler_ends_look_at(head):
+    """It is no timeout of look_at."""
+
+    def interrupt(*_):
+        raise TimeoutError
+
+    with on_alarm(interrupt), pytest.raises(TimeoutError):
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        head.look_at(LEFT, max_velocity=0.2)
+    assert head.state is HeadState.HOLDING
 
 
 def test_a_program_keeps_its_own_signal_handlers(servos):

@@ -83,6 +83,15 @@ def test_an_unreachable_target_is_refused_and_nothing_moves(bench, person, targe
     assert bench.servos.at_rest() == pytest.approx(before, abs=0.2 * DEGREE)
 
 
+def test_a_blocked_head_does_not_report_arrival(bench, person):
+    # a hand holds it, stronger than the servo
+    bench.servos.port.use(lambda bus: bus[1].lead(512, 60.0))
+    person.look_at(1, -0.3, 0, "head_pan_link")
+    person.complaint("point_head")
+    assert person.state("point_head") != "arrived"
+    bench.servos.port.use(lambda bus: bus[1].lead(512, 0.1))
+
+
 def test_the_speed_can_be_lowered_while_it_runs(person):
     assert person.set("point_head", "max_velocity", 0.4).successful
     person.look_at(1, 1, 0)
@@ -101,6 +110,13 @@ def test_a_disabled_head_ignores_targets_and_permits_other_commands(bench, perso
     person.command("head_pan_controller", 0.5)
     wait_for(lambda: abs(person.pan - 0.5) < DEGREE)
     assert bench.servos.at_rest()[0] == pytest.approx(0.5, abs=DEGREE)
+
+
+def test_a_relaxed_head_does_not_move(bench, person):
+    person.until_done("relax")
+    before = bench.servos.at_rest()
+    person.complaint("", of=lambda: person.look_at(1, -1, 0))
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.01)
 
 
 def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):

@@ -177,6 +177,20 @@ def test_a_run_is_ended_during_its_start_without_a_word(bench, delay, kill):
     assert bench.servos.torque == [0, 0]
 
 
+def test_after_a_killed_run_nothing_moves_and_the_next_run_works(bench):
+    run = bench.run("--target", "smooth")
+    moves(bench)
+    run.kill()
+    before = bench.servos.at_rest()
+    time.sleep(0.3)
+    assert bench.servos.at_rest() == before
+    following = bench.run("--mode", "point")
+    bench.person.wait_for_joints()
+    assert bench.servos.at_rest() == pytest.approx(before, abs=0.02)
+    assert following.end(signal.SIGINT) == 0, following.output
+    assert bench.servos.torque == [0, 0]
+
+
 @pytest.mark.parametrize("name", ["head_tracking", "servo_bus"])
 def test_a_run_without_its_adapter_ends_with_1_and_names_the_joints(bench, name):
     program = bench.run_bus() if name == "servo_bus" else bench.run()

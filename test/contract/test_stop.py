@@ -13,7 +13,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rig import JOINTS, LATCHED, Bench, child
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Float64
 from waiting import repeating, wait_for
 
 STILL = 0.015  # rad: a joint that is relaxed moves on a little
@@ -141,6 +141,23 @@ def test_a_stopped_head_refuses_every_service_but_resume(bench, person):
     assert all(answer.message for answer in answers)
     assert bench.servos.torque == [0, 0]
     assert person.stopped
+
+
+def test_no_topic_moves_a_stopped_head(bench, person):
+    person.until_done("stop")
+    before = bench.servos.at_rest()
+    onward = JointState(name=list(JOINTS), position=[before[0] + 0.5, before[1]])
+    onward.header.frame_id = "/other"
+    for _ in range(3):  # targets keep coming, too
+        person.publish("joint_claims", onward)
+        person.publish("joint_commands", onward)
+        person.command("head_pan_controller", before[0] + 0.5)
+        person.publish("head_pan_controller/speed", Float64(data=1.0))
+        time.sleep(0.1)
+    assert person.stopped
+    assert bench.servos.torque == [0, 0]
+    wait_for(lambda: set(person.owners.values()) == {""})
+    assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
 
 
 def test_requests_to_relax_are_executed_while_stopped(bench, person):

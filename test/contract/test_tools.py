@@ -7,6 +7,8 @@ from importlib.util import find_spec
 
 import pytest
 import serial
+import yaml
+from rig import TICK
 from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 from terminal import Terminal
 from waiting import PATIENCE, wait_for
@@ -58,6 +60,15 @@ def test_a_simulated_bus_counts_faults_echoes_and_collisions(bench):
     assert "two senders at once: servos with the same id 1" in twins.output
 
 
+@pytest.mark.parametrize("model", ["AX-12", "STS3215", "XL330-M288"])
+def test_two_simulated_servos_with_one_id_are_found_as_that(bench, model):
+    """As servos fresh from the box, which are practised with."""
+    twins = bench.start("simulated_bus", "--servo", f"{model}:1", "--servo", f"{model}:1")
+    port = twins.read_until("/dev/").strip()
+    scan = bench.start("servo", "--port", port, "scan", "--bauds", "1000000", "--ids", "1-2")
+    scan.read_until("used twice")
+
+
 def servo_on_terminal(bench, *words):
     terminal = Terminal()
     tool = ("-m", "head_tracking", "servo", "--port", bench.servos.name, *words)
@@ -76,6 +87,25 @@ def test_the_monitor_runs_until_it_is_interrupted(bench, ended):
         terminal.waits_for(r"\$ ")
         terminal.type("echo code $?\n")
         assert f"code {130 if ended == 'by ctrl-c' else 1}" in terminal.waits_for(r"code \d+\r")
+
+
+def test_calibration_is_led_by_hand_and_written_to_a_file(bench):
+    file = bench.folder / "head.yaml"
+    words = ("calibrate", "head_pan:1", "--output", str(file))
+    unattended = bench.start("servo", "--port", bench.servos.name, *words)
+    assert unattended.end() == 3, unattended.output
+    assert not file.exists()
+    with closing(servo_on_terminal(bench, *words)) as terminal:
+        for prompt, tick in (("zero", 512), ("lowest", 300), ("highest", 700)):
+            terminal.waits_for(prompt)
+            bench.servos.turn_by_hand(1, (tick - 512) * TICK)
+            wait_for(lambda tick=tick: abs(bench.servos.ticks[0] - tick) < 10)
+            bench.servos.at_rest()
+            terminal.type("\n")
+        wait_for(file.exists)
+    motor = yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]
+    motor = motor["head_pan_controller"]["motor"]
+    assert [motor[key] for key in ("init", "min", "max")] == pytest.approx([512, 306, 694], abs=14)
 
 
 @pytest.mark.skipif(find_spec("mcap_ros2") is None, reason="needs requirements/viewer.txt")

@@ -1,6 +1,8 @@
 """`Head` from within: moments between its steps that a program can hardly hit."""
 
 import signal
+import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
@@ -10,9 +12,10 @@ import pytest
 from rig import Servos, swing_until_learned
 from waiting import PATIENCE, wait_for
 
-from head_tracking import Head, HeadState, RefusedCommandError
+from head_tracking import FrameError, Head, HeadState, RefusedCommandError
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import BusStoppedError, ServoBus
+from head_tracking.dynamixel.serial_port import open_serial
 from head_tracking.head.head_control import HeadControl
 from head_tracking.transforms import TransformBuffer
 
@@ -21,6 +24,33 @@ from head_tracking.transforms import TransformBuffer
 def servos(tmp_path) -> Iterator[Servos]:
     with closing(Servos(tmp_path / "servos")) as servos:
         yield servos
+
+
+def test_a_head_is_open_when_both_joints_are_measured(servos, kinectbot, monkeypatch):
+    """Replies are lost on a disturbed line; the error would speak of a clock that jumped."""
+    start, servo = DynamixelBackend.start, servos.port.use(lambda bus: bus[2])
+
+    def start_without_tilt(backend):
+        servos.port.use(lambda bus: servo.set_register("ID", 9))
+        restore = partial(servos.port.use, lambda bus: servo.set_register("ID", 2))
+        threading.Timer(0.5, restore).start()
+        start(backend)
+
+    monkeypatch.setattr(DynamixelBackend, "start", start_without_tilt)
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
+        assert len(head.joints) == 2
+
+
+def test_joints_are_not_called_silent_before_the_first_cycle(servos, kinectbot, caplog):
+    """Connecting takes that long with more servos, or an adapter with a latency timer."""
+
+    def open_late(port, baud_rate):
+        time.sleep(0.7)
+        return open_serial(port, baud_rate)
+
+    with Head(servos.name, kinectbot, reply_timeout=0.2, open_device=open_late) as head:
+        assert head.joints
+    assert "silent" not in caplog.text
 
 
 def test_a_head_that_fails_after_it_has_connected_leaves_its_port(servos, kinectbot, monkeypatch):
@@ -102,6 +132,27 @@ def test_resume_is_refused_if_its_torque_is_cut_by_a_relax_that_was_called_befor
         assert refused.value.state == head.state == HeadState.RELAXED
         head.resume()
         assert head.state is HeadState.HOLDING
+
+
+def test_nothing_waits_for_joints_of_a_time_before_the_first_measurement(monkeypatch):
+    before = time.time()
+    with Head.simulated() as head:
+        monkeypatch.setattr("head_tracking.head.head._TIMEOUT", PATIENCE)
+        for stamp in (1.0, before):
+            began = time.monotonic()
+            with pytest.raises(FrameError):
+                head.pose("camera_link", stamp=stamp)
+            assert time.monotonic() - began < PATIENCE / 2
+        assert head.pose("camera_link", stamp=time.time() + 0.2)
+
+
+def test_a_command_waits_for_a_bus_that_is_delayed_by_a_busy_machine():
+    with Head.simulated() as head, ThreadPoolExecutor() as threads:
+        (thread,) = head._servos.threads
+        with thread._owner:
+            looking = threads.submit(head.look_at, (2.0, 0.3, 0.6))
+            time.sleep(2.5)
+        assert looking.result(PATIENCE).arrived
 
 
 @pytest.mark.parametrize("command", [Head.stop, Head.relax])

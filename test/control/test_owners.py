@@ -41,6 +41,17 @@ def test_a_resume_older_than_a_stop_does_not_end_it(owners):
     assert owners.stopped
 
 
+def test_stop_relaxes_before_it_notifies_and_notifies_also_after_an_error(owners):
+    said = []
+    owners.observe(lambda: said.append(owners.stopped))
+    assert owners.stop(lambda: list(said)) == []
+    assert said == [True]
+    resume(owners)
+    with pytest.raises(ZeroDivisionError):
+        owners.stop(lambda: 1 // 0)
+    assert said == [True, False, True]
+
+
 def test_the_state_of_a_servo_bus_elsewhere_is_adopted(owners):
     owners.claim("/head_tracker", JOINTS)
     owners.follow(True, 3)

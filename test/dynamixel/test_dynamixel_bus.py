@@ -62,6 +62,16 @@ def test_connect_names_missing_ids_after_a_second_try() -> None:
     assert rig.bus.connect() == "2 AX-12 servos: ids 1, 2"
 
 
+@pytest.mark.parametrize("first", [1, 2, 5])
+def test_connect_asks_again_if_a_servo_that_answers_pings_then_falls_silent(first: int) -> None:
+    """Beside other work a Python program may miss all replies for a while."""
+    rig = FakeRig(connect=False)
+    rig.tilt.mute.extend([False] * first + [True] * 6)
+    rig.connect()
+    assert rig.tilt["Torque Enable"] == 0
+    assert len(rig.step().states) == 2
+
+
 def test_many_servos_of_another_model_are_refused_soon() -> None:
     rig = FakeRig(
         *[replace(PAN, joint_name=f"j{i}", controller=f"c{i}", id=i) for i in range(9)],
@@ -216,6 +226,20 @@ def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) 
         (EventKind.LOST, "head_pan_joint")
     ]
     assert all("head_tilt_joint" in reading.states for reading in readings)
+
+
+def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(
+    rig: FakeRig,
+) -> None:
+    rig.pan.answers = False
+    rig.step(4)
+    rig.bus.command({"head_pan_joint": Goal(0.1)})
+    rig.step()
+    assert rig.lost == ["head_pan_joint"]
+    rig.pan.answers = True
+    rig.bench.pass_time(0.6)
+    rig.step(5)
+    assert rig.pan["Torque Enable"] == 0
 
 
 def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: FakeRig) -> None:

@@ -124,6 +124,30 @@ def test_the_driver_never_speaks_while_a_servo_does(
     assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, overlaps
 
 
+class Misheard(OnAnswers):
+    """An AX hears a packet of 239 bytes more instead of its next one."""
+
+    now = False
+
+    def request(self, bus: SimulatedBus, data: bytes, now: int) -> tuple[bytes, list[Answer]]:
+        if self.now and data.startswith(b"\xff\xff\x01"):
+            self.now = False
+            return data[:3] + b"\xef" + data[4:], []
+        return data, []
+
+
+def test_a_servo_that_has_misheard_the_length_of_a_packet_is_read_again_within_100_ms() -> None:
+    misheard = Misheard(lambda answer: (answer,))
+    servos = [SimulatedServo(1), SimulatedServo(2, "XM430-W350")]
+    rig = Rig(SimulatedBus(servos, faults=misheard))
+    rig.step(20)
+    misheard.now = True
+    rig.step(4)
+    assert not misheard.now
+    assert set(rig.reading.states) == {"j1", "j2"}
+    assert rig.kinds == []
+
+
 def stalled(*stalls: int) -> OnAnswers:
     """A servo that gives its first answers late, while others may talk."""
     left = list(stalls)
@@ -152,3 +176,22 @@ def test_late_answers_to_writes_are_not_taken_for_the_next_ones(
             bench.port.read(1, torque, 1, model.protocol)
         overlaps = bench.line.overlaps
         assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, stall
+
+
+def test_a_late_answer_of_another_protocol_is_not_taken_for_a_damaged_one() -> None:
+    for late in range(1_500_000, 4_000_000, 58_000):
+        delays = [0, 0, late]  # of the answers to two writes and a read
+
+        def line(answer: Answer, delays: list[int] = delays) -> Iterator[Answer]:
+            yield replace(answer, late=delays.pop(0)) if delays else answer
+
+        servos = [SimulatedServo(1), SimulatedServo(2, "XM430-W350")]
+        bench = Bench(SimulatedBus(servos, faults=OnAnswers(line)), reply_timeout=0.002)
+        bench.port.open()
+        bench.port.write(1, 5, b"\xfe")  # Return Delay Time: 508 us
+        bench.port.write(2, 104, bytes.fromhex("FF FF FF FF 07 03 00 00"), protocol=2)
+        with suppress(CommunicationError):
+            bench.port.read(2, 104, 8, 2)  # the data look like a packet of protocol 1.0
+        for _ in range(3):
+            assert len(bench.port.read(1, 36, 2).data) == 2, late
+        assert bench.line.overlaps[Overlap.REQUEST] == 0, late

@@ -1,19 +1,22 @@
 """Packets of both protocols, damaged replies, and another program on the line."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
 from dynamixel_sdk import Protocol1PacketHandler, Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated_device import Bench, OnAnswers
+from simulated_device import Bench, OnAnswers, Rig
 
 from head_tracking.dynamixel import (
     Adapter,
     CommunicationError,
     DynamixelPort,
+    Goal,
     ReplyTimeoutError,
     ServoModel,
+    TorqueError,
     servo_model,
 )
 from head_tracking.dynamixel.exceptions import LineBusyError
@@ -26,6 +29,7 @@ from head_tracking.dynamixel.protocol import (
     sync_write_packet,
 )
 from head_tracking.dynamixel.reading import ReadGroup
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
     Answer,
     SimulatedBus,
@@ -330,6 +334,38 @@ def feedback(port: DynamixelPort, model: ServoModel) -> Status:
 
 
 @models
+@pytest.mark.parametrize("gap", [0.0, 0.0002, 0.01])
+def test_no_transaction_waits_long_for_a_second_master(gap: float, model: ServoModel) -> None:
+    made, _ = bench(gap, model)
+    port = made.port
+    for call in (
+        lambda: feedback(port, model),
+        lambda: port.ping(2),
+        lambda: port.write(2, torque(model), b"\0"),
+    ) * 20:
+        begin = made.clock.now
+        with suppress(CommunicationError):
+            call()
+        assert made.clock.now - begin < 0.06 * 1e9
+        made.pass_time(0.003)
+    assert len(port._buffer) < 10_000
+
+
+@models
+def test_servos_are_read_between_the_packets_of_a_second_master(model: ServoModel) -> None:
+    made, master = bench(0.002, model)
+    master.speaks = False
+    expected = feedback(made.port, model).data
+    master.speaks = True
+    replies = 0
+    for _ in range(200):
+        with suppress(CommunicationError):
+            replies += feedback(made.port, model).data == expected
+        made.pass_time(0.0031)
+    assert replies > 50
+
+
+@models
 @pytest.mark.parametrize("gap", [0.00025, 0.005])
 @pytest.mark.parametrize("known", [False, True], ids=["unknown", "known"])
 def test_stop_is_sent_between_the_packets_of_a_second_master(
@@ -360,3 +396,26 @@ def test_stop_that_finds_no_gap_is_reported(model: ServoModel) -> None:
         made.port.sync_write(torque(model), {1: b"\0"}, patience=0.1)
     assert 0.1e9 <= made.clock.now - begin < 0.11e9
     assert not master.heard and not master.spoken_over
+
+
+@models
+@pytest.mark.parametrize("gap", [0.00025, 0.005])
+def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float, model: ServoModel) -> None:
+    rig = Rig(*(SimulatedServo(i, model) for i in (1, 2)))
+    made = rig.bench
+    for _ in range(50):
+        rig.bus.command({"j1": Goal(0.3), "j2": Goal(-0.3)})
+        rig.step()
+    assert rig.torque == [1, 1]
+    master = share_line(made, gap)
+    rig.step(5)
+    begin = made.clock.now
+    reported: tuple[str, ...] = ()
+    try:
+        run(rig.bus.stopping(None), made.pass_time)
+    except TorqueError as error:
+        reported = tuple(error.problems)
+    assert made.clock.now - begin < 2e9
+    powered = {f"j{servo.id}" for servo in rig.servos if servo.register("Torque Enable")}
+    assert powered <= set(reported)
+    assert torque_off(model, 1, 2) in master.heard

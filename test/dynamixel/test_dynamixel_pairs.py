@@ -14,6 +14,7 @@ from head_tracking.dynamixel import (
     Torque,
     servo_model,
 )
+from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 APART = 12  # ticks; what accelerating and friction make of a stiff bracket
@@ -65,6 +66,37 @@ class Pair(Rig):
     @property
     def position(self) -> float:
         return self.joint.position(self.servos[0].true_ticks)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_servos_whose_torque_comes_on_in_motion_do_not_push_against_each_other(name: str) -> None:
+    pair = Pair(name)
+    pair.send(0.9)
+    pair.bus.command({"j": Goal(pair.joint.lower, 5.0)})
+    pair.step(9)
+    run(pair.bus.switching_torque(None, False))
+    run(pair.bus.switching_torque(None, True), pair.bench.pass_time)
+    pair.step(5)
+    pair.goals_apart = 0
+    pair.step(30)
+    assert pair.goals_apart <= 1
+
+
+@pytest.mark.parametrize("relaxed", [False, True])
+@pytest.mark.parametrize("name", MODELS)
+def test_narrowed_limits_move_both_goals(name: str, relaxed: bool) -> None:
+    pair = Pair(name)
+    pair.send(0.9)
+    ticks = pair.joint.model.ticks
+    if relaxed:
+        run(pair.bus.switching_torque(None, False))
+    pair.bus.joint("j").reconfigure(highest=ticks // 2)
+    if relaxed:
+        run(pair.bus.switching_torque(None, True))  # its goal is the limit, at the lowest speed
+        pair.send(0.5)
+    pair.step(60)
+    assert pair.position == pytest.approx(pair.joint.position(ticks // 2), abs=0.05)
+    assert pair.apart < APART and pair.goals_apart < APART
 
 
 def test_limits_that_leave_a_pair_no_position_are_refused() -> None:
@@ -179,3 +211,19 @@ def test_no_servo_of_a_pair_holds_alone_when_the_other_one_lost_its_power_while_
     assert pair.powered == 0
     pair.send(0.2)
     assert pair.bus.joint("j").torque is Torque.ON
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("relaxed", [0, 1])
+def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(
+    name: str, relaxed: int
+) -> None:
+    pair = Pair(name)
+    pair.send(0.9)
+    pair.servos[relaxed].set_register("Torque Enable", 0)
+    pair.step(15)
+    assert pair.powered != 1  # a goal switches the torque of some models on
+    assert (EventKind.TORQUE_LOST in pair.kinds) == (pair.powered == 0)
+    pair.send(0.2)
+    assert pair.bus.joint("j").torque is Torque.ON
+    assert pair.apart < APART and pair.goals_apart < APART

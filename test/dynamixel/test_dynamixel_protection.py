@@ -1,7 +1,7 @@
 """Faults, heat, watchdogs, timeouts; joints stopped, started and changed while running."""
 
 import pytest
-from dynamixel_fakes import PAN, TILT, FakeRig, speed_ticks, submit
+from dynamixel_fakes import PAN, TILT, TORQUE, FakeRig, speed_ticks, submit, writes
 from simulated_device import Rig
 
 from head_tracking.dynamixel import (
@@ -70,6 +70,37 @@ def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
     assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
 
 
+@pytest.mark.parametrize("missed", [0, 1, 2])
+def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_off(
+    missed: int,
+) -> None:
+    rig = FakeRig().switched_on(0.5)
+    rig.pan.answers = False
+    rig.step(2)
+    rig.pan.power_off()
+    rig.pan.power_on()
+    rig.pan.answers = True
+    rig.pan.mute += [False, True] * missed
+    rig.take_log()
+    assert rig.passed(5) == [EventKind.TORQUE_LOST]
+    assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
+    assert {packet[1] for packet in writes(rig.log)} == {TORQUE}
+    assert rig.pan["Torque Enable"] == 0
+
+
+def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None:
+    rig = FakeRig().switched_on(0.5)
+    rig.pan.answers = False
+    rig.step()
+    rig.take_log()
+    rig.step(2)
+    assert writes(rig.log) == []
+    rig.pan.answers = True
+    assert rig.passed(3) == []
+    assert rig.pan_torque is Torque.ON
+    assert writes(rig.log)[-1][0] == "sync"
+
+
 # Commands that stop coming
 
 
@@ -115,6 +146,55 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
     run(rig.bus.stopping(None))  # twice is harmless
     run(rig.bus.switching_torque(None, False))
     assert rig.pan_torque is Torque.OFF_STOPPED
+
+
+@pytest.mark.parametrize("phase", range(0, 20, 3))  # ms
+@pytest.mark.parametrize("request_", ["starting", "recovering"])
+def test_a_joint_accepts_a_command_as_soon_as_it_is_started_or_recovered(
+    phase: int, request_: str
+) -> None:
+    rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.1))
+    rig.go(0.3)
+    if request_ == "starting":
+        run(rig.bus.stopping(None))
+        done = submit(rig.bus, rig.bus.starting(None))
+    else:
+        rig.servos[0].overload()
+        rig.step(5)
+        done = submit(rig.bus, rig.bus.recovering(None, 2.0))
+    while not done.done():
+        rig.step()
+        for _ in range(phase):  # steps between two cycles
+            rig.bench.pass_time(0.001)
+            rig.bus.cycle.fill(rig.bench.now() + 1_000_000_000)
+            if done.done():
+                break
+    done.result()
+    rig.bus.command({"j1": Goal(0.1)})
+    assert rig.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.05)
+
+
+def test_a_servo_that_has_shut_down_and_does_not_answer_is_not_called_recovered() -> None:
+    rig = FakeRig().switched_on()
+    rig.pan.error = ErrorBits.OVERLOAD
+    rig.step()
+    rig.pan.answers = False
+    rig.step(10)
+    with pytest.raises(ServoError):
+        run(rig.bus.recovering(None, 0.5), rig.bench.pass_time)
+
+
+@pytest.mark.parametrize("cycles", [0, 3])
+def test_a_joint_that_is_restarting_is_recovered_for_everybody_who_asks(cycles: int) -> None:
+    rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.3))
+    rig.servos[0].overload()
+    rig.step(5)
+    asked = []
+    for _ in range(2):
+        asked.append(submit(rig.bus, rig.bus.recovering(None, 2.0)))
+        rig.step(cycles)
+    rig.step(50)
+    assert [each.result(0.0) for each in asked] == [("j1",), ("j1",)]
 
 
 def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> None:
@@ -212,6 +292,18 @@ def test_limits_that_were_written_before_the_writing_failed_are_known(rig: FakeR
     assert rig.bus.joint("head_tilt_joint").limits == (TILT.position(300), TILT.position(800))
 
 
+def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
+    rig = FakeRig()
+    rig.pan.mute += [True, True]
+    rig.step()
+    rig.bus.command({"head_pan_joint": Goal(0.1)})
+    rig.pan.mute.append(True)
+    rig.step()
+    assert rig.pan_torque is Torque.OFF_UNTIL_COMMANDED
+    rig.step(2)
+    assert rig.pan["Goal Position"] == PAN.ticks(0.1)
+
+
 # What must not run later, or be called something else
 
 
@@ -226,6 +318,31 @@ def test_a_tripped_watchdog_is_named_and_cleared() -> None:
     assert not any(Symptom.OVERRULED.value in event.text for event in rig.events)
     assert 0 < servo.register("Bus Watchdog") < 255
     assert servo.register("Present Position") == pytest.approx(2048 - 326, abs=10)
+
+
+def test_a_watchdog_that_tripped_in_an_earlier_run_is_cleared_where_this_run_uses_none() -> None:
+    servo = SimulatedServo(1, "XM430-W350")
+    rig = Rig(servo, settings=BusSettings(watchdog=0.0))
+    servo.set_register("Bus Watchdog", 255)
+    assert rig.go(0.3).states["j1"].position == pytest.approx(0.3, abs=0.02)
+    assert servo.register("Bus Watchdog") == 0
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 20])
+def test_a_servo_that_switches_its_torque_on_when_it_gets_power_is_relaxed_after_a_stop(
+    cycles: int,
+) -> None:
+    servo = SimulatedServo(1, "XM430-W350", boot_time=0.02)
+    rig = Rig(servo)
+    rig.go(0.3)
+    servo.set_register("Startup Configuration", 1)  # by another program
+    assert rig.bus.relax_at_once(1.0) == {"j1": ""}
+    servo.power_off()
+    rig.step(cycles)
+    servo.power_on()
+    assert rig.torque == [1]
+    rig.step(10)
+    assert rig.torque == [0]
 
 
 def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later() -> None:
@@ -243,3 +360,17 @@ def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later(
     assert servo.register("Torque Enable") == 0
     rig.go(0.5)
     assert servo.register("Torque Enable") == 1
+
+
+@pytest.mark.parametrize("steps", [1, 3, 5, 8])
+def test_limits_that_are_narrowed_while_torque_comes_on_hold(steps: int) -> None:
+    servo = SimulatedServo(1, "XM430-W350", position=2800.0)
+    rig = Rig(servo)
+    switching = rig.bus.switching_torque(None, True)
+    for _ in range(steps):
+        next(switching, None)
+    rig.bus.joint("j1").reconfigure(highest=2500)
+    run(switching)
+    rig.step(5)
+    assert servo.register("Torque Enable") == 1
+    assert servo.register("Goal Position") <= 2500

@@ -5,6 +5,7 @@ from dynamixel_fakes import PAN, TILT, FakeRig, submit, writes
 from simulated_device import Bench, Rig
 
 from head_tracking.dynamixel import (
+    BusThread,
     ConfigurationError,
     EventKind,
     ServoError,
@@ -55,6 +56,29 @@ def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | 
     assert not rig.bench.port.is_open
 
 
+def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig: FakeRig) -> None:
+    loosen(rig)
+    with pytest.raises(TorqueError):
+        run(rig.bus.stopping([PAN.joint_name]))
+    assert EventKind.TORQUE_FAILED in [event.kind for event in rig.bus.step().events]
+    assert rig.bus.close() == (PAN.joint_name,)
+    assert rig.torque == [1, 0]
+
+
+def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end(
+    rig: FakeRig,
+) -> None:
+    run(rig.bus.stopping([PAN.joint_name]))
+    rig.pan.answers = False
+    assert rig.bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
+    run(rig.bus.switching_torque(None, False))
+    rig.tilt.answers = False  # relaxed, too, but not taken out of the cycle
+    problems = rig.bus.relax_at_once(1.0)
+    assert problems[TILT.joint_name] and not problems[PAN.joint_name]
+    rig.tilt.answers = True
+    assert rig.bus.close() == ()
+
+
 def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_relaxed(
     rig: FakeRig,
 ) -> None:
@@ -71,6 +95,20 @@ def test_no_joint_is_called_relaxed_when_the_adapter_has_gone(rig: FakeRig) -> N
     run(rig.bus.stopping([TILT.joint_name]))
     rig.bench.line.plugged = False
     assert rig.bus.close() == (PAN.joint_name,)
+
+
+@pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
+def test_a_stopped_joint_that_was_recovered_is_called_relaxed_at_the_end(name: str) -> None:
+    servo = SimulatedServo(1, name, boot_time=0.1)
+    rig = Rig(servo)
+    run(rig.bus.switching_torque(None, True), rig.bench.pass_time)
+    servo.overload()
+    rig.step(5)
+    run(rig.bus.stopping(None), rig.bench.pass_time)
+    assert run(rig.bus.recovering(), rig.bench.pass_time) == ("j1",)
+    rig.step(25)
+    assert rig.bus.close() == ()
+    assert rig.torque == [0]
 
 
 @pytest.mark.parametrize("close", [False, True])
@@ -247,3 +285,31 @@ def test_what_cannot_be_relaxed_raises() -> None:
         relax_servos("/dev/none", {1: "AX-13"})
     with pytest.raises(PortMissingError):
         relax_servos("/dev/none", {1: "AX-12"})
+
+
+def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(
+    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rig.bus._procedures, "write_goals", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        rig.bus.close()
+    assert rig.torque == [0, 0]
+
+
+def test_no_joint_is_called_relaxed_when_closing_fails(
+    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors: list[BaseException] = []
+    thread = BusThread(rig.bus, 100.0, lambda _: None, errors.append)
+
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr(thread.bus, "close", fail)
+    thread.start()
+    thread.stop()
+    assert thread.unconfirmed == (PAN.joint_name, TILT.joint_name)
+    assert isinstance(errors[0], RuntimeError)

@@ -196,6 +196,15 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
     assert run.stops > INTERLEAVINGS // 8
 
 
+def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig: FakeRig) -> None:
+    first, second = rig.bus.requests.epoch.advance(), rig.bus.requests.epoch.advance()
+    for epoch in (second, first):  # as the port became free
+        assert set(rig.bus.relax_at_once(1.0, epoch).values()) == {""}
+    run(rig.bus.switching_torque(None, True))
+    rig.step(5)
+    assert rig.torque == [1, 1]
+
+
 def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> None:
     submit(rig.bus, rig.bus.switching_torque([JOINT], True))
     for _ in range(4):
@@ -241,6 +250,20 @@ def test_torque_is_called_on_when_it_is_on_though_the_bus_has_not_switched_it_of
         holding.step()
     assert on.exception() is None
     assert holding.torque == [1]
+
+
+def test_a_joint_that_is_relaxed_while_its_torque_is_checked_stays_relaxed(holding: Rig) -> None:
+    for steps in range(16):
+        run(holding.bus.switching_torque(None, True), holding.bench.pass_time)
+        holding.servos[0].set_register("Torque Enable", 0)
+        submit(holding.bus, holding.bus.switching_torque(None, True))
+        for _ in range(steps):
+            holding.bus.cycle.fill(holding.bench.now() + 1_000_000_000)
+        submit(holding.bus, holding.bus.switching_torque(None, False))
+        holding.step(20)
+        assert (holding.torque, holding.bus.joint("j1").torque) == ([0], Torque.OFF_ON_REQUEST), (
+            steps
+        )
 
 
 # A request that fails

@@ -145,6 +145,17 @@ def test_torque_stays_off_in_a_servo_that_another_program_has_set_up_anew(
     assert rig.go(0.3).states["j1"].position == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.parametrize(
+    "name", ["AX-12", "XM430-W350", "XL430-W250", "XL330-M288", "XL-320", "STS3215"]
+)
+def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
+    rig = Rig(SimulatedServo(1, servo_model(name)))
+    before = rig.servos[0].register("Shutdown")
+    changed = run(rig.bus.writing_eeprom("j1", EepromSettings()), rig.bench.pass_time)
+    assert "Return Delay Time" in changed[1]
+    assert rig.servos[0].register("Shutdown") == before
+
+
 # Relaxing waits for nobody
 
 
@@ -275,6 +286,59 @@ def test_no_cycle_takes_much_longer_while_a_servo_returns(
     assert longest <= 1.7 * usual + latency / 16  # whole periods of the adapter
 
 
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("name", MODELS)
+def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(
+    name: str, count: int
+) -> None:
+    servos = [SimulatedServo(i, servo_model(name)) for i in range(1, count + 1)]
+    rig = Rig(*servos, latency=0.016, baud_rate=57_600)
+    servos[-1].power_off()
+    rig.step(40)
+    on = submit(rig.bus, rig.bus.switching_torque(["j1"], True))
+    rig.step(60)
+    assert on.exception(0.0) is None
+
+
+def test_asking_lost_servos_takes_at_most_half_of_the_time_of_switching_torque_on() -> None:
+    """Behind a slow adapter, where each question takes longer than a cycle."""
+    rig = Rig(*[SimulatedServo(i, servo_model("XM430-W350")) for i in range(1, 8)], latency=0.016)
+    for servo in rig.servos[4:]:
+        servo.power_off()
+    rig.step(40)
+    before = rig.bench.now()
+    on = submit(rig.bus, rig.bus.switching_torque(["j1", "j2", "j3", "j4"], True))
+    while not on.done():
+        rig.step()
+    assert on.exception() is None
+    assert rig.bench.now() - before < 2_000_000_000
+
+
+def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> None:
+    servos = [SimulatedServo(i, boot_time=0.1) for i in range(1, 15)]
+    rig = Rig(*servos, latency=0.016, connect=False)
+    rig.bus.connect()
+    rig.bus.step()  # at once
+    assert rig.go(0.3, 30).states["j1"].position == pytest.approx(0.3, abs=0.03)
+    for happens in (servos[0].power_off, servos[0].power_on):  # while the bus stands still
+        happens()
+        rig.bench.pass_time(0.5)
+        rig.bench.bus.advance(rig.bench.now())
+    rig.step(3)
+    assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
+
+
+@pytest.mark.parametrize("returning", [12, 14])
+def test_each_of_several_lost_servos_is_asked_though_cycles_take_long(returning: int) -> None:
+    rig = Rig(*[SimulatedServo(i, boot_time=0.0) for i in range(1, 15)], latency=0.016)
+    for servo in rig.servos[11:]:
+        servo.power_off()
+    rig.step(20)
+    rig.servos[returning - 1].power_on()
+    rig.step(8)
+    assert not rig.bus.joint(f"j{returning}").lost
+
+
 def test_many_servos_behind_a_slow_adapter_confirm_at_the_end() -> None:
     model = servo_model("XM430-W350")
     rig = Rig(*[SimulatedServo(i, model) for i in range(1, 15)], latency=0.016)
@@ -307,6 +371,19 @@ def test_a_pause_of_the_process_within_a_cycle_is_noticed_at_once(where: str) ->
     ]
 
 
+def test_a_long_cycle_is_no_pause() -> None:
+    rig = Rig(*[SimulatedServo(i) for i in range(1, 15)], latency=0.016)
+    before = rig.bench.now()
+    rig.step()
+    usual = rig.bench.now() - before
+    rig.bus.requests.add(lambda: rig.bus.switching_torque(None, True))
+    rig.bus.requests.begin_next()
+    for _ in range(10):
+        before = rig.bench.now()
+        rig.step()
+        assert rig.bench.now() - before < 2.3 * usual
+
+
 @pytest.mark.parametrize(("name", "pause"), [("AX-12", 0.9), ("XM430-W350", 3.0), ("STS3215", 0.9)])
 def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
     name: str, pause: float
@@ -329,6 +406,17 @@ def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
     assert servo.true_position == pytest.approx(left_at, abs=0.02)
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name: str) -> None:
+    rig = Rig(SimulatedServo(1, name))
+    rig.go(0.5)
+    rig.bench.pass_time(0.6)
+    rig.step(10)
+    assert rig.torque == [1] and rig.bus.joint("j1").torque is Torque.ON
+    rig.go(0.2)
+    assert rig.reading.states["j1"].position == pytest.approx(0.2, abs=0.03)
+
+
 @pytest.mark.parametrize("stop", [False, True])
 @pytest.mark.parametrize("name", MODELS)
 def test_torque_that_another_program_switches_on_is_switched_off_and_named(
@@ -347,6 +435,16 @@ def test_torque_that_another_program_switches_on_is_switched_off_and_named(
     assert not rig.bus.statistics().servos[1].symptoms
 
 
+def test_torque_that_another_program_switches_off_is_reported_though_nothing_moves() -> None:
+    rig = Rig(*(SimulatedServo(i, "XM430-W350") for i in (1, 2)))
+    rig.go(0.3)
+    rig.servos[0].set_register("Torque Enable", 0)
+    rig.step(20)
+    assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
+    assert EventKind.TORQUE_LOST in rig.kinds
+    assert rig.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.03)
+
+
 # Who is there
 
 
@@ -354,6 +452,21 @@ def test_two_servos_with_one_id_are_suspected_at_the_start() -> None:
     rig = Rig(SimulatedServo(1, position=300), SimulatedServo(1, position=700), connect=False)
     with pytest.raises(CorruptReplyError):
         rig.bus.connect()
+
+
+def test_two_servos_with_one_id_are_reported_once() -> None:
+    twins = SimulatedServo(1, position=512), SimulatedServo(1, position=512)
+    rig = Rig(*twins, SimulatedServo(2))
+    rig.step(20)
+    twins[1].lead(600.0, 0.2)  # somebody turns one of them
+    for _ in range(600):  # 12 s
+        with suppress(GoalError):
+            rig.bus.command({"j1": Goal(0.1), "j2": Goal(0.1)})
+        rig.step()
+    told = [event for event in rig.events if "two servos answer as id 1" in event.text]
+    assert 1 <= len(told) <= 2, told  # the second says that it comes and goes
+    assert rig.kinds.count(EventKind.TORQUE_ON) <= 3
+    assert "j2" in rig.step().states
 
 
 def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None:
@@ -367,6 +480,22 @@ def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None
     rig.servos[0].power_off()
     rig.step(50)
     assert rig.kinds.count(EventKind.LOST) == 3
+
+
+@pytest.mark.parametrize(("name", "between"), zip(MODELS, range(3), strict=True))
+def test_torque_that_is_asked_for_while_relaxing_is_confirmed_stays_on(
+    name: str, between: int
+) -> None:
+    rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in range(1, 9)))
+    run(rig.bus.switching_torque(None, True))
+    rig.step()
+    relaxed = submit(rig.bus, rig.bus.switching_torque(None, False))
+    rig.step(between)
+    held = submit(rig.bus, rig.bus.switching_torque(["j8"], True))
+    rig.step(40)
+    assert relaxed.done() and held.exception(0) is None
+    assert rig.torque == [0] * 7 + [1]
+    assert rig.bus.joint("j8").torque is Torque.ON
 
 
 # What a cycle without trouble costs, in calls of Python functions of the driver

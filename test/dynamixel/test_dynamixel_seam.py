@@ -159,6 +159,21 @@ def test_no_servo_turns_through_what_is_forbidden(
 
 
 @pytest.mark.parametrize(
+    "case",
+    [
+        Case("XM430-W350", 0, 4095, 2000, None, -30, (0.5,)),
+        Case("MX-28", 3000, 4095, 3500, None, 4199, (0.1,), True),
+        Case("MX-28", 0, 900, 500, None, -140, (0.9, 0.0)),
+        Case("XM430-W350", 1000, 2000, 1500, 3000, 900, (0.5,)),
+        Case("STS3215", 3000, 4095, 3500, None, 4199, (0.1,)),
+        Case("STS3215", 0, 900, 500, None, -140, (0.9, 0.0)),
+    ],
+)
+def test_no_servo_turns_over_the_end_of_its_scale(case: Case) -> None:
+    drive(case)
+
+
+@pytest.mark.parametrize(
     ("name", "low", "distance"),
     [
         ("MX-12W", 0, 200),

@@ -1,5 +1,6 @@
 """The thread that owns a bus, and several buses as one backend of a loop."""
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -119,6 +120,20 @@ def test_a_bus_that_is_slow_to_close_is_not_called_hanging(
     assert thread.unconfirmed == () and thread.bus.requests.closed
 
 
+def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
+    bench = fake_bench()
+    first = made(bench)
+    first.stop()
+    first.bus.connect()
+    thread = BusThread(first.bus, 100.0, lambda _: None)
+    thread.start()
+    bus = thread.bus
+    bus.requests.add(lambda: bus.switching_torque(None, True)).result(PATIENCE)
+    thread.stop()
+    assert bench.torque == [0, 0]
+    assert not bench.port.is_open
+
+
 # Several buses as one backend of a loop
 
 
@@ -144,6 +159,34 @@ def hold(backend: DynamixelBackend) -> None:
 
 def write(backend: DynamixelBackend, **goals: float) -> None:
     backend.write("somebody", {name: Goal(goal) for name, goal in goals.items()}, 0)
+
+
+def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
+    reported: list[str] = []
+    buses, benches = make((PAN,), (TILT,), report=lambda subject, _: reported.append(subject))
+    write(buses, head_pan_joint=0.1, elbow=0.1)
+    buses.threads[0].bus.step()
+    assert benches[0].bus[1].register("Torque Enable") == 0
+    write(buses, head_pan_joint=0.1, head_tilt_joint=math.nan)
+    for _ in range(10):
+        buses.threads[0].bus.step()
+    assert benches[0].bus[1].register("Goal Position") == PAN.ticks(0.1)
+    assert reported == ["somebody", "somebody"]
+    buses.close()
+
+
+def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
+    buses, benches = make((PAN,), (TILT,))
+    buses.start()
+    for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
+        future.result(PATIENCE)
+    assert all(buses.joint(each.joint_name).torque is Torque.ON for each in (PAN, TILT))
+    (future,) = buses.call(["head_tilt_joint"], lambda bus, joints: joints)
+    assert future.result(PATIENCE) == ("head_tilt_joint",)
+    with pytest.raises(GoalError):
+        buses.call(["elbow"], lambda bus, joints: joints)
+    assert buses.close() == []
+    assert [bench.port.is_open for bench in benches] == [False, False]
 
 
 @pytest.mark.parametrize(

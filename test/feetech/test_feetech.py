@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from dynamixel_fakes import submit
 from simulated_device import Rig, joint_of
 
 from head_tracking.configuration.bus_parameters import (
@@ -14,7 +15,9 @@ from head_tracking.configuration.bus_parameters import (
 from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.dynamixel import (
     ConfigurationError,
+    EepromSettings,
     EventKind,
+    Goal,
     JointConfiguration,
     ServoModel,
     Torque,
@@ -119,12 +122,47 @@ def test_an_offset_that_a_model_cannot_have_is_refused(model: ServoModel, offset
         replace(joint_of(1, model), offset=offset)
 
 
+def test_a_memory_that_is_being_written_when_the_bus_is_closed_is_locked() -> None:
+    rig = rig_of(SimulatedServo(1, STS, eeprom_time=0.006))
+    submit(rig.bus, rig.bus.writing_eeprom("pan", EepromSettings(return_delay=100.0)))
+    for _ in range(20):
+        if rig.servos[0].register("EEPROM Lock"):
+            rig.step()
+    assert rig.servos[0].register("EEPROM Lock") == 0
+    assert rig.bus.close() == ()
+    assert rig.servos[0].register("EEPROM Lock") == 1
+
+
+def test_a_memory_whose_writing_is_interrupted_is_locked() -> None:
+    rig = rig_of(SimulatedServo(1, STS))
+
+    def interrupt(_: float) -> None:
+        assert rig.servos[0].register("EEPROM Lock") == 0
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as kept:  # as an interactive session keeps it
+        run(rig.bus.writing_eeprom("pan", EepromSettings(return_delay=100.0)), interrupt)
+    assert rig.servos[0].register("EEPROM Lock") == 1
+    assert kept.traceback
+
+
 def test_a_memory_that_a_killed_program_was_writing_is_locked_at_the_next_start() -> None:
     rig = rig_of(SimulatedServo(1, STS))
     rig.bus.close()
     rig.servos[0].set_register("EEPROM Lock", 0)
     rig.bus.connect()
     assert rig.servos[0].register("EEPROM Lock") == 1
+
+
+def test_a_calibration_that_fits_is_used_again_after_a_restart() -> None:
+    servo = SimulatedServo(1, STS)
+    servo.set_offset(-85)
+    for _ in range(2):
+        rig = rig_of(servo, replace(JOINT, offset=-85))
+        assert rig.go(0.4).states["pan"].position == pytest.approx(0.4, abs=0.02)
+        assert rig.bus.close() == ()
+        servo = SimulatedServo(1, STS, position=servo.true_ticks - 85, boot_time=0.0)
+        servo.set_offset(-85)
 
 
 # A calibration that is not that of the servo (lerobot issues 1342, 1360)
@@ -204,6 +242,16 @@ def test_families_that_cannot_share_a_line_are_refused(other: str) -> None:
     )
     with pytest.raises(ConfigurationError):
         check_configuration([JOINT, tilt])
+
+
+def test_no_goal_speed_is_read_as_full_speed() -> None:
+    """Below 0.732 rpm an STS servo has no speed but 0, which is full speed."""
+    rig = rig_of(SimulatedServo(1, STS))
+    rig.bus.command({"pan": Goal(0.5, 0.001)})
+    rig.step(25)
+    speeds = [write.speed for write in rig.bench.bus.write_log.writes if write.goal]
+    assert min(speeds) >= 50
+    assert rig.servos[0].true_position < 0.1
 
 
 def test_a_goal_resets_the_acceleration_that_another_program_left() -> None:

@@ -3,7 +3,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from head_tracking.gaze import GazeStatus, PanTiltHead
@@ -123,6 +123,24 @@ def test_a_head_of_any_build_is_pointed_exactly(options, most):
         assert gaze.status is GazeStatus.REACHED, gaze
         assert gaze.miss < most
         assert miss_by_matrices(model, target, gaze.pan, gaze.tilt) < most
+
+
+@settings(max_examples=100)
+@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.floats(-2, 2), st.floats(-2, 2))
+def test_a_nearly_square_head_answers_as_a_square_one(target, pan, tilt):
+    model, square = make_head({})
+    _, head = make_head({"camera_rpy": "0 0 1e-5", "tilt_axis": "0 1 1e-5"})
+    x, y, z = model.transform("pan", "base", {PAN: 0.0, TILT: 0.0}) @ target
+    assume(math.hypot(x, y) > 0.2)  # nearer, a little askew is another pan
+    assume(math.hypot(x - 0.03, z - 0.05) > 0.3)
+    expected, gaze = (each.gaze(target, pan, tilt) for each in (square, head))
+    on_the_edge = any(
+        abs(abs(position) - 2.0) < 1e-3 for position in (expected.pan, expected.tilt)
+    ) and (expected.status is not gaze.status)
+    assume(not on_the_edge)
+    assert gaze.status is expected.status
+    if abs(gaze.pan - expected.pan) < 0.5:  # behind the back, a little askew is the other side
+        assert gaze.miss == pytest.approx(expected.miss, abs=1e-3)
 
 
 def test_any_axis_can_be_pointed(kinectbot):

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from geometry_msgs.msg import TransformStamped
-from random_messages import TEXTS, message_with, spoiled
+from random_messages import NUMBERS, TEXTS, message_with, spoiled
 from sensor_msgs.msg import CompressedImage, JointState, RegionOfInterest
 from std_msgs.msg import String
 
@@ -67,6 +67,26 @@ def test_visual_target_survives_every_image(world, follow, transport):
                 world.publish(topic, image(rnd) if raw else compressed(rnd))
         if rnd.random() < 0.1:
             world.publish("/visual_target/select", message_with(rnd, RegionOfInterest))
+        world.run(0.002)
+
+
+def test_detection_target_survives_every_detection(world):
+    vision = pytest.importorskip("vision_msgs.msg")
+    from head_tracking.ros.targets.detection_target import DetectionTargetNode
+
+    world.make(DetectionTargetNode, {"source": "detections_2d"}, buffer=world.buffer)
+    rnd = random.Random(4)
+    for _ in range(300):
+        world.publish("/camera_info", info(rnd))
+        world.publish("/depth", image(rnd))
+        result = vision.ObjectHypothesisWithPose()
+        result.hypothesis.class_id, result.hypothesis.score = "person", 0.9
+        one = vision.Detection2D(id=rnd.choice(("", "a", "é")), results=[spoiled(rnd, result)])
+        one.bbox.center.position.x = one.bbox.center.position.y = 20.0
+        one.bbox.size_x = one.bbox.size_y = rnd.choice((10.0, *NUMBERS))
+        found = vision.Detection2DArray(header=header(10**9, "camera"))
+        found.detections = [spoiled(rnd, one)]
+        world.publish("/detections", spoiled(rnd, found))
         world.run(0.002)
 
 

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -10,7 +11,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
-from waiting import PATIENCE, wait_for
+from waiting import PATIENCE, join, wait_for
 
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus import servo_bus
@@ -43,6 +44,21 @@ def test_help_and_a_misspelt_argument_end_no_simulated_head(monkeypatch, word):
 def sleep(seconds):
     time.sleep(seconds)
     return False
+
+
+def test_a_simulated_head_ends_for_a_real_one(lock):
+    simulated, real = lock(simulated=True), lock()
+    simulated.acquire(sleep)
+    assert not simulated.is_wanted
+    waiting = threading.Thread(target=real.acquire, args=(sleep,))
+    waiting.start()
+    wait_for(lambda: simulated.is_wanted)
+    assert waiting.is_alive()
+    with pytest.raises(RefusedError):
+        lock(simulated=True).acquire(sleep)
+    simulated.release()
+    join(waiting)
+    assert len(real.descriptors) == 2
 
 
 def test_a_real_head_that_waits_too_long_is_refused(lock):

@@ -99,6 +99,15 @@ def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(track
     assert max(tracked.world.speeds(1.0)) > 1.0
 
 
+def test_short_pauses_of_the_target_are_not_logged(track, capfd):
+    tracked = track()
+    for _ in range(3):
+        tracked.see(0.1, 1.0)
+        tracked.see(None, 0.3)
+        assert tracked.fields["state"] == "coasting"
+    assert capfd.readouterr().err.count("tracking: ") == 1
+
+
 def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
     """The state keeps the first reason for a second."""
     tracked = track()
@@ -115,6 +124,26 @@ def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
         number = float(re.search(r"([\d.]+) s", refusal.reason)[1])
         assert number == pytest.approx(age, abs=0.1)
     assert "5" in tracked.fields["refusal"]
+
+
+def test_a_resumed_head_keeps_max_joint_speed(track):
+    tracked = track(max_joint_speed=0.1)
+    tracked.stop_and_resume()
+    tracked.path = lambda now: AWAY
+    assert 0.05 < max(tracked.world.speeds(3.0)) < 0.12
+
+
+def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
+    """As `Head.look_at` after `Head.follow`."""
+    tracked = track()
+    begun = tracked.world.seconds
+    tracked.path = lambda now: now - begun
+    tracked.world.run(1.0)
+    p = PointingParameters(max_velocity=1.0)
+    tracked.node.control.point(tracked.target(2.0), p, lambda motion: None)
+    speeds = tracked.world.speeds(0.2)
+    assert speeds[0] > 0.7
+    assert min(speeds) > 0.5
 
 
 PAN_DELAY = "head_pan_joint: delay of its servo"
@@ -309,6 +338,35 @@ def test_a_jump_of_the_clock_stops_the_head_which_follows_again(track, is_simula
     assert tracked.fields["target"] == "false"
     tracked.see(-AWAY, 4.0)
     assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.03)
+
+
+def test_a_head_that_turns_the_wrong_way_is_disabled_until_it_is_enabled(track, kinectbot):
+    tracked = track()
+    world, control = tracked.world, tracked.node.control
+    states, diagnoses = world.record("/head_tracker/state"), world.record("/diagnostics")
+    chain = kinectbot.chain("head_pan_link", "camera_link")
+
+    def see():
+        pan, tilt = map(world.true_position, chain.joints)
+        point = chain.transform(-pan, tilt).inverse() @ (2.0, 0.6, 0.4)
+        seen = Target(world.now, "camera_link", point)
+        world.at(world.now + 50_000_000, lambda: control.accept(seen))
+
+    world.every(33_000_000, see)
+    world.run(2.5)
+    fault = "disabled: head_pan_joint turns in"
+    assert states[-1][1].data.startswith(fault)
+    assert tracked.fields["enabled"] == "false"
+    assert set(world.loop.owners.of(control.joints).values()) == {""}
+    newest = diagnoses[-1][1].status[0]
+    assert newest.level == DiagnosticStatus.ERROR
+    assert "head_pan_joint" in newest.message
+    stood = world.true_position("head_pan_joint")
+    world.run(1.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(stood, abs=0.001)
+    control.enable()
+    world.run(2.0)
+    assert sum(message.data.startswith(fault) for _, message in states) == 2
 
 
 def test_a_head_that_turns_the_wrong_way_is_an_error_on_diagnostics(track):

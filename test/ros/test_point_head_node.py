@@ -7,12 +7,15 @@ import pytest
 
 pytest.importorskip("control_msgs.action")
 
+import threading
+
 from geometry_msgs.msg import Point, PointStamped
 from goals import HeldGoal, following, point_goal
 from rig import JOINTS
 from std_srvs.srv import SetBool
 
 from head_tracking.gaze import PanTiltHead
+from head_tracking.ros.head import head_actions
 from head_tracking.ros.head.point_head import PointHeadNode
 
 
@@ -161,6 +164,27 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     assert max(speeds) < 0.4  # rad/s
 
 
+def test_the_cycle_goes_on_while_a_trajectory_is_checked(pointed, monkeypatch):
+    control, free = pointed.node.control, []
+
+    def checking(*_):
+        """Let another thread, like that of the bus, use the head meanwhile."""
+
+        def use():
+            free.append(control.lock.acquire(timeout=5.0))
+            if free[-1]:
+                control.lock.release()
+
+        cycle = threading.Thread(target=use)
+        cycle.start()
+        cycle.join()
+
+    monkeypatch.setattr(head_actions, "checked_waypoints", checking)
+    pointed.node.actions.follow(HeldGoal(following((0.2, (0.1, 0.1)))))
+    assert free
+    assert all(free)
+
+
 def begun(head, kind):
     """A goal that turns pan for some seconds, and has just done so for a while."""
     if kind == "point":
@@ -172,6 +196,23 @@ def begun(head, kind):
     head.world.run(1.0)
     assert not goal.status
     return goal
+
+
+def test_a_program_that_stands_still_before_its_first_command_takes_no_joint_for_blocked(pointed):
+    """Between a measurement and what follows from it, as on a busy computer."""
+    world, write = pointed.world, pointed.world.write
+
+    def stand_still(*goals):
+        world.is_measured, world.write = False, write
+
+        def go_on():
+            world.is_measured = True
+            write(*goals)
+
+        world.at(world.now + 450_000_000, go_on)
+
+    world.write = stand_still
+    assert pointed.look_at((1.0, 0.5, 0.1)).status == "succeeded", pointed.said
 
 
 @pytest.mark.parametrize("kind", ["point", "follow"])

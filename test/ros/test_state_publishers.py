@@ -137,6 +137,17 @@ def test_a_stream_that_is_too_fast_is_thinned_and_another_passes_whole(
     assert len(tf("tf")) == pytest.approx(share * count, abs=0 if rate == 20 else 2)
 
 
+def test_after_a_clock_that_jumped_back_tf_goes_on(world, publish_robot, tf):
+    publish_robot()
+    now = world.now // 10**9
+    world.publish("/joint_states", joints(now + 3600, shoulder=0.5, elbow=1.0))
+    world.run(0.01)
+    world.publish("/joint_states", joints(now, shoulder=0.7, elbow=1.0))
+    world.run(0.01)
+    assert [moving[0].header.stamp.sec for moving in tf("tf")] == [now + 3600, now]
+    assert tf("tf")[-1][0].transform.rotation.z == pytest.approx(math.sin(0.35))
+
+
 @pytest.fixture
 def calibration(tmp_path) -> Calibration:
     """A calibration that is 400 days old, in a file."""
@@ -245,3 +256,17 @@ def test_in_the_loop_the_model_is_that_of_the_buffer(world):
     buffer.set_model(parse_robot_model(FOLLOWING.replace('"upper"', '"arm"')))
     assert loop.joints_read(2, {"shoulder": Sample(0.6)})["elbow"].position == 1.4
     assert buffer.lookup_transform("base", "arm").stamp == 2
+
+
+def test_a_flood_of_invalid_messages_is_logged_once_a_second_in_short_lines(world, capfd):
+    world.make(JointStatePublisherNode, {"robot_description": ARM})
+    world.make(RobotStatePublisherNode, {"robot_description": ARM}, buffer=Buffer())
+    capfd.readouterr()
+    for _ in range(50):
+        world.publish("/robot_description", String(data="<robot"))
+        for topic in ("/servo_states", "/joint_states"):
+            world.publish(topic, joints(1.0, **{"x" * 9999: math.nan}))
+        world.run(0.002)
+    lines = [line for line in capfd.readouterr().err.splitlines() if "ERROR" in line]
+    assert 2 <= len(lines) < 50
+    assert max(map(len, lines)) < 1000

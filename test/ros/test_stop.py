@@ -32,6 +32,17 @@ def tracking(robot):
     wait_for(lambda: tracker.control.frames.target and torque(robot) == [1, 1])
 
 
+def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
+    tracker = HeadTrackerNode()
+    bus = BusStandIn()
+    bus.own("", True, 1)
+    bus.own("", False, 1)
+    threads.start(tracker)
+    threads.start(bus)
+    wait_for(lambda: tracker.control.is_cautious)
+    assert not tracker.control.off
+
+
 def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
     """It took over so shortly before the STOP that the tracker had not heard of it."""
     tracker = HeadTrackerNode()

@@ -10,8 +10,10 @@ import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
 from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
 from rig import JOINTS
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 from viewing import view
 from waiting import PATIENCE, wait_for
 
@@ -62,6 +64,26 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, pa
     robot.stop.resume()
     wait_for(lambda: not robot.stop.stopped)
     assert robot.stop.outcome is None
+
+
+def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
+    bus = start(BusStandIn(offers=("~/stop", "~/relax", "~/resume")))
+    robot = page()
+    assert robot.stop.begin().wait(PATIENCE).done
+    wait_for(lambda: robot.stop.can_resume)
+    robot.stop.resume()
+    assert {*bus.calls} == {"~/stop", "~/resume"}
+
+
+def test_without_a_bus_stop_disables_the_tracker_and_is_done_when_one_comes(start, page):
+    tracker, robot = start(ControllerStandIn("head_tracker")), page()
+    wait_for(lambda: robot.modes.mode() is Mode.TRACK)
+    outcome = robot.stop_everything().wait()
+    assert not outcome.done
+    assert "NOT confirmed" in outcome.text
+    wait_for(lambda: not tracker.on)
+    bus = start(BusStandIn())
+    wait_for(lambda: "stop" in bus.calls)
 
 
 @pytest.mark.parametrize("by_page", [True, False])
@@ -144,6 +166,26 @@ def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
     assert pointer.asked == []
 
 
+def test_a_node_that_starts_turns_the_head_in_no_other_mode(start, tracked):
+    """It is enabled when it starts, and sends what it finds."""
+    _, tracker, robot = tracked
+    starter, enabled = Node("starter"), []
+
+    def on_start(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        enabled.append(tracker.on)
+        start(ControllerStandIn("fictitious_target"))
+        response.success = True
+        return response
+
+    starter.create_service(Trigger, "node_starter/fictitious_target", on_start)
+    start(starter)
+    wait_for(lambda: Mode.FICTITIOUS in robot.modes.possible())
+    robot.modes.set_mode(Mode.FICTITIOUS)
+    assert enabled == [False]
+    assert tracker.on
+    assert robot.modes.mode() is Mode.FICTITIOUS
+
+
 def test_what_has_waited_over_a_stop_and_resume_does_not_move_the_head(tracked):
     bus, tracker, robot = tracked
     wait_for(lambda: len(robot.joints.servos()) == 2 and robot.model())
@@ -163,6 +205,32 @@ def test_what_has_waited_over_a_stop_and_resume_does_not_move_the_head(tracked):
     with pytest.raises(HeadTrackingError, match="stopped"):
         robot.joints.move({"head_pan_joint": 0.2})
     assert not bus.commands
+
+
+def test_two_choices_of_a_mode_leave_one_controller_enabled(start, tracked):
+    """The second one comes while the first one waits for an answer."""
+    _, tracker, robot = tracked
+    pointer, go_on = start(ControllerStandIn("point_head", on=False)), threading.Event()
+    switch = pointer.switch
+    pointer.switch = lambda on: go_on.wait(PATIENCE) and switch(on)
+    wait_for(lambda: Mode.POINT in robot.modes.possible())
+    with ThreadPoolExecutor(2) as browsers:
+        browsers.submit(robot.modes.set_mode, Mode.POINT)
+        wait_for(lambda: pointer.asked == [True])
+        second = browsers.submit(robot.modes.set_mode, Mode.TRACK)
+        time.sleep(0.3)  # in which it may overtake the first one
+        go_on.set()
+        second.result(PATIENCE)
+    wait_for(lambda: (tracker.on, pointer.on) == (True, False))
+
+
+def test_stop_does_not_wait_for_other_requests(start, page):
+    """All else that the page asks for goes through one thread; that may hang."""
+    bus = start(BusStandIn())
+    robot = page()
+    robot._requests.node.create_timer(0.01, lambda: time.sleep(60.0))
+    assert robot.stop.begin().wait(50.0).done
+    assert "stop" in bus.calls
 
 
 def test_robots_in_one_graph_have_a_page_each(start, page):

@@ -10,6 +10,8 @@ import pytest
 if find_spec("cv2") is None:
     pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
 
+import time
+
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.parameter import Parameter
 from rig import DEGREE
@@ -260,6 +262,17 @@ def test_what_else_is_seen_is_published_and_can_be_selected(world, look):
 
 def simulated_camera(world, **parameters):
     return world.make(SimulatedCameraNode, {**parameters, **SMALL}, buffer=world.buffer)
+
+
+def test_the_simulated_camera_shows_the_scene_that_was_chosen_last(world):
+    first = Parameter("scene", value="ball")
+    eye = SimulatedCameraNode(buffer=world.buffer, parameter_overrides=[first])
+    for name in ("marker", "ball"):  # the second one before the first one is drawn
+        assert accepts(eye, scene=name)
+    time.sleep(0.3)  # for its thread
+    assert "ball" in eye.scene
+    assert "marker" not in eye.scene
+    eye.destroy_node()
 
 
 @pytest.mark.parametrize("wanted", [(), ("/depth",), ("/image", "/camera_info")])

@@ -1,12 +1,12 @@
 """What simulated servos on a bus answer: published packets (e-manual), and group reads."""
 
 import pytest
-from simulated_packets import StatusPacket, StatusPacket2
+from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
 from waiting import wait_for
 
 from head_tracking.configuration.simulated import SimulatedJoints
-from head_tracking.dynamixel import JointConfiguration, ServoCalibration
-from head_tracking.simulation import SimulatedBus, SimulatedServo
+from head_tracking.dynamixel import JointConfiguration, ServoCalibration, servo_model
+from head_tracking.simulation import SerialLine, SimulatedBus, SimulatedServo
 
 OK = "FF FF 01 02 00 FC"
 AX = [
@@ -62,6 +62,26 @@ def test_published_packets_are_answered(sent: str, expected: list[str]) -> None:
 def test_published_packets_of_protocol_2_are_answered(sent: str, expected: list[str]) -> None:
     servo = SimulatedServo(1, "XM430-W210", position=166, firmware=38)
     assert answers(SimulatedBus([servo]), sent) == expected
+
+
+@pytest.mark.parametrize("paced", [False, True])
+@pytest.mark.parametrize(("model", "address"), [("STS3215", 56), ("XM430-W350", 132)])
+def test_answers_without_a_return_delay_do_not_collide(
+    model: str, address: int, paced: bool
+) -> None:
+    """lerobot sets the return delay of Feetech servos to 0."""
+    b = SimulatedBus([SimulatedServo(i, servo_model(model)) for i in (1, 2)])
+    for servo_id in (1, 2):
+        b[servo_id].set_register("Return Delay Time", 0)
+    asked = InstructionPacket2.sync_read(address, 2, (1, 2)).encode()
+    if model == "STS3215":
+        asked = InstructionPacket(254, 0x82, bytes((address, 2, 1, 2))).encode()
+    alone = b.receive(asked, 0)
+    assert [answer.delay for answer in alone] == [0, 0]
+    line = SerialLine(b, paced=paced)
+    line.send(asked, 0, 1_000_000)
+    assert line.receive(10_000_000) == b"".join(answer.data for answer in alone)
+    assert not line.overlaps
 
 
 # Several

@@ -17,7 +17,7 @@ from simulated_packets import (
 from head_tracking.dynamixel import ServoModel, servo_model
 from head_tracking.dynamixel.models import all_models
 from head_tracking.dynamixel.protocol import ErrorBits, StatusCode
-from head_tracking.simulation import SimulatedServo
+from head_tracking.simulation import SimulatedBus, SimulatedServo
 
 Packet, Packet2 = InstructionPacket, InstructionPacket2
 MS = 1_000_000
@@ -152,6 +152,15 @@ def test_bus_watchdog_trips_in_time_without_calls_of_advance() -> None:
     assert s.true_ticks == pytest.approx(watched.true_ticks, abs=2)
 
 
+@pytest.mark.parametrize("setting", [("Operating Mode", 1), ("Drive Mode", 4)])
+def test_the_motor_does_not_drive_in_a_mode_that_is_not_simulated(setting) -> None:
+    s = servo()
+    for name, value in (setting, ("Torque Enable", 1), ("Goal Position", 3000)):
+        assert write(s, name, value) == 0
+    s.advance(SECOND)
+    assert s.true_ticks == 2048
+
+
 # Operating modes
 
 
@@ -284,3 +293,33 @@ def test_link_play_shifts_the_link_by_half_to_either_side(
         b.run(2.5)
         play = sign * (b.servo.drive.angle - b.servo.true_position)
         assert play == pytest.approx(0.5 * math.radians(degrees), abs=1e-9)
+
+
+@pytest.mark.parametrize("volts", [9.6, 12.0])
+def test_torque_falls_with_the_supply(volts: float) -> None:
+    """The heaviest load that it still lifts is in proportion to its supply."""
+
+    def lifts(share: float) -> bool:
+        b = bench(supply_voltage=volts)
+        b.servo.drive.push(
+            -share * b.servo.model.stall_torque * volts / b.servo.model.nominal_voltage
+        )
+        b.go(600, 0)
+        b.run(0.3)
+        return b.servo.drive.angle > 0.0
+
+    assert lifts(0.9)
+    assert not lifts(1.05)
+
+
+@pytest.mark.parametrize("gap", [1_000_000, 700_000, 100_000_000])
+def test_coupled_shafts_turn_together_however_often_the_bus_is_simulated(gap: int) -> None:
+    bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)])
+    bus.couple(1, 2)
+    bus.advance(SECOND)
+    bus[1].lead(700.0, 0.1)
+    for now in range(SECOND, 2 * SECOND, gap):
+        bus.advance(now)
+    bus.advance(2 * SECOND)
+    assert bus[1].true_position > 0.7
+    assert bus[2].true_position == pytest.approx(-bus[1].true_position, abs=0.01)

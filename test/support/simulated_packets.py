@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from head_tracking.dynamixel import servo_model
@@ -50,6 +51,10 @@ class InstructionPacket2(InstructionPacket):
     """What the master sends in protocol 2.0."""
 
     PROTOCOL: ClassVar = 2
+
+    @classmethod
+    def sync_read(cls, address: int, length: int, ids: Sequence[int]) -> Self:
+        return cls(BROADCAST, Instruction.SYNC_READ, cls.words(address, length) + bytes(ids))
 
 
 class StatusPacket(Status):

@@ -56,6 +56,12 @@ def test_whatever_is_chosen_has_a_target_and_it_is_never_nothing_if_there_is_one
         assert mux.select(now) is not None
 
 
+def test_a_clock_that_jumps_back_leaves_no_source_fresh(mux):
+    feed(mux, "high", 1_000.0, 1_001.0)
+    assert mux.select(5.0) is None
+    assert mux.offer("low", 5.1) == "low"
+
+
 CENTRE = (0.1, 0.0, 0.5)
 
 

@@ -50,6 +50,14 @@ def test_the_model_keeps_its_frames_from_being_overwritten(buffer):
     assert buffer.lookup_transform("base_link", "camera_link") == before
 
 
+def test_the_root_of_the_model_is_not_put_below_its_own_links(buffer):
+    """Parent and child exchanged would be a loop that nothing ends."""
+    with pytest.raises(InvalidArgumentException, match="exchange"):
+        buffer.set_transform(SECOND, "camera_link", "base_link", moved(5))
+    assert buffer.set_transform(SECOND, "odom", "base_link", moved(5))
+    assert buffer.can_transform("odom", "camera_link")
+
+
 @pytest.mark.parametrize("static", [False, True])
 def test_the_root_of_the_model_is_not_put_into_or_below_a_loop(kinectbot, static):
     """Every lookup along the root would fail, also of the frames of the head."""
@@ -99,6 +107,14 @@ def test_a_new_model_replaces_the_old_one(buffer, turtlebot):
     # the head's joints have the same names: their history is still good
     assert buffer.can_transform("base_link", "camera_link", SECOND)
     assert not buffer.can_transform("base_link", "left_wheel_link")
+
+
+def test_a_new_model_stays_where_the_old_one_was_put(buffer, kinectbot, turtlebot):
+    """A static transform is published once: nobody would send it again."""
+    buffer.set_transform(0, "world", "base_link", moved(7), static=True)
+    for model in (kinectbot, turtlebot):
+        buffer.set_model(model)
+        assert buffer.lookup_transform("world", "base_link").transform == moved(7)
 
 
 def test_a_joint_without_a_position_is_named(kinectbot):
@@ -222,6 +238,25 @@ def test_what_is_older_than_the_cache_takes_no_memory():
         history.insert(index * SECOND // 100, float(index))
     assert len(history) == 1002  # 10 s, and one sample more
     assert len(history.stamps) == len(history.values) <= 2 * len(history)
+
+
+@pytest.mark.parametrize("stamp", [1.5, math.nan, None, "now"])
+def test_a_time_that_is_no_integer_is_refused_and_recorded_nowhere(buffer, stamp):
+    buffer.set_transform(SECOND, "map", "ball", moved(1.0))
+    for call in (
+        lambda: buffer.set_joint_positions(stamp, HEAD),
+        lambda: buffer.set_joint_positions(stamp, {"another_joint": 0.0}),
+        lambda: buffer.set_transform(stamp, "map", "ball", moved(1.0)),
+        lambda: buffer.set_transform(stamp, "map", "cup", moved(1.0)),
+        lambda: buffer.lookup_transform("base_link", "camera_link", stamp),
+        lambda: buffer.can_transform("base_link", "camera_link", stamp),
+    ):
+        with pytest.raises(TypeError, match="nanoseconds"):
+            call()
+    buffer.set_transform(2 * SECOND, "map", "cup", moved(1.0))
+    assert buffer.lookup_transform("map", "cup").stamp == 2 * SECOND
+    buffer.set_joint_positions(2 * SECOND, HEAD)
+    assert buffer.lookup_transform("base_link", "camera_link").stamp == 2 * SECOND
 
 
 def test_numbers_of_numpy_are_times_and_waits(buffer):

@@ -1,3 +1,4 @@
+import pickle
 import subprocess
 import sys
 
@@ -70,6 +71,12 @@ def test_a_missing_parser_is_an_error_that_users_can_correct(in_child, monkeypat
         parse_robot_model(robot('<link name="a"/>'))
 
 
+def test_a_speed_of_0_is_no_limit():
+    limit = '<limit lower="-1" upper="1" velocity="0" effort="0"/>'
+    model = parse_robot_model(robot(TWO_LINKS, joint(more=limit)))
+    assert model.joints["j"].limits.velocity == float("inf")
+
+
 def test_a_missing_file_and_a_broken_xacro_name_the_file(tmp_path):
     with pytest.raises(RobotModelError):
         load_robot_model(tmp_path / "nothing.urdf")
@@ -107,6 +114,17 @@ from head_tracking.transforms.urdf_parser import parse_robot_model
 here = parse_robot_model(child.urdf)
 assert (child.name, child.links, child.joints) == (here.name, here.links, here.joints)
 """)
+
+
+@pytest.mark.parametrize("call", [("parse_robot_model", [robot(TWO_LINKS, joint())]), None])
+def test_a_parsing_child_of_a_killed_program_is_silent(call):
+    command = [sys.executable, "-m", "head_tracking.transforms.urdf_parser"]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, **pipes) as child:
+        child.stdout.close()
+        child.stdin.write(pickle.dumps(call) if call else b"")
+        child.stdin.close()
+        assert child.stderr.read() == b""
 
 
 def test_ctrl_c_in_all_processes_does_not_end_a_parsing_child():

@@ -54,6 +54,16 @@ def test_stamps_too_far_apart_are_no_pair_and_are_counted():
     assert pairs.dropped == 0
 
 
+def test_depths_that_come_two_images_late_complete_their_pairs():
+    pairs = Pairing(10)
+    for i in range(2):
+        assert pairs.picture(1000 * i, i) is None
+    for i in range(2, 10):
+        assert pairs.picture(1000 * i, i) is None
+        assert pairs.depth(1000 * (i - 2), i - 2) == (i - 2, i - 2)
+    assert pairs.dropped == 0
+
+
 def test_images_without_any_depth_are_counted():
     pairs = Pairing(10)
     for i in range(9):

@@ -46,6 +46,12 @@ def test_the_larger_of_two_is_chosen_and_kept(tracker):
     assert numbers[4:14] == [None] * 10, "no jump to the other one"
 
 
+@pytest.mark.parametrize("rate", [30, 10, 5])
+def test_the_speed_of_something_is_not_overestimated_when_images_are_rare(tracker, rate):
+    follow(tracker, [[seen(-1.0 + 0.4 * i / rate)] for i in range(4 * rate)], period=1 / rate)
+    assert tracker.followed.velocity[0] == pytest.approx(0.4, rel=0.01)
+
+
 @pytest.mark.parametrize("gap", [0.3, 1.9])
 @pytest.mark.parametrize("where", [(0.3, 2.0), (-0.2, 2.1), (0.0, 2.3)])
 def test_a_lost_track_continues_near_its_prediction(tracker, gap, where):

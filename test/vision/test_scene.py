@@ -7,6 +7,7 @@ from rendered_frames import SMALL
 
 from head_tracking.scene import SCENES, Ball, Board, Renderer, SensorNoise, Swing, make_scene
 from head_tracking.scene.render import Rendering
+from head_tracking.scene.scenes import face
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.vision import ColourDetector, ColourParameters
 from head_tracking.vision.candidate import Frame
@@ -57,6 +58,14 @@ def test_noise_and_holes_are_as_asked_for():
     assert np.isnan(first.depth).mean() == pytest.approx(0.05, abs=0.01)
     assert (first.picture != second.picture).mean() > 0.5
     assert (flat.picture == 128).all()
+
+
+def test_a_person_walks_while_the_path_goes_on_and_stands_when_it_ends():
+    walker = face(lambda time: (1.5, 0.5 * min(time, 2.0), 0.6))
+    walking = {walker.image(0.1 * k).tobytes() for k in range(10)}
+    standing = {walker.image(3.0 + 0.1 * k).tobytes() for k in range(10)}
+    assert len(walking) > 1
+    assert len(standing) == 1
 
 
 def test_nothing_but_the_ball_looks_like_the_ball():
