@@ -179,4 +179,6 @@ def test_relax_and_doctor_and_servo_beside_a_running_head(bench, person):
     reds = [line.split()[1] for line in doctor.output.splitlines() if line.startswith("red")]
     assert set(reds) <= {"processor"}, doctor.output  # other tests may keep that busy
     assert code in ((2,) if reds else (0, 1))
+    assert "after it was sent" in doctor.output  # it has received messages
+    assert "servo_bus: " in doctor.output  # and diagnostics
     assert bench.servos.torque == [0, 0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.spinning import ros_threads
+from head_tracking.ros.kit.threads import take_message
 
 _TOPICS: Final = {
     "servo_states": JointState,
@@ -24,6 +25,7 @@ _TOPICS: Final = {
     "target_point": PointStamped,
     "/diagnostics": DiagnosticArray,
 }
+_POLL: Final = 0.01  # s
 _LATE: Final = (0.100, 0.010)  # s after it was sent that a message is received: red, amber
 _AHEAD: Final = (0.020, 0.002)  # s before it was sent: red, amber
 
@@ -67,23 +69,26 @@ def listen(arguments: Sequence[str], seconds: float) -> Traffic:
     delays: dict[str, float] = {}
     diagnostics: dict[str, tuple[int, str]] = {}
 
-    def receiver(topic: str) -> Callable[[Any, Any], None]:
-        def receive(message: Any, info: Any) -> None:
-            received, sent = info["received_timestamp"] or time.time_ns(), info["source_timestamp"]
-            if sent:  # else the middleware does not tell
-                delays[topic] = min(delays.get(topic, math.inf), (received - sent) * 1e-9)
-            for entry in getattr(message, "status", ()):
-                diagnostics[entry.name] = (int.from_bytes(entry.level, "little"), entry.message)
+    def receive(topic: str, message: Any, about: Mapping[str, Any]) -> None:
+        received, sent = about["received_timestamp"] or time.time_ns(), about["source_timestamp"]
+        if sent:  # else the middleware does not know
+            delays[topic] = min(delays.get(topic, math.inf), (received - sent) * 1e-9)
+        for entry in getattr(message, "status", ()):
+            diagnostics[entry.name] = (int.from_bytes(entry.level, "little"), entry.message)
 
-        return receive
-
-    with ros_threads(arguments) as threads:
+    with ros_threads(arguments):
         node = Node("doctor", start_parameter_services=False, enable_rosout=False)
         qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-        for topic, kind in _TOPICS.items():
-            node.create_subscription(kind, topic, receiver(topic), qos)
-        threads.start(node)
-        time.sleep(seconds)
+        subscriptions = {
+            topic: node.create_subscription(kind, topic, lambda _: None, qos)
+            for topic, kind in _TOPICS.items()
+        }
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:  # the EventsExecutor does not know when a message was sent
+            for topic, subscription in subscriptions.items():
+                while (taken := take_message(subscription)) is not None:
+                    receive(topic, *taken)
+            time.sleep(_POLL)
         return Traffic(delays, diagnostics, len(node.get_node_names()) - 1)
 
 
