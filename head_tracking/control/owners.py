@@ -28,9 +28,11 @@ class OwnershipError(Exception):
         leased: whether its claim ends when it sends no more commands.
     """
 
-    def __init__(self, joint: str, owner: str, leased: bool) -> None:
+    def __init__(self, joint: str, owner: str, sender: str, leased: bool) -> None:
         remedy = (
-            f"wait until it has sent no command for {LEASE:g} s"
+            "the sender is another node of the same name: rename it (-r __node:=...), or end it"
+            if sender == owner
+            else f"wait until it has sent no command for {LEASE:g} s"
             if leased
             else f"disable it first ({owner}/enable false)"
         )
@@ -42,7 +44,8 @@ class JointOwners:
     """Owners of joints, and whether the head is stopped; for any thread.
 
     A controller owns its joints until it releases them. A sender of commands owns them while it
-    sends (a lease). During a STOP nobody owns a joint; `resume` gives them back to controllers.
+    sends (a lease); it must not have the name of a controller. During a STOP nobody owns a joint;
+    `resume` gives them back to controllers.
 
     A request or a goal carries the epoch in which it was made, from `permit` or `check`.
 
@@ -98,6 +101,7 @@ class JointOwners:
             OwnershipError: one belongs to another owner.
             StoppedError: the head is stopped, or was after the command was made.
         """
+        joints = tuple(joints)
         with self._lock:
             now = self.permit(epoch)
             self._check(owner, joints, LEASE)
@@ -133,10 +137,13 @@ class JointOwners:
         """Give joints to an owner for `lease` seconds, whoever had them.
 
         Raises:
+            OwnershipError: a controller of the same name owns one.
             StoppedError: the head is stopped, or was after `epoch`, in which this was requested.
         """
+        joints = tuple(joints)
         with self._lock:
             self.permit(epoch)
+            self._refuse_namesake(owner, joints, lease)
             for joint in joints:
                 self._owners[joint] = (owner, self._clock() + lease)
         self._notify()
@@ -232,12 +239,19 @@ class JointOwners:
     # with the lock held
 
     def _check(self, owner: str, joints: Iterable[str], lease: float) -> None:
+        self._refuse_namesake(owner, joints, lease)
         now = self._clock()
         for joint in joints:
             other, until = self._owners.get(joint, ("", 0.0))
             both_control = math.isinf(until) and math.isinf(lease)
             if other != owner and now < until and (self._exclusive or both_control):
-                raise OwnershipError(joint, other, leased=math.isfinite(until))
+                raise OwnershipError(joint, other, owner, leased=math.isfinite(until))
+
+    def _refuse_namesake(self, sender: str, joints: Iterable[str], lease: float) -> None:
+        """Refuse a sender of commands with the name of a controller, which it would replace."""
+        for joint in joints:
+            if math.isfinite(lease) and self._owners.get(joint) == (sender, math.inf):
+                raise OwnershipError(joint, sender, sender, leased=False)
 
     def _stop(self) -> None:
         self.stopped = True

@@ -81,6 +81,16 @@ def test_joints_lost_at_a_servo_bus_elsewhere_are_lost_here(owners):
     assert owners.elsewhere(JOINTS) == ""
 
 
+def test_a_sender_with_the_name_of_a_controller_does_not_shorten_its_claim(owners, clock):
+    owners.claim("/head_tracker", JOINTS)
+    for request in (owners.claim, owners.take_over):
+        with pytest.raises(OwnershipError, match="rename"):
+            request("/head_tracker", JOINTS, lease=LEASE)
+    clock.now += 2.0 * LEASE
+    with pytest.raises(OwnershipError):
+        owners.check("somebody", JOINTS)
+
+
 JOINT_SETS = st.sets(st.sampled_from(JOINTS), min_size=1)
 REQUESTS = st.one_of(
     st.tuples(st.just("claim"), st.sampled_from(WHO), JOINT_SETS),
@@ -110,6 +120,8 @@ def test_random_requests_match_a_model(requests):
                 attempt = {"take": owners.take_over, "check": owners.check}.get(how, owners.claim)
                 given = (lease,) if how == "lease" else ()
                 free = how == "take" or all(model[joint][0] in ("", who) for joint in joints)
+                if how in ("lease", "check"):  # not by a sender with the name of a controller
+                    free &= all(model[joint] != (who, math.inf) for joint in joints)
                 if free and not stopped:
                     attempt(who, joints, *given)
                     if how != "check":
@@ -119,7 +131,7 @@ def test_random_requests_match_a_model(requests):
                         attempt(who, joints, *given)
                     if not stopped:
                         owner, until = model[refusal.value.joint]
-                        assert refusal.value.owner == owner != who
+                        assert refusal.value.owner == owner != ""
                         assert refusal.value.leased == math.isfinite(until)
                     if how == "claim" and stopped and not before.keys() & joints:
                         before |= dict.fromkeys(joints, (who, math.inf))

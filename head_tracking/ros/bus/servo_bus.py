@@ -270,7 +270,7 @@ class ServoBusNode(ClosingNode):
                     f"{', '.join(sorted(known))}; it claims {list(message.name)}"
                 )
             self._loop.owners.take_over(sender, message.name, epoch, LEASE)
-        except (ValueError, StoppedError) as error:
+        except (ValueError, StoppedError, OwnershipError) as error:
             self._refuse(f"joint_claims of {sender!r}", error)
 
     def _on_joint_commands(self, message: JointState) -> None:
