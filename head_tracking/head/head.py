@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import logging
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -121,7 +122,8 @@ class Head:
     The servos are relaxed at first, and nothing moves before the first `look_at` or `follow`.
     `close`, the end of a `with` block and the end of the program brake and relax them. In a `with`
     block of the main thread, SIGTERM and a closed terminal raise KeyboardInterrupt, unless the
-    program handles or ignores them. All methods may be called by any thread.
+    program handles or ignores them. All methods may be called by any thread. In a fork of the
+    process the head is closed.
 
     Args:
         port: serial port of the servos.
@@ -196,6 +198,7 @@ class Head:
             period=1.0 / _RATE,
             log=logging.getLogger(__name__),
         )
+        self._process = os.getpid()
         self._failure: BaseException | None = None
         self._stopped_as = HeadState.STOPPED
         self._follower: CameraFollower | None = None
@@ -501,6 +504,8 @@ class Head:
         Returns:
             The problem of each joint; empty if its servo has confirmed.
         """
+        if self._is_in_fork:
+            return dict.fromkeys(self._joints, "the head belongs to another process")
         self._stopped_as = HeadState.STOPPED
         with postponed_signals():
             return self._loop.stop()
@@ -554,6 +559,8 @@ class Head:
         Raises:
             DynamixelError: a servo has not confirmed that it is relaxed.
         """
+        if self._is_in_fork:
+            return
         with postponed_signals():
             atexit.unregister(self.close)
             self._control.release(Blocked.CLOSED)
@@ -693,8 +700,15 @@ class Head:
         raise BusStoppedError(result.reason)
 
     @property
+    def _is_in_fork(self) -> bool:
+        """Whether this is a copy of the head, without the threads that drive the servos."""
+        return os.getpid() != self._process
+
+    @property
     def _refusing(self) -> HeadState | None:
         """The state in which commands are refused; None: they are accepted."""
+        if self._is_in_fork:
+            return HeadState.CLOSED
         off = self._control.off
         if off is None:
             return None

@@ -650,3 +650,30 @@ with Head.simulated():
 """
     ended = run_python("-c", program)
     assert (ended.stdout, ended.stderr) == (f"{-signal.SIGTERM}\n", "")
+
+
+def test_a_fork_of_the_program_has_a_closed_head_and_leaves_that_of_the_program_alone():
+    """The thread that reads the servos is not in the fork: a command would never be carried out."""
+    program = """
+import os, sys
+from head_tracking import Head, RefusedCommandError
+with Head.simulated() as head:
+    head.look_at((1.0, 0.3, 0.4))
+    if (fork := os.fork()) == 0:
+        for command in (head.look_at, head.follow):
+            try:
+                command((1.0, 0.0, 0.4))
+            except RefusedCommandError as error:
+                print(error)
+        print(head.state, list(head.stop().values()), flush=True)
+        sys.exit()
+    print(os.waitpid(fork, 0)[1], head.state, head.look_at((1.0, 0.0, 0.4)).arrived)
+"""
+    ended = run_python("-c", program)
+    belongs = "the head belongs to another process"
+    assert ended.stdout.splitlines() == [
+        *["the head is closed; open it again"] * 2,
+        f"closed {[belongs] * 2}",
+        "0 holding True",
+    ]
+    assert ended.stderr == ""
