@@ -9,9 +9,10 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from waiting import join, wait_for
 
+from head_tracking.control import JointOwners
 from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
-from head_tracking.ros.kit.joint_owners import sender_from
+from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.spinning import NodeDied
 from head_tracking.ros.kit.threads import take_message
 from head_tracking.ros.kit.topics import LATCHED, LONGEST_NAME
@@ -41,6 +42,33 @@ def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
     threads.start(bus)
     wait_for(lambda: tracker.control.is_cautious)
     assert not tracker.control.off
+
+
+def test_no_state_of_before_a_stop_is_published_after_it(threads):
+    """Another thread stops the head while the owners of its joints are published."""
+
+    class Owners(JointOwners):
+        def of(self, joints):
+            return Found(super().of(joints))
+
+    class Found(dict):
+        def items(self):  # after `stopped` was read
+            if stopping.ident is None and output:
+                stopping.start()
+                stopping.join(0.2)
+            return super().items()
+
+    owners, node, heard, output = Owners(), Node("bus"), [], []
+    stopping = threading.Thread(target=owners.stop, args=[dict])
+    node.create_subscription(Bool, "stopped", lambda message: heard.append(message.data), 10)
+    threads.start(node)
+    output.append(OwnersOutput(node, owners, ["pan"]))
+    wait_for(lambda: heard == [False])
+    owners.claim("/head_tracker", ["pan"])
+    stopping.join()
+    wait_for(lambda: True in heard)
+    time.sleep(0.1)
+    assert heard == [False, True]
 
 
 def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):

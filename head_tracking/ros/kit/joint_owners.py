@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
@@ -141,18 +142,20 @@ class OwnersOutput:
         self._stops = node.create_publisher(Bool, "stopped", LATCHED)
         self._fields = node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         self._last_published: tuple[String | None, bool | None, int] = None, None, 0
+        self._lock = threading.RLock()  # or a thread could publish an older state after STOP
         owners.observe(self.publish)
         self.publish()
 
     def publish(self) -> None:
         """Publish what has changed; call it regularly, because owners expire."""
-        owners, stopped = self._owners.of(self._joints), self._owners.stopped
-        text = String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
-        before = self._last_published
-        self._last_published = text, stopped, self._owners.epoch.value
-        if self._last_published != before:
-            self._fields.publish(control_message(self._owners, self._joints, self._name))
-        if text != before[0]:
-            self._texts.publish(text)
-        if stopped is not before[1]:
-            self._stops.publish(Bool(data=stopped))
+        with self._lock:
+            owners, stopped = self._owners.of(self._joints), self._owners.stopped
+            text = String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
+            before = self._last_published
+            self._last_published = text, stopped, self._owners.epoch.value
+            if self._last_published != before:
+                self._fields.publish(control_message(self._owners, self._joints, self._name))
+            if text != before[0]:
+                self._texts.publish(text)
+            if stopped is not before[1]:
+                self._stops.publish(Bool(data=stopped))
