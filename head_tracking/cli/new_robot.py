@@ -225,8 +225,8 @@ def _find_rate(
     names = f"the servos {' and '.join(map(str, given))}" if given else "two servos"
     raise ToolError(
         f"{names} do not answer at one baud rate (found: {seen}); check power and cables, give the "
-        "servos different ids and the same rate with `servo set-id` and `servo set-baud`, or give "
-        "another rate with --baud"
+        "servos different ids and the same rate with `head_tracking servo set-id` and "
+        "`head_tracking servo set-baud`, or give another rate with --baud"
     )
 
 

@@ -14,7 +14,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="relax",
         description="Switch the torque of a running head's servos off. If no program runs: "
-        "servo --port DEV relax",
+        "head_tracking servo --port DEV relax",
         epilog="ROS arguments follow --ros-args.",
     )
     return run_client("relax", parser.parse_args, _relax)

@@ -87,7 +87,7 @@ def prepare_adapter(
     advice = (
         f"each reply of a servo takes up to {latency} ms, because the adapter's latency timer "
         f"could not be set to {_WANTED} ms. Until it is unplugged: "
-        f"`echo {_WANTED} | sudo tee {timer}`; permanently: `ros2 run head_tracking head_setup "
+        f"`echo {_WANTED} | sudo tee {timer}`; permanently: `head_tracking head_setup "
         "udev`, then plug it in again"
     )
     return Adapter(driver, latency * 1e-3, advice if latency > _WANTED else "")

@@ -385,5 +385,5 @@ def advice(servo: Servo) -> str:
     """Return the probable causes of damaged replies."""
     return (
         f"two servos answer as id {servo.id} (connect one alone and give it another id with "
-        "`servo set-id`), or something disturbs the line"
+        "`head_tracking servo set-id`), or something disturbs the line"
     )

@@ -75,7 +75,8 @@ class PortPermissionError(PortError):
 
     def __init__(self, port_name: str, group: str) -> None:
         cure = (
-            "A udev rule has to give it to dialout: `head_setup udev` has one for most adapters"
+            "A udev rule has to give it to dialout: `head_tracking head_setup udev` has one for "
+            "most adapters"
             if group == "root"
             else f"Join it with `sudo usermod -a -G {group} $USER`, then log out and in again"
         )

@@ -10,6 +10,7 @@ that was sent is the echo of an adapter that joins both directions.
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
@@ -65,6 +66,7 @@ _REPLY: Final = 256  # bytes of the longest reply to another program that is sea
 _FILLER: Final = 0.0025  # s; the longest packet at 1 Mbaud
 _SUSPECT: Final = 1.0  # s to check for a gap after unexpected packets
 _PING_LENGTHS: Final = {1: 0, 2: 3}
+_TOOL_BAUD_RATE: Final = 1_000_000  # default of the tool `servo` [bit/s]
 _ID_REGISTER: Final = 3  # of protocol 1.0; any model has a register there
 
 
@@ -130,6 +132,12 @@ class DynamixelPort:
     def back_off(self) -> None:
         """Wait longer for the next reply: this machine may be busy."""
         self._timeout.back_off()
+
+    def servo_command(self, words: str) -> str:
+        """Return a command of the tool `servo` for this port, as a user types it."""
+        has_rate = self.baud_rate == _TOOL_BAUD_RATE or words.startswith("scan")
+        rate = "" if has_rate else f"--baud {self.baud_rate} "
+        return f"head_tracking servo --port {shlex.quote(self.name)} {rate}{words}"
 
     @property
     def is_open(self) -> bool:

@@ -293,10 +293,10 @@ class Servo:
             number = self.get("Model Number", MOST_TRIES)
         except ReplyTimeoutError as cause:
             level = model.control_table["Status Return Level"].address
+            command = self.set_command("Status Return Level", 2)
             raise ServoError(
                 f"{who} answers pings but no reads: its Status Return Level (register {level}) is "
-                f"probably 0; set it to 2, for example with `servo set {self.id} 'Status Return "
-                "Level' 2`"
+                f"probably 0; set it to 2, for example with `{command}`"
             ) from cause
         if number != model.model_number:
             raise ServoError(
@@ -340,6 +340,10 @@ class Servo:
             raise problem
         return identity
 
+    def set_command(self, name: str, value: int) -> str:
+        """Return the command that sets a register of this servo, as a user types it."""
+        return self._port.servo_command(f"set {self.id} '{name}' {value}")
+
     def check_settings(self) -> Steps[None]:
         """Read the settings that its joint needs; raise ServoError if one is wrong."""
         spans = self.model.control_table.spans(_LONGEST_SPAN, self.model.settings)
@@ -350,8 +354,8 @@ class Servo:
         for name, right, why in self._wrong_settings(memory):
             raise ServoError(
                 f"{who} {why}: {name} (register {self.model.control_table[name].address}) is "
-                f"{memory[name]}; set it to {right}, for example with `servo set {self.id} "
-                f"'{name}' {right}`"
+                f"{memory[name]}; set it to {right}, for example with "
+                f"`{self.set_command(name, right)}`"
             )
 
     def _wrong_settings(self, memory: Mapping[str, int]) -> Iterator[tuple[str, int, str]]:

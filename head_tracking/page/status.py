@@ -114,7 +114,7 @@ _ADVICE: dict[str, tuple[str, str]] = {
     FaultName.SILENT: ("Is {node} still running? Look at its terminal.", ""),
     FaultName.NO_PORT: ("Check the adapter's plug and USB cable. The bus reconnects itself.", ""),
     FaultName.NOT_FOUND: (
-        "Check plug, power, id and baud rate of the servo (`servo scan`).",
+        "Check plug, power, id and baud rate of the servo (`head_tracking servo scan`).",
         "",
     ),
     FaultName.NO_ANSWER: ("Check the servo's plug, power and id. The bus reconnects itself.", ""),

@@ -329,13 +329,14 @@ class HeadCamera:
         if not by_pan:
             return (
                 f"{pan} and {tilt} are swapped, as the camera sees it: swap the servos' ids, or "
-                "run `servo calibrate` with swapped ids (or is the camera rolled by 90 degrees?)"
+                "run `head_tracking servo calibrate` with swapped ids (or is the camera rolled by "
+                "90 degrees?)"
             )
         wrong = [joint for joint, way in ((pan, by_pan), (tilt, by_tilt)) if way < 0]
         return (
             f"{' and '.join(wrong)} {'turns' if len(wrong) == 1 else 'turn'} in the wrong "
-            "direction, as the camera sees it: find the direction with `servo calibrate` (or is "
-            f"the image {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
+            "direction, as the camera sees it: find the direction with `head_tracking servo "
+            f"calibrate` (or is the image {'mirrored' if len(wrong) == 1 else 'upside down'}?)"
         )
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -343,6 +344,25 @@ def test_common_options_may_come_after_the_command(bench: Tool) -> None:
     bench[1].set_register("Status Return Level", 0)
     command = ("set", "1", "Status Return Level", "2", "--model", "AX-12", "--yes")
     assert bench.run(*command) == DONE
+
+
+@pytest.mark.parametrize(
+    ("rate", "arguments"),
+    [(1_000_000, ["set", "7", "Goal Position", "1100"]), (57_600, ["info", "7"])],
+)
+def test_a_command_that_an_error_shows_can_be_typed(
+    bench: Tool, rate: int, arguments: list[str]
+) -> None:
+    """It names program, port and baud rate: the defaults are perhaps those of another robot."""
+    code = {value: key for key, value in bench[7].model.baud_rates.items()}[rate]
+    bench[7].set_register("Baud Rate", code)
+    bench[7].set_register("Status Return Level", 2 if rate == 1_000_000 else 0)
+    given = ["--port", "/dev/left", "--baud", str(rate)]
+    assert bench.run(*given, *arguments) in (FAILED, REFUSED)
+    _, shown, command = bench.messages.strip().partition("head_tracking servo ")
+    words = shlex.split(command.replace("MODEL", "XL430-W250"))
+    assert shown and words[:2] == ["--port", "/dev/left"]
+    assert bench.run(*words, "--yes") == DONE, bench.messages
 
 
 # set-id, set-baud

@@ -76,10 +76,10 @@ def _check_other_rate(
         for servo in servos:
             with suppress(CommunicationError):
                 port.ping(servo.id, servo.model.protocol)
+                command = port.servo_command(f"set-baud {servo.id} {bus.baud_rate}")
                 text = (
                     f"{servo.calibration.joint_name}: answers at {port.baud_rate} baud, not at "
-                    f"{bus.baud_rate}: set baud_rate, or `servo --baud {port.baud_rate} set-baud "
-                    f"{servo.id} {bus.baud_rate}`"
+                    f"{bus.baud_rate}: set baud_rate, or `{command}`"
                 )
                 yield Finding(f"servo {servo.id}", Grade.RED, text)
 
@@ -95,8 +95,11 @@ def _check_servo(
         servo.read_feedback(3)
         errors = servo.read_errors()
     except ReplyTimeoutError:
-        text = f"{joint}: no answer at {port.baud_rate} baud. Check its power and cable; "
-        yield Finding(name, Grade.RED, f"{text}`servo scan` finds other ids and baud rates")
+        text = (
+            f"{joint}: no answer at {port.baud_rate} baud. Check its power and cable; "
+            f"`{port.servo_command('scan')}` finds other ids and baud rates"
+        )
+        yield Finding(name, Grade.RED, text)
         return
     except (CommunicationError, ServoError, ConfigurationError) as error:
         twin = "; two servos may have this id" if isinstance(error, CorruptReplyError) else ""
@@ -105,7 +108,7 @@ def _check_servo(
     problems: list[tuple[Grade, str]] = []
     if port.surplus[servo.id]:
         text = "two servos have this id, or the line is disturbed: connect one of them alone and "
-        problems.append((Grade.RED, f"{text}use `servo set-id`"))
+        problems.append((Grade.RED, f"{text}use `head_tracking servo set-id`"))
     if errors or servo.faulted:
         state = "has shut itself down" if servo.faulted else "reports"
         text = f"it {state}: {describe_errors(errors)}; let it cool, call `recover` or cycle its "

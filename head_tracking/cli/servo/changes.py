@@ -89,8 +89,8 @@ def _readdress(session: Session, servo: Servo, name: str, value: int, shown: str
     with session.port(rate) as port:
         if protocol_of(port, new_id) is None:
             raise ToolError(
-                f"id {new_id} does not answer at {rate} baud; find the servo with: servo scan "
-                f"--bauds {session.baud_rate} {rate}"
+                f"id {new_id} does not answer at {rate} baud; find the servo with: "
+                + port.servo_command(f"scan --bauds {session.baud_rate} {rate}")
             )
         run(Servo(port, new_id, servo.model).lock_eeprom(True))
 
@@ -127,8 +127,8 @@ def _check_goal(session: Session, servo: Servo, name: str, value: int) -> None:
     """Refuse goals outside the limits, and goals of a relaxed servo: some switch torque on."""
     if not servo.get("Torque Enable"):
         raise RefusedError(
-            f"servo {servo.id} is relaxed; switch its torque on first: servo set "
-            f"{servo.id} 'Torque Enable' 1"
+            f"servo {servo.id} is relaxed; switch its torque on first: "
+            + servo.set_command("Torque Enable", 1)
         )
     if name != "Goal Position":
         return

@@ -80,7 +80,7 @@ def scan(session: Session, baud_rates: Sequence[int], ids: Sequence[int]) -> Non
         certainty = "is" if times[servo_id] > 1 else "answers corruptly: it is probably"
         terminal.print(
             f"id {servo_id} {certainty} used twice; each servo needs its own id: connect one of "
-            "them alone and use `servo set-id`"
+            "them alone and use `head_tracking servo set-id`"
         )
 
 
@@ -168,7 +168,7 @@ def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) ->
         if not servos:
             raise ToolError(
                 f"no servo with an id up to {_FIRST_IDS[-1]} answers at {session.baud_rate} baud; "
-                "give the ids, or find servos with `servo scan`"
+                f"give the ids, or find servos with `{port.servo_command('scan')}`"
             )
         for servo in servos:
             with suppress(CommunicationError, ConfigurationError, ServoError):

@@ -92,7 +92,7 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
     if protocol is None:
         raise ToolError(
             f"no servo with id {servo_id} answers on {port.name} at {port.baud_rate} baud; check "
-            "its power and cable, or find it with `servo scan`"
+            f"its power and cable, or find it with `{port.servo_command('scan')}`"
         )
     try:
         servo = Servo(port, servo_id, servo_model_by_number(model_number(port, servo_id, protocol)))
@@ -103,7 +103,7 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
             raise ToolError(
                 f"servo {servo_id} answers pings but no reads: its Status Return Level is "
                 "probably 0. Set it to 2 and give the model: "
-                f"servo --model MODEL set {servo_id} 'Status Return Level' 2"
+                + port.servo_command(f"--model MODEL set {servo_id} 'Status Return Level' 2")
             ) from error
         servo = Servo(port, servo_id, model)
         servo.acknowledges_writes = False
