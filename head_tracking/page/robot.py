@@ -68,10 +68,10 @@ class Robot:
         self.mode = Mode.OFF
         self.stop = Stop(node)
         self._attempt: Attempt | None = None
-        self._polled = PolledNode(node, f"{node.get_name()}_polled")
+        self._polled = PolledNode(node, "polled")
         self.buffer = listening_buffer(node, self._polled).core
         # its many clients would slow down every wake-up of the other node
-        self._requests = NodeThread.beside(node, f"{node.get_name()}_requests")
+        self._requests = NodeThread.beside(node, "requests")
         requests = self._requests.node
         self.graph, self.services = Graph(node), OtherServices(requests)
         self._targets = LatestTarget(self._polled, self.buffer)

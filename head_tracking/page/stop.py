@@ -49,7 +49,7 @@ class Stop:
         self.count, self.late, self.stopped = 0, 0, False
         self.owners: Mapping[str, str] = {}
         self.buses: set[str] = set()
-        self._own = NodeThread.beside(beside, f"{beside.get_name()}_stop")
+        self._own = NodeThread.beside(beside, "stop")
         node = self._own.node
         self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
         self._where = f"in the namespace {node.get_namespace()}"

@@ -29,7 +29,7 @@ from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import parameter
 from head_tracking.ros.kit.images import compressed_message
 from head_tracking.ros.kit.message_types import message_class, message_definition
-from head_tracking.ros.kit.threads import take_message
+from head_tracking.ros.kit.threads import NodeBeside, take_message
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import OpenCVMissingError
 
@@ -184,12 +184,7 @@ class _Session:
         self._count, self._size, self._end = 0, 0, ""
         self._started = self._ended = time.monotonic()
         self._ending = threading.Event()
-        self._node = Node(
-            f"{beside.get_name()}_recorder",
-            namespace=beside.get_namespace(),
-            context=beside.context,
-            start_parameter_services=False,
-        )
+        self._node = NodeBeside(beside, "recorder")
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 

@@ -18,7 +18,7 @@ from waiting import PATIENCE, wait_for
 
 from head_tracking.ros.kit.spinning import start_ros
 from head_tracking.ros.kit.stop_signal import ENDING
-from head_tracking.ros.kit.threads import UrgentServices, Worker
+from head_tracking.ros.kit.threads import NodeThread, PolledNode, UrgentServices, Worker
 from head_tracking.ros.kit.topics import TopicListener
 
 PROGRAM = Path(__file__).parents[1] / "support" / "exit_paths.py"
@@ -184,6 +184,18 @@ def test_a_users_own_settings_of_fast_dds_are_left_alone(monkeypatch, tmp_path):
     rclpy.try_shutdown()
     assert os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(mine)
     assert "FASTDDS_DEFAULT_PROFILES_FILE" not in os.environ
+
+
+def test_the_nodes_of_a_program_that_is_renamed_have_different_names():
+    context = rclpy.Context()
+    rclpy.init(args=["--ros-args", "-r", "__node:=page"], context=context)
+    try:
+        node = Node("viewer", context=context)
+        others = PolledNode(node, "polled"), NodeThread.beside(node, "stop").node
+        names = [each.get_name() for each in (node, *others)]
+    finally:
+        context.try_shutdown()
+    assert names == ["page", "page_polled", "page_stop"]
 
 
 def test_an_error_of_a_worker_ends_the_node_by_its_next_offer():

@@ -32,6 +32,26 @@ _PAUSE = 0.05  # s after an error, so that a repeated error does not use a whole
 _PATIENCE = 3.0  # s that a callback or the current work may take at the end
 
 
+class NodeBeside(Node):
+    """A node without parameter services, in the namespace of another node.
+
+    Args:
+        beside: gives namespace and context, and the first part of the name.
+        name: the last part; `-r __node:=...` of the program changes the first part only.
+        options: for the node.
+    """
+
+    def __init__(self, beside: Node, name: str, **options: Any) -> None:
+        super().__init__(
+            name,
+            namespace=beside.get_namespace(),
+            context=beside.context,
+            start_parameter_services=False,
+            cli_args=["--ros-args", "-r", f"__node:={beside.get_name()}_{name}"],
+            **options,
+        )
+
+
 class NodeThread:
     """Spins a node in a thread of its own.
 
@@ -55,9 +75,8 @@ class NodeThread:
 
     @classmethod
     def beside(cls, node: Node, name: str) -> NodeThread:
-        """Return the thread of a new node without parameters, in the namespace of another node."""
-        namespace, context = node.get_namespace(), node.context
-        return cls(Node(name, namespace=namespace, context=context, start_parameter_services=False))
+        """Return the thread of a new `NodeBeside`."""
+        return cls(NodeBeside(node, name))
 
     def start(self) -> None:
         """Start spinning."""
@@ -97,25 +116,20 @@ class NodeThread:
             self.executor.shutdown()
 
 
-class PolledNode(Node):
-    """A node beside another one, with subscriptions only.
+class PolledNode(NodeBeside):
+    """A node with subscriptions only.
 
     An error in a callback is logged and costs its message only.
 
     Args:
-        beside: gives namespace, context and kind of time.
-        name: of the new node.
+        beside: gives the kind of time, too; see `NodeBeside`.
+        name: see `NodeBeside`.
     """
 
     def __init__(self, beside: Node, name: str) -> None:
         sim_time = beside.get_parameter("use_sim_time").value
-        super().__init__(
-            name,
-            namespace=beside.get_namespace(),
-            context=beside.context,
-            start_parameter_services=False,
-            parameter_overrides=[Parameter("use_sim_time", value=bool(sim_time))],
-        )
+        overrides = [Parameter("use_sim_time", value=bool(sim_time))]
+        super().__init__(beside, name, parameter_overrides=overrides)
         self._polling = threading.Lock()
         self._events = SingleThreadedExecutor(context=beside.context)
         self._events.add_node(self)
