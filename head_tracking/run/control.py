@@ -177,7 +177,7 @@ class ControlProcess:
                 claim.check()
             self._report_servos()
             stopped = ["STOPPED"] if owners.stopped else []
-            self._status.show([*stopped, *self._page, *monitor.update(), *self._hint])
+            self._status.show([*self._hint, *stopped, *self._page, *monitor.update()])
 
         try:
             threads.wait(self._stop, plan.options.duration, update)
@@ -222,7 +222,7 @@ class ControlProcess:
         started = self._starting[spec.name] = futures.Future()
         self._link.send(**asdict(spec))
         for _ in range(round(_START_TIMEOUT / _POLL)):
-            self._status.show([f"{spec.name} starts", *self._hint])
+            self._status.show([*self._hint, f"{spec.name} starts"])
             futures.wait([started], _POLL)
             self._stop.check()
             if started.done():

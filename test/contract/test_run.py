@@ -278,6 +278,7 @@ def test_stop_relaxes_the_servos_of_a_control_process_that_hangs(bench, monkeypa
         terminal.start(
             f"-m head_tracking --port {bench.servos.name} --target smooth --on-crash hold &"
         )
+        terminal.type("stty cols 50\n")  # what is left out of a narrow line is not the key of STOP
         supervisor = int(terminal.waits_for(r"\[1\] \d+").split()[-1])
         terminal.type("fg\n")
         moves(bench)
