@@ -298,6 +298,7 @@ def test_an_environment_of_another_program_is_not_changed(start):
         ("--viewer --mode point --sim", {"viewer", "vision"}),
         ("--port /dev/ttyUSB0 --viewer", {"viewer"}),
         ("--port /dev/ttyUSB0 --target face", {"vision"}),
+        ("calibrate camera", {"vision"}),
     ],
 )
 def test_a_complete_environment_gets_the_libraries_of_the_options(start, words, lists):

@@ -36,7 +36,6 @@ _CORNERS: Final = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 _VIEWED: Final = ((_CORNERS + 1.0) * (0.5 * (_VIEW - 1))).astype(np.float32)
 _INSIDE: Final = ellipse_mask(_VIEW, _VIEW, 0.85).astype(np.uint8)
 _SMOOTHED: Final = 5  # pixels
-_ALIGNED: Final = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
 _CELLS: Final = 6, 4  # of the first image: at most one point of the room in each
 _KEYPOINTS: Final = 1500
 _PARALLAX: Final = 0.025  # of the image width: points at different distances move differently
@@ -147,9 +146,10 @@ class _FaceView:
         )
         if self._first is None:
             self._first = view
+        aligned = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
         try:
             _, moved = cv2.findTransformECC(
-                self._first, view, np.eye(2, 3, dtype=np.float32), cv2.MOTION_EUCLIDEAN, _ALIGNED,
+                self._first, view, np.eye(2, 3, dtype=np.float32), cv2.MOTION_EUCLIDEAN, aligned,
                 _INSIDE, _SMOOTHED,
             )  # fmt: skip
         except cv2.error:  # they are not alike

@@ -56,9 +56,10 @@ def test_a_program_that_needs_ros_reports_that_ros_is_missing(words):
         ("detection_target --ros-args -p source:=detections_2d", "vision_msgs", "vision_msgs"),
         ("detection_target --ros-args -p source:=faces", "hri_msgs", "hri_msgs"),
         ("visual_target", "cv2", "OpenCV"),
+        ("calibrate camera --sim --yes", "cv2", "OpenCV"),
     ],
 )
-def test_a_target_node_reports_the_package_that_is_missing(bench, words, package, named):
+def test_a_program_reports_the_package_that_is_missing(bench, words, package, named):
     done = run_without(package, words, ROS_DOMAIN_ID=bench.domain)
     assert done.returncode == 1
     assert named in done.stderr
