@@ -168,9 +168,9 @@ def _limits(joint: yourdfpy.Joint, kind: JointType) -> JointLimits:
     # URDF: lower and upper are 0 where they are left out
     lower = (limit.lower or 0.0) if bounded else -math.inf
     upper = (limit.upper or 0.0) if bounded else math.inf
-    if bounded and not lower < upper and joint.mimic is None:
+    if bounded and lower > upper and joint.mimic is None:
         raise RobotModelError(
-            f"joint {joint.name!r} has the limits {lower} to {upper}; lower must be below upper"
+            f"joint {joint.name!r} has the limits {lower} to {upper}; upper must not be below lower"
         )
     if limit.velocity is not None and limit.velocity < 0.0:
         raise RobotModelError(

@@ -71,10 +71,11 @@ def test_a_missing_parser_is_an_error_that_users_can_correct(in_child, monkeypat
         parse_robot_model(robot('<link name="a"/>'))
 
 
-def test_a_speed_of_0_is_no_limit():
-    limit = '<limit lower="-1" upper="1" velocity="0" effort="0"/>'
+def test_limits_that_an_exporter_did_not_know_are_accepted():
+    limit = '<limit lower="0" upper="0" velocity="0" effort="0"/>'
     model = parse_robot_model(robot(TWO_LINKS, joint(more=limit)))
-    assert model.joints["j"].limits.velocity == float("inf")
+    limits = model.joints["j"].limits
+    assert (limits.lower, limits.upper, limits.velocity) == (0.0, 0.0, float("inf"))
 
 
 def test_a_missing_file_and_a_broken_xacro_name_the_file(tmp_path):
