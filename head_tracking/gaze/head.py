@@ -45,6 +45,8 @@ _UNLIMITED = (-math.inf, math.inf)
 
 _NEARLY_SQUARE = 0.01  # rad; heads built like this have one gaze, and no other comes near it
 
+_WAY = 0.1  # rad beyond a limit that count as much as 1 rad of way
+
 _SAME = 1e-15  # rad
 _MOST_TURNS = 50  # of a loop that ends after 1 on a square head and after 4 on a nearly square one
 _SIDES = 64  # where a head of another build is tried, all round
@@ -480,16 +482,20 @@ def _in_tilt_basis(vector: Vector3, slant: tuple[float, float]) -> Vector3:
 def turn_near(angle: float, present: float, limits: JointLimits) -> float:
     """Return the same direction plus full turns: allowed if possible, then near `present`.
 
+    If none is allowed, the one least beyond the limits, and a longer way counts a little: a target
+    behind the head that moves to and fro must not turn the head from one limit to the other.
+
     Args:
         angle: a direction [rad].
         present: where the joint stands [rad].
         limits: where it may go.
     """
     nearest = present + math.remainder(angle - present, math.tau)
-    for turn in (nearest, nearest - math.tau, nearest + math.tau):
+    turns = (nearest, nearest - math.tau, nearest + math.tau)
+    for turn in turns:
         if limits.contains(turn):
             return turn
-    return nearest
+    return min(turns, key=lambda t: abs(t - limits.clamp(t)) + _WAY * abs(t - present))
 
 
 def _fixed_joints(

@@ -1,3 +1,4 @@
+import itertools
 import math
 import random
 
@@ -161,11 +162,19 @@ def test_any_axis_can_be_pointed(kinectbot):
 def test_the_answer_out_of_reach_is_the_nearest_gaze(options):
     _, head = make_head(options)
     grid = [-2.0 + 4.0 * i / 80 for i in range(81)]
-    for target in ((-1.0, 0.6, 0.3), (0.0, -1.0, -1.0), (1.0, -1.0, 0.2)):
-        gaze = head.gaze(target, 0.0, 0.0)
+    targets = ((-1.0, 0.6, 0.3), (0.0, -1.0, -1.0), (1.0, -1.0, 0.2))
+    for target, present in itertools.product(targets, (0.0, -1.9, 1.9)):
+        gaze = head.gaze(target, present, 0.0)
         best = min(head.miss(target, p, t) for p in grid for t in grid)
         assert gaze.miss == pytest.approx(head.miss(target, gaze.pan, gaze.tilt))
         assert gaze.miss <= best + math.radians(4)
+
+
+def test_a_target_behind_the_head_does_not_turn_it_from_limit_to_limit(robot):
+    head = PanTiltHead(robot, PAN, TILT, "camera_link")
+    pan = head.pan_limits.upper
+    for aside in (0.1, -0.1, 0.1):
+        assert head.gaze((-2.0, aside, 0.5), pan, 0.0).pan == pan
 
 
 def test_a_target_on_the_pan_axis_keeps_the_pan(kinectbot):
