@@ -33,7 +33,16 @@ class _FormatError(Exception):
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Reads 1e-3 as a number, as ROS does."""
+    """Reads 1e-3 as a number, as ROS does, and refuses a key twice: YAML forgets the first one."""
+
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        node = super().compose_mapping_node(anchor)
+        keys = [key.value for key, _ in node.value]
+        for number, (key, _) in enumerate(node.value):
+            if key.value in keys[:number]:
+                line = key.start_mark.line + 1
+                raise _FormatError(f"{key.value!r} is there twice, again in line {line}; join them")
+        return node
 
 
 _Loader.add_implicit_resolver(
