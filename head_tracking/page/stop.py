@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.joint_owners import control_from_message
 from head_tracking.ros.kit.others import message_of, wait_for_answer
 from head_tracking.ros.kit.threads import NodeThread
-from head_tracking.ros.kit.topics import EVERY_CHANGE, LATCHED
+from head_tracking.ros.kit.topics import EVERY_CHANGE
 
 ANSWER = 0.45  # s after which who asks for STOP hears what is known
 _RETRY = 0.25  # s between attempts
@@ -49,14 +48,14 @@ class Stop:
         self.count, self.late, self.stopped = 0, 0, False
         self.owners: Mapping[str, str] = {}
         self.buses: set[str] = set()
+        self._epoch = 0
         self._own = NodeThread.beside(beside, "stop")
         node = self._own.node
         self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
         self._where = f"in the namespace {node.get_namespace()}"
         self._attempt: Attempt | None = None
         self._lock = threading.Lock()
-        node.create_subscription(Bool, "stopped", self._on_stopped, EVERY_CHANGE)
-        node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, LATCHED)
+        node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, EVERY_CHANGE)
         self._own.start()
 
     @property
@@ -137,6 +136,7 @@ class Stop:
     def _on_control(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # it is malformed
             control = control_from_message(message)
+            self._follow(control.stopped, control.epoch)
             owners = control.owners.items()
             self.owners = {joint: owner.rpartition("/")[2] for joint, owner in owners}
             self.buses.add(control.node.rpartition("/")[2])
@@ -145,12 +145,12 @@ class Stop:
                 if all(each.service_name != name for each in clients):
                     clients.append(self._own.node.create_client(Trigger, name))
 
-    def _on_stopped(self, message: Bool) -> None:
-        if self.stopped and not message.data:
-            self.cancel()  # somebody has resumed
+    def _follow(self, stopped: bool, epoch: int) -> None:
+        if self.stopped and not stopped and epoch == self._epoch:
+            self.cancel()  # somebody has resumed; a bus that was restarted has another epoch
         with self._lock:
-            self.count += bool(message.data and not self.stopped)
-        self.stopped = bool(message.data)
+            self.count += bool(stopped and not self.stopped)
+        self.stopped, self._epoch = stopped, epoch
 
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []

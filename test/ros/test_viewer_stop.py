@@ -66,6 +66,18 @@ def test_stop_says_by_servo_what_was_confirmed_and_goes_on_until_it_is(start, pa
     assert robot.stop.outcome is None
 
 
+def test_a_bus_that_is_restarted_does_not_end_a_stop_that_was_not_confirmed(start, page):
+    bus, robot = start(BusStandIn()), page()
+    bus.confirms = set()
+    robot.stop.begin()
+    wait_for(lambda: robot.stop.stopped)
+    bus.say_stopped = lambda _: None
+    bus.own("", False, 0)
+    wait_for(lambda: not robot.stop.stopped)
+    before = len(bus.calls)
+    wait_for(lambda: len(bus.calls) > before + 1)
+
+
 def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
     bus = start(BusStandIn(offers=("~/stop", "~/relax", "~/resume")))
     robot = page()

@@ -24,7 +24,7 @@ class BusStandIn(Node):
         self.commands: list[JointState] = []  # messages on joint_commands
         self.claims: list[JointState] = []  # messages on joint_claims
         self.message = "torque on"  # of the servos' diagnostics
-        self._stopped = self.create_publisher(Bool, "stopped", LATCHED)
+        self._epoch = 0
         self._control = self.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(JointState, "joint_commands", self.commands.append, 10)
@@ -36,7 +36,6 @@ class BusStandIn(Node):
             self.create_service(SetBool, f"{controller}/torque_enable", self._on_torque)
         self.create_timer(0.3, self.diagnose)
         self.say_stopped(False)
-        self.own("")
 
     def own(self, owner: str, stopped: bool = False, epoch: int = 0) -> None:
         """Who has the joints from now on, in a program that heeds the epochs of STOP."""
@@ -47,7 +46,8 @@ class BusStandIn(Node):
         self._control.publish(DiagnosticStatus(name="joint_control", values=values))
 
     def say_stopped(self, stopped: bool) -> None:
-        self._stopped.publish(Bool(data=stopped))
+        self._epoch += stopped
+        self.own("", stopped, self._epoch)
 
     def diagnose(self) -> None:
         """Says that the servos are there, with the present message."""
