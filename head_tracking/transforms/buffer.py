@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from operator import index
 from queue import Empty, SimpleQueue
+from time import monotonic_ns
 from typing import TypeVar
 
 from head_tracking.transforms import report
@@ -96,7 +97,7 @@ class TransformBuffer:
         # the keys of the routes that depend on a frame
         self._routes_through: dict[str, set[tuple[str, str]]] = {}
         self._requests: list[Waiter] = []
-        self._swept = LATEST
+        self._swept = 0
 
     # Input
 
@@ -206,9 +207,10 @@ class TransformBuffer:
                     self._put(new)
             else:
                 if not isinstance(edge, SampledEdge):
-                    self._forget_silent(stamp)
+                    self._forget_silent()
                     edge = SampledEdge(child, TransformHistory(self._cache_time))
                     self._put(edge)
+                edge.received = monotonic_ns()
                 history = edge.history
                 before = history.parent
                 recorded = history.insert(stamp, (parent, transform))
@@ -232,7 +234,6 @@ class TransformBuffer:
                     edge.history.clear()
             self._routes.clear()
             self._routes_through.clear()
-            self._swept = LATEST
 
     def latest_joint_position(self, name: str) -> tuple[int, float] | None:
         """Return stamp [ns] and position [rad or m] of the latest sample of a joint, or None."""
@@ -553,8 +554,9 @@ class TransformBuffer:
                     self._put(self._edge(model, joint))
         return history
 
-    def _forget_silent(self, now: int) -> None:
-        """Remove frames without recent samples; checked once in each cache time."""
+    def _forget_silent(self) -> None:
+        """Remove frames that nobody sends any more; checked once in each cache time."""
+        now = monotonic_ns()  # stamps of other machines may be far off
         if now < self._swept + self._cache_time:
             return
         self._swept = now
@@ -564,8 +566,7 @@ class TransformBuffer:
             for edge in self._edges.values()
             if isinstance(edge, SampledEdge)
             and edge.child not in model_links
-            and edge.history
-            and edge.history.stamps[-1] < now - SILENT_CACHE_TIMES * self._cache_time
+            and edge.received < now - SILENT_CACHE_TIMES * self._cache_time
         ]
         for edge in silent:
             del self._edges[edge.child]

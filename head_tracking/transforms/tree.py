@@ -46,10 +46,15 @@ class StaticEdge:
 
 @dataclass(slots=True)
 class SampledEdge:
-    """A frame with measured transforms."""
+    """A frame with measured transforms.
+
+    Attributes:
+        received: when the latest one came, by the monotonic clock [ns].
+    """
 
     child: str
     history: TransformHistory
+    received: int = 0
     steps: tuple[Step, ...] = (sampled,)
     steps_back: tuple[Step, ...] = (sampled_inverse,)
 

@@ -198,18 +198,29 @@ def test_until_a_joint_is_measured_samples_tell_where_its_link_is(kinectbot):
     assert not buffer.set_transform(SECOND, fixed.parent, fixed.child, Transform.identity())
 
 
-def test_frames_that_are_silent_for_ten_cache_times_are_forgotten(buffer):
+def test_frames_that_are_silent_for_ten_cache_times_are_forgotten(buffer, monkeypatch):
+    def hear(second, parent, child, stamp=SECOND):
+        now = 1000 * SECOND + second * SECOND
+        monkeypatch.setattr("head_tracking.transforms.buffer.monotonic_ns", lambda: now)
+        buffer.set_transform(stamp, parent, child, Transform.identity())
+
     for person in range(500):
-        buffer.set_transform(SECOND, "map", f"person_{person}", Transform.identity())
+        hear(0, "map", f"person_{person}")
     buffer.set_transform(0, "map", "base_link", Transform.identity(), static=True)
-    buffer.set_transform(SECOND + 99 * SECOND, "map", "person_500", Transform.identity())
+    hear(99, "map", "person_500")
     assert "person_0" in buffer.frames()
-    buffer.set_transform(SECOND + 111 * SECOND, "room", "person_501", Transform.identity())
+    hear(111, "room", "person_501")
     people = {name for name in buffer.frames() if name.startswith("person")}
     assert people == {"person_500", "person_501"}
     assert buffer.can_transform("map", "camera_link")
-    buffer.set_transform(SECOND + 112 * SECOND, "map", "person_0", Transform.identity())
-    assert buffer.lookup_transform("map", "person_0").stamp == SECOND + 112 * SECOND
+    hear(112, "map", "person_0", 2 * SECOND)
+    assert buffer.lookup_transform("map", "person_0").stamp == 2 * SECOND
+
+
+def test_a_clock_that_is_far_ahead_costs_no_frames_of_others(buffer):
+    buffer.set_transform(SECOND, "odom", "drive", Transform.identity())
+    buffer.set_transform(1000 * SECOND, "map", "person", Transform.identity())
+    assert buffer.can_transform("odom", "drive", SECOND)
 
 
 def test_all_pairs_of_many_frames_can_be_asked_for():
