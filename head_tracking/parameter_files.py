@@ -120,10 +120,8 @@ def read_rule(text: str) -> list[Given]:
     return [Given(COMMAND_LINE, nodes, each, value) for each, value in values]
 
 
-def unknown_parameters(
-    values: Collection[Given], known: Collection[str], node: str
-) -> Iterator[str]:
-    """Yield a text about each name that no parameter of a node has.
+def unknown_parameters(values: Collection[Given], known: Collection[str]) -> Iterator[Given]:
+    """Yield a value of each name that no parameter of a node has.
 
     Values of a file for nodes of any name (`/**`) may be for another one, and those of a servo
     that the node does not use are no mistake.
@@ -131,15 +129,14 @@ def unknown_parameters(
     Args:
         values: for the node.
         known: the parameters of the node.
-        node: its name.
     """
     names = {given.name for given in values}
-    files = {given.name: given.file for given in values if given.node or given.file == COMMAND_LINE}
-    for name, file in sorted(files.items()):
+    meant = {given.name: given for given in values if given.node or given.file == COMMAND_LINE}
+    for name, given in sorted(meant.items()):
         servo = f"{name.split('.', 1)[0]}.motor.id"
         is_unused = servo in names and servo not in known
         if not (name in known or is_unused or name.startswith("qos_overrides.")):
-            yield f"{file}: {node} has no parameter {name}{nearest(name, known)}"
+            yield given
 
 
 def unknown_nodes(values: Iterable[Given], known: Collection[str]) -> Iterator[str]:

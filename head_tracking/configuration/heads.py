@@ -32,7 +32,7 @@ from head_tracking.parameter_files import (
     unknown_nodes,
     unknown_parameters,
 )
-from head_tracking.parameters import ParameterError, changed
+from head_tracking.parameters import ParameterError, changed, nearest
 
 P = TypeVar("P")
 
@@ -167,7 +167,11 @@ class _Values:
         nodes = ("servo_bus", "point_head", "head_tracker")
         problems = [
             *unknown_nodes(self._of_all_nodes, nodes),
-            *unknown_parameters(self._given.values(), self._known, self._node),
+            *(
+                f"{given.file}: {self._node} has no parameter {given.name}"
+                f"{nearest(given.name, self._known)}"
+                for given in unknown_parameters(self._given.values(), self._known)
+            ),
         ]
         if problems:
             raise ParameterError("; ".join(problems))

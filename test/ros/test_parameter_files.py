@@ -60,7 +60,7 @@ def test_a_value_is_for_the_nodes_that_ros_gives_it_to(started, nodes, node, tak
         ("head_traker: {ros__parameters: {rate: 3.0}}", ["no node head_traker (is head_tracker"]),
         (
             "head_tracker: {ros__parameters: {rat: 3.0, camera_lnk: eye}}",
-            ["parameter rat (is rate meant?)", "parameter camera_lnk (is camera_link meant?)"],
+            ["parameter rat in /head_tracker (is rate m", "lnk in /head_tracker (is camera_"],
         ),
     ],
 )  # fmt: skip
@@ -78,6 +78,16 @@ def test_a_parameter_without_a_node_is_refused_with_the_node_that_has_it(started
     tracker, other = started("", "-p", "law:=position")(), Node("other")
     with pytest.raises(UnknownParametersError, match="-p head_tracker:law:=position"):
         check_parameters([tracker, other])
+
+
+def test_a_parameter_that_no_node_has_is_reported_once(started):
+    nodes = [started("", "-p", "max_joint_sped:=1.0")(), Node("other"), Node("third")]
+    with pytest.raises(UnknownParametersError) as error:
+        check_parameters(nodes)
+    assert str(error.value) == (
+        "the command line: no parameter max_joint_sped in /head_tracker, /other, /third "
+        "(is max_joint_speed or max_joint_jerk meant?); nothing was moved"
+    )
 
 
 def test_a_file_of_another_kind_is_named_without_its_contents(tmp_path):

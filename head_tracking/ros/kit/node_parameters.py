@@ -32,6 +32,7 @@ from head_tracking.parameters import (
     ParameterInfo,
     allowed,
     changed,
+    nearest,
     parameter_info,
 )
 from head_tracking.programs import NODES
@@ -103,21 +104,23 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
     Raises:
         UnknownParametersError: lists them with similar names that exist.
     """
-    known = set(NODES)  # one file may configure nodes of several processes
-    problems: list[str] = []
     nodes = list(nodes)
+    lacking: dict[tuple[str, ...], tuple[Given, list[str]]] = {}
     for node in nodes:
-        known.add(node.get_name())
-        full_name = node.get_fully_qualified_name()
-        own = [given for given in _given if given.is_for(full_name)]
-        problems += unknown_parameters(own, node._parameters, full_name)
-    for given in _given:
-        owners = [node for node in nodes if given.name in node._parameters]
-        if given.nodes == _ALL and given.file == COMMAND_LINE and 0 < len(owners) < len(nodes):
-            rule = f"{owners[0].get_name()}:{given.name}:={given.value}"
-            problems.append(f"name the node: -p {rule}")
-    if names:
-        problems += unknown_nodes(_given, known)
+        name = node.get_fully_qualified_name()
+        own = [given for given in _given if given.is_for(name)]
+        for given in unknown_parameters(own, node._parameters):
+            lacking.setdefault(given[:3], (given, []))[1].append(name)
+    problems = []
+    for given, without in lacking.values():
+        owners = [node.get_name() for node in nodes if given.name in node._parameters]
+        known = {name for node in nodes for name in node._parameters}
+        advice = nearest(given.name, known)
+        if owners and given.nodes == _ALL:
+            advice = f"; name the node: -p {owners[0]}:{given.name}:={given.value}"
+        problems.append(f"{given.file}: no parameter {given.name} in {', '.join(without)}{advice}")
+    if names:  # one file may configure nodes of several processes
+        problems += unknown_nodes(_given, {*NODES, *(node.get_name() for node in nodes)})
     if problems:
         raise UnknownParametersError("; ".join(problems) + "; nothing was moved")
 
