@@ -28,6 +28,7 @@ from head_tracking.dynamixel.exceptions import ConfigurationError, DynamixelErro
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors, XL320Errors
 from head_tracking.feetech import BYTE_ORDERS, FeetechErrors
 from head_tracking.feetech import TABLES as FEETECH_TABLES
+from head_tracking.parameters import nearest
 
 TABLES: Final = Path(__file__).parent / "tables"
 
@@ -127,7 +128,8 @@ def servo_model(name: str) -> ServoModel:
     for model in all_models():
         if name.upper() in map(str.upper, (model.name, *model.aliases)):
             return model
-    raise ConfigurationError(f"unknown servo model {name!r}; known are {_known()}")
+    hint = nearest(name.upper(), (model.name for model in all_models()))
+    raise ConfigurationError(f"unknown servo model {name!r}{hint}; known are {_known()}")
 
 
 def servo_model_by_number(model_number: int) -> ServoModel:

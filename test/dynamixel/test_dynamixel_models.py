@@ -126,6 +126,8 @@ def test_every_model_is_found_by_name_and_number() -> None:
             assert servo_model_by_number(model.model_number) is model
     with pytest.raises(ConfigurationError, match=r"'AX-99'.*AX-12 \(12\), .*XM540-W270"):
         servo_model("AX-99")
+    with pytest.raises(ConfigurationError, match=r"is AX-12\b.* meant"):
+        servo_model("ax12")
     with pytest.raises(ConfigurationError):
         servo_model_by_number(4711)
 
