@@ -334,6 +334,13 @@ def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench: Tool) -> Non
     assert bench[7].register("Torque Enable") == 0
 
 
+def test_what_was_set_is_shown_in_counts_and_in_its_unit(bench: Tool) -> None:
+    assert bench.run("--yes", "set", "1", "Return Delay Time", "100us") == DONE
+    assert bench.output == "servo 1: Return Delay Time = 50, 100 µs\n"
+    assert bench.run("set-baud", "1", "12345") == FAILED
+    assert bench.messages.endswith(" 19200 baud, 9600 baud\n")  # not the counts of the register
+
+
 def test_common_options_may_come_after_the_command(bench: Tool) -> None:
     assert bench.run("set", "7", "Temperature Limit", "60", "--yes") == DONE
     assert bench[7].register("Temperature Limit") == 60

@@ -48,7 +48,8 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> None:
                 servo.require_writable_memory()
             except ServoError as refusal:
                 raise RefusedError(str(refusal)) from refusal
-        shown = f"{name} = {value} {as_text(servo.model, register, value)}".strip()
+        meaning = as_text(servo.model, register, value)
+        shown = f"{name} = {value}{meaning and f', {meaning}'}"
         if name not in ("ID", "Baud Rate"):
             _write(session, servo, register, value, shown)
     if name in ("ID", "Baud Rate"):

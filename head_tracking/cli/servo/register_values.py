@@ -55,10 +55,10 @@ def parse_value(model: ServoModel, register: Register, text: str) -> int:
         RefusedError: the value 0 would mean full speed.
     """
     if register.name == "Baud Rate":
-        codes = {f"{rate} baud": code for code, rate in model.baud_rates.items()}
-        codes |= {str(code): code for code in codes.values()}
+        rates = {f"{rate} baud": code for code, rate in model.baud_rates.items()}
+        codes = rates | {str(code): code for code in rates.values()}
         if text not in codes:
-            raise ToolError(f"{model.name} has no {text}; {register.name} is {', '.join(codes)}")
+            raise ToolError(f"{model.name} has no {text}; {register.name} is {', '.join(rates)}")
         return codes[text]
     is_speed = register.name in _UNLIMITED
     if is_speed and text.strip().lower() in ("full", "full speed"):
