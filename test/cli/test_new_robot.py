@@ -92,7 +92,7 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
     joints = configured_head([user.folder / "my_head.yaml"]).servos
     with (
         SimulatedPort(servos) as port,
-        Head(port.port_name, load_robot_model(model), joints, reply_timeout=1.0) as head,
+        Head(port.port_name, load_robot_model(model), joints, reply_timeout=0.3) as head,
     ):
         frames = head.frames
         camera = frames.lookup_transform("base_link", "camera_link").transform.translation
