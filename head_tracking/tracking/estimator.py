@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from head_tracking.compatibility import StrEnum
 from head_tracking.gaze import Ray
@@ -33,6 +33,10 @@ _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 _IN_VIEW = 0.4  # rad from its axis a camera sees a target
 _SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
+
+
+Bounds: TypeAlias = tuple[float, float]
+"""The lowest and the highest angle [rad]."""
 
 
 class Verdict(StrEnum):
@@ -92,7 +96,7 @@ class TargetEstimate:
         bearings: filters of the pan and tilt that look at the target, at `stamp`.
         leads: the usual lead time, and a longer one for points that are overdue [s].
         reach: the prediction stands still from this time after `stamp` on [s].
-        farthest: the prediction goes no farther from the latest point [rad].
+        bounds: the prediction goes no farther, for pan and for tilt [rad].
         turned: transforms a predicted ray into the base frame at its time [s], if the base moves.
     """
 
@@ -101,7 +105,7 @@ class TargetEstimate:
     bearings: tuple[Bearing, Bearing]
     leads: tuple[float, float]
     reach: float
-    farthest: float = _FARTHEST_AHEAD
+    bounds: tuple[Bounds, Bounds]
     turned: Callable[[Ray, float], Ray] | None = None
 
     def ray_at(self, time: float, tilt_time: float | None = None) -> Ray:
@@ -129,13 +133,6 @@ class TargetEstimate:
         overdue = ahead - lead
         grown = (far_error - near_error) * overdue / (far - lead)
         return math.sqrt(near_error + grown + (0.5 * ACCELERATION * overdue**2) ** 2)
-
-    def in_view(self) -> TargetEstimate:
-        """Return the target if points are missing: a camera that looks at it sees the latest one.
-
-        The target may have stopped there, or be back.
-        """
-        return replace(self, farthest=_IN_VIEW)
 
     def within(self, limits: Sequence[tuple[float, float]]) -> TargetEstimate:
         """Return the target for joints that cannot follow its oscillation in full.
@@ -174,7 +171,8 @@ class TargetEstimate:
             missed = bearing.far_error - max(bearing.error, bearing.variance)
             squares = away * away + share * _CAUTION * max(missed, 0.0) + _FINEST
             away *= away * away / squares
-        return here + min(max(away, -self.farthest), self.farthest)
+        lower, upper = self.bounds[joint]
+        return min(max(here + away, lower), upper)
 
 
 class _Snapshot(NamedTuple):
@@ -193,10 +191,11 @@ def _line(a: tuple[float, Ray], b: tuple[float, Ray], time: float) -> Ray:
     return Ray(pan, first.tilt + ratio * (last.tilt - first.tilt), last.distance)
 
 
-def _in_view(wanted: float, places: Sequence[float]) -> float:
-    """Return the angle nearest to `wanted` from which a camera sees all places [rad]."""
-    lower, upper = max(places) - _IN_VIEW, min(places) + _IN_VIEW
-    return min(max(wanted, lower), upper) if lower < upper else 0.5 * (lower + upper)
+def _in_view(angles: Sequence[float]) -> Bounds:
+    """Return the range of angles from which a camera sees all of these [rad]."""
+    lower, upper = max(angles) - _IN_VIEW, min(angles) + _IN_VIEW
+    middle = 0.5 * (lower + upper)
+    return min(lower, middle), max(upper, middle)
 
 
 class TargetEstimator:
@@ -299,21 +298,17 @@ class TargetEstimator:
         self.estimate = self._described(-1)
         return True
 
-    def lookout(self, now: float) -> Ray:
-        """Return the ray along which a lost target is waited for.
+    def in_view(self) -> TargetEstimate:
+        """Return the estimate for a camera while points are missing. Call it only with an estimate.
 
-        It is the predicted one, or so far before it that a camera also sees the latest used point
-        and the points that were suspected since. Call it only with an estimate.
-
-        Args:
-            now: the time [s].
+        It is the usual one, or so far before it that a camera that looks at it also sees the latest
+        used point and the points that were suspected since: the target may have stopped on its way.
         """
         assert self.estimate is not None
         last = self.estimate.ray
         suspects = [ray for _, ray in self._suspects if self._angle(ray, last) < _FARTHEST_AHEAD]
         pans, tilts, _ = zip(last, *suspects, strict=True)
-        pan, tilt, distance = self.estimate.ray_at(now)
-        return Ray(_in_view(pan, pans), _in_view(tilt, tilts), distance)
+        return replace(self.estimate, bounds=(_in_view(pans), _in_view(tilts)))
 
     def _judge(self, index: int, stamp: float, ray: Ray) -> Verdict:
         """Use or suspect a point whose place among the others is `index`."""
@@ -490,4 +485,6 @@ class TargetEstimator:
         stamp, ray, bearings = self._snapshots[index]
         leads = self._leads
         reach = min(leads[1], stamp - self._began)
-        return TargetEstimate(stamp, ray, bearings.joints, leads, reach)
+        ahead = _FARTHEST_AHEAD
+        bounds = (ray.pan - ahead, ray.pan + ahead), (ray.tilt - ahead, ray.tilt + ahead)
+        return TargetEstimate(stamp, ray, bearings.joints, leads, reach, bounds)

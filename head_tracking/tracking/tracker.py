@@ -185,7 +185,7 @@ class Tracker:
         estimate = self.estimator.estimate
         if estimate is not None and self._follows(now):
             if self.machine.state is TargetState.COASTING:
-                estimate = estimate.in_view()
+                estimate = self.estimator.in_view()
             target = self._from_base(estimate, now)
             if target is None:
                 return TrackingStep()
@@ -258,13 +258,12 @@ class Tracker:
 
     def _waiting(self, joints: JointReading, now: float) -> tuple[float, float] | None:
         """Return pan and tilt that look at where a lost target may be [rad]; None: unknown."""
-        estimate = self.estimator.estimate
-        if estimate is not None:
-            ray = self.estimator.lookout(now)
-            estimate = self._from_base(replace(estimate, ray=ray), now)
+        if self.estimator.estimate is None:
+            return None
+        estimate = self._from_base(self.estimator.in_view(), now)
         if estimate is None:
             return None
-        gaze = self.head.gaze_along(estimate.ray, *joints.positions)
+        gaze = self.head.gaze_along(estimate.ray_at(now), *joints.positions)
         return gaze.pan, gaze.tilt
 
     def _from_base(self, estimate: TargetEstimate, now: float) -> TargetEstimate | None:

@@ -258,7 +258,7 @@ def test_a_camera_that_waits_for_a_lost_target_sees_where_it_may_be(suspects, lo
     estimator = fed(lambda t: at(0.0), 1.0)
     for k, pan in enumerate(suspects):
         assert estimator.add(1.1 + 0.1 * k, at(pan), 1.1 + 0.1 * k) is Verdict.JUMP
-    assert estimator.lookout(2.0).pan == pytest.approx(lookout, abs=2e-3)
+    assert estimator.in_view().ray_at(2.0).pan == pytest.approx(lookout, abs=2e-3)
 
 
 def test_a_lost_target_may_have_stopped_on_its_way():
@@ -266,7 +266,7 @@ def test_a_lost_target_may_have_stopped_on_its_way():
     last = estimator.estimate.ray.pan
     assert (
         last + 0.3
-        < estimator.lookout(2.0).pan
+        < estimator.in_view().ray_at(2.0).pan
         < min(last + 0.45, estimator.estimate.ray_at(2.0).pan - 0.05)
     )
 
