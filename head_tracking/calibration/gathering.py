@@ -75,34 +75,7 @@ def calibrate_camera(
     focal_length: bool = False,
     report: Callable[[str], object] = lambda text: None,
 ) -> Calibration:
-    """Calibrate the camera mounting: the head looks around at most 25 times and for 90 s.
-
-    What the camera sees does not move. `head.stop()` in any thread ends it.
-
-    Args:
-        head: the head.
-        camera: number, device, file or URL; or images (blue, green, red; shape (height, width, 3))
-            with their times [s, as time.time()].
-        target: what to look at: "marker", "face" (of a person who stands still) or "room" (any
-            surroundings with texture).
-        marker: family, number and size of the marker; not used for the other targets.
-        frame: optical frame of the camera.
-        model: the camera; None: a horizontal field of view of 60 degrees.
-        focal_length: whether to estimate the focal length.
-        report: receives progress messages.
-
-    Returns:
-        The calibration; neither files nor the model of the head are changed.
-
-    Raises:
-        CalibrationError: SciPy is not installed, no image is received, the target is not visible,
-            the views contradict each other or the model, or another command turns the head.
-        RefusedCommandError: the head is stopped, relaxed or closed.
-        FrameError: the frame is unknown, or the joints are not measured until the end.
-        ValueError: there is no such target or marker, the marker has no size, the model is for
-            other images, or the times of the images are of another clock.
-        TypeError: an argument is no camera, no `MarkerParameters` or no `Camera`.
-    """
+    """Measure the pose of the camera of a head; see `Head.calibrate`."""
     try:
         import scipy  # noqa: F401
     except ImportError:

@@ -231,7 +231,7 @@ class Head:
 
         Args:
             port: such as /dev/ttyUSB0 or COM3.
-            robot: its name (see `robot_names`), or a URDF or xacro file.
+            robot: its name in docs/start/robots.md, or a URDF or xacro file.
             servos: pan and tilt; None: as in the robot's parameter file.
             pointing_frame: see `Head`; None: as in that file.
             baud_rate: of the port [bit/s]; None: as in that file.
@@ -440,7 +440,34 @@ class Head:
         focal_length: bool = False,
         report: Callable[[str], object] = lambda text: None,
     ) -> Calibration:
-        """Measure the pose of the camera; see `head_tracking.calibration.gathering`."""
+        """Measure the pose of the camera: the head looks around at most 25 times and for 90 s.
+
+        What the camera sees must not move. `stop` in any thread ends it.
+
+        Args:
+            camera: as for `follow_camera`.
+            target: what to look at: "marker", "face" (of a person who stands still) or "room" (any
+                surroundings with texture).
+            marker: family, number and size of the marker; not used for the other targets.
+            frame: optical frame of the camera.
+            model: the camera; None: a horizontal field of view of 60 degrees.
+            focal_length: whether to estimate the focal length.
+            report: receives progress messages.
+
+        Returns:
+            The calibration; neither files nor the model of the head are changed.
+
+        Raises:
+            CalibrationError: SciPy is not installed, no image is received, the target is not
+                visible, the views contradict each other or the model, or another command turns
+                the head.
+            RefusedCommandError: the head is stopped, relaxed or closed.
+            RefusedError: the head uses a calibration; open it without.
+            FrameError: the frame is unknown, or the joints are not measured until the end.
+            ValueError: there is no such target or marker, the marker has no size, the model is for
+                other images, or the times of the images are of another clock.
+            TypeError: an argument is no camera, no `MarkerParameters` or no `Camera`.
+        """
         from head_tracking.calibration.gathering import calibrate_camera
 
         if self.calibration is not None:

@@ -1,5 +1,6 @@
 """`Head`, for Python programs: what it does, what it refuses, and that it ends relaxed."""
 
+import inspect
 import logging
 import math
 import pickle
@@ -677,3 +678,11 @@ with Head.simulated() as head:
         "0 holding True",
     ]
     assert ended.stderr == ""
+
+
+def test_every_argument_of_a_public_method_is_described():
+    for name, method in inspect.getmembers(Head, callable):
+        text = inspect.getdoc(method) or ""
+        if not name.startswith("_") and "see `open`" not in text:
+            for argument in list(inspect.signature(method).parameters):
+                assert argument == "self" or f"\n    {argument}: " in text, f"{name}: {argument}"
