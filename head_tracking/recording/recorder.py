@@ -198,7 +198,7 @@ class _Session:
         seconds = (time.monotonic() if self.runs else self._ended) - self._started
         parts = [
             f"{self.file}: {seconds:.0f} s, {self._size / 1e6:.1f} MB, "
-            f"{self._count} messages on {len(self._topics)} topics"
+            f"{self._count} messages on {len(self._topics.keys() - self._left_out.keys())} topics"
         ]
         left_out = sorted(dict(self._left_out).items())
         if left_out:
@@ -309,15 +309,16 @@ class _Session:
         return self._writer.register_channel(name, "cdr", self._schemas[kind], metadata)
 
     def _compressed(self, topic: _Topic, message: Image) -> bytes | None:
-        """Return an image as JPEG; None if that fails: then its topic is left out."""
+        """Return an image as JPEG; None if that fails."""
         try:
             if message.encoding in _DEPTH_ENCODINGS:
                 raise ImageError("depth images are not recorded")
-            return bytes(serialize_message(compressed_message(message)))
+            compressed = bytes(serialize_message(compressed_message(message)))
         except (ImageError, OpenCVMissingError) as error:
             self._left_out[topic.name] = str(error)
-            del self._topics[topic.name]
             return None
+        self._left_out.pop(topic.name, None)
+        return compressed
 
 
 def _offer(profile: QoSProfile) -> dict[str, Any]:

@@ -175,6 +175,12 @@ def test_pictures_are_compressed_and_depths_left_out(node, recorder):
     depth = node.create_publisher(Image, "depth", MEASUREMENT)
     file = start(recorder, node, 2)
 
+    def left_out() -> bool:
+        camera.publish(Image(encoding="rgb8"))  # such as the first one of a camera
+        return "/left/picture" in recorder._session._left_out
+
+    wait_for(left_out)
+
     def taken() -> bool:
         camera.publish(image_message(Header(frame_id="camera"), "rgb8", orange))
         depth.publish(image_message(Header(), "32FC1", np.ones((4, 4), np.float32)))
@@ -182,6 +188,7 @@ def test_pictures_are_compressed_and_depths_left_out(node, recorder):
 
     wait_for(taken)
     recorder.stop()
+    assert "/left/picture" not in recorder.status
     found = [(t, d) for t, d, _ in messages(file) if not t.startswith("/tf")]
     topic, picture = found[0]
     assert {name for name, _ in found} == {"/left/picture/compressed"}
