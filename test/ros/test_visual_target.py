@@ -215,6 +215,13 @@ def test_follow_can_be_changed_also_after_a_detector_that_fails(world, look):
     assert not accepts(node, follow="nobody")
 
 
+def test_a_detector_has_the_parameters_that_were_set_before_it_was_chosen(world, look):
+    node = look()
+    assert accepts(node, hue=240.0)
+    assert accepts(node, follow="colour")
+    wait_for(lambda: getattr(node.tracker.detector.parameters, "hue", None) == 240.0)
+
+
 def test_selected_boxes(world, look):
     node = look(follow="features", distance=1.0)
     targets = world.record("/target_point")

@@ -82,11 +82,13 @@ class VisualTargetNode(SightedTargetNode):
     def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
         require_opencv()
         super().__init__("visual_target", buffer, **options)
-        self._kinds: dict[str, NodeParameters[Any]] = {}
         self._settings = p = NodeParameters(
             self, VisualTargetParameters, on_change=self._on_follow
         ).value
-        self._declare(p.follow)
+        self._kinds = {
+            name: NodeParameters(self, spec.load().Parameters, on_change=self._on_parameters)
+            for name, spec in DETECTORS.items()
+        }
         self.set_detector(self._detector(p.follow))
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
         self._frame: Frame | None = None
@@ -109,15 +111,8 @@ class VisualTargetNode(SightedTargetNode):
     def _on_follow(self, changed: VisualTargetParameters) -> None:
         if changed.follow == self._settings.follow:
             return
-        self._declare(changed.follow)
         self._settings = changed
         self.worker.do(lambda: self._change_detector(changed.follow))
-
-    def _declare(self, follow: str) -> None:
-        """Declare the parameters of a detector once."""
-        if follow not in self._kinds:
-            parameters = DETECTORS[follow].load().Parameters
-            self._kinds[follow] = NodeParameters(self, parameters, on_change=self._on_parameters)
 
     def _change_detector(self, follow: str) -> None:
         """Change the detector, unless `follow` has changed again."""
