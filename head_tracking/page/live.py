@@ -199,6 +199,7 @@ class Live:
             "modes": [str(mode) for mode in robot.modes.possible()],
             "target_text": live.target_text,
             "can_resume": robot.stop.can_resume,
+            "stops": robot.stop.count,
             "stop": "" if outcome is None else outcome.text,
             "notices": [*waiting, *shapes, *robot.notices()],
             "warnings": list(robot.topics.warnings),

@@ -105,7 +105,7 @@ export function command(name, body) {
 /** Return a function that sends values one after the other, 20 a second at most. Meanwhile only the latest is kept. */
 export function latestOnly(send) {
   let next = null, isSending = false;
-  return async (...values) => {
+  const add = async (...values) => {
     next = values;
     if (isSending) return;
     isSending = true;
@@ -117,6 +117,7 @@ export function latestOnly(send) {
       }
     } finally { isSending = false; }
   };
+  return Object.assign(add, { giveUp: () => { next = null; } });
 }
 
 /** Return whether the user changes an input now: it must not be overwritten. */

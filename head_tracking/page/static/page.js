@@ -63,7 +63,8 @@ class Page {
   giveUp() {
     by("sure").close();
     this.camera.release();
-    this.steer.release();
+    this.steer.giveUp();
+    this.joints.giveUp();
   }
 
   async stop() {
@@ -253,9 +254,9 @@ class Page {
       this.showFailing(about.failing);
       return this.showWord();
     }
+    if (about.stops !== this.about?.stops) this.giveUp(); // somebody has pressed STOP
     this.about = about;
     if (!about.can_resume && !by("resume").hidden) toast(""); // somebody has resumed
-    if (about.can_resume && by("resume").hidden) this.giveUp(); // somebody has pressed STOP
     by("resume").hidden = !about.can_resume;
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
     this.attempt({

@@ -112,6 +112,13 @@ export class Steering {
   /** End a drag. */
   release() { this.pressed = false; }
 
+  /** End a drag, and do not send what waits. */
+  giveUp() {
+    this.release();
+    this.joints = {};
+    this.send.giveUp();
+  }
+
   /** Move the joints to a place of the pad. */
   aimAt(x, y) {
     const { pan, tilt } = this;

@@ -49,8 +49,11 @@ export class Joints {
     }
   }
 
+  /** End a drag; the next state enables the sliders again. */
+  giveUp() { for (const { slider } of this.sliders) slider.disabled = true; }
+
   show(state) {
-    for (const { joint, slider, field } of this.sliders) slider.disabled = field.disabled = state.can_resume || !state.movable.includes(joint.name); // which ends a drag
+    for (const { joint, slider, field } of this.sliders) slider.disabled = field.disabled = state.can_resume || !state.movable.includes(joint.name);
     const relaxed = state.servos.filter((servo) => servo.torque === false).map((servo) => servo.joint);
     const hints = state.free ? ["No hardware: the page publishes the sliders as joint_states."] : state.servos.length ? [] : ["No servo bus has been found: the sliders only show the joints."];
     if (relaxed.length) hints.push(`Relaxed: ${relaxed.join(", ")}. Their sliders follow your hand.`);
