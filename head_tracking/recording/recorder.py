@@ -149,6 +149,7 @@ class _Topic:
     def __init__(self, node: Node, name: str, kind: str, endpoints: list[Any]) -> None:
         self.name, self.kind = name, kind
         self.is_image = kind == _IMAGE
+        self.is_picture = kind in (_IMAGE, _COMPRESSED)
         self.channel: int | None = None
         self.polled = 0.0
         profiles = [one.qos_profile for one in endpoints]
@@ -157,7 +158,7 @@ class _Topic:
         latched = all(one.durability is DurabilityPolicy.TRANSIENT_LOCAL for one in profiles)
         reliable = all(one.reliability is ReliabilityPolicy.RELIABLE for one in profiles)
         quality = QoSProfile(
-            depth=1 if self.is_image else 10 if kind == _COMPRESSED else _DEPTH,
+            depth=1 if self.is_picture else _DEPTH,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
             reliability=ReliabilityPolicy.RELIABLE
             if reliable and not self.is_image
@@ -253,8 +254,8 @@ class _Session:
             if name in self._topics or name in self._left_out or not self._is_wanted(name):
                 continue
             kind = kinds[0]
-            if kind == _POINT_CLOUD:
-                self._left_out[name] = "point clouds are not recorded"
+            if kind == _POINT_CLOUD or name.endswith("/compressedDepth"):
+                self._left_out[name] = "point clouds and depth images are not recorded"
                 continue
             if kind == _IMAGE and _COMPRESSED in existing.get(f"{name}/compressed", ()):
                 continue
@@ -274,11 +275,11 @@ class _Session:
         """Write the messages that have come, in the order of their reception."""
         received = []
         for topic in list(self._topics.values()):
-            if topic.is_image:
+            if topic.is_picture:
                 if now - topic.polled < _PICTURE_PERIOD:
                     continue
                 topic.polled = now
-            for _ in range(1 if topic.is_image else _DEPTH):
+            for _ in range(1 if topic.is_picture else _DEPTH):
                 taken = take_message(topic.subscription)
                 if taken is None:
                     break

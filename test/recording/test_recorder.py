@@ -19,7 +19,7 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rig import own_domain
-from sensor_msgs.msg import Image, JointState, PointCloud2
+from sensor_msgs.msg import CompressedImage, Image, JointState, PointCloud2
 from std_msgs.msg import Header, String
 from waiting import wait_for
 
@@ -195,6 +195,23 @@ def test_pictures_are_compressed_and_depths_left_out(node, recorder):
     assert (topic, picture.header.frame_id) == ("/left/picture/compressed", "camera")
     decoded = cv2.imdecode(np.frombuffer(bytes(picture.data), np.uint8), cv2.IMREAD_COLOR)
     assert decoded[30, 40] == pytest.approx([10, 120, 250], abs=6)
+
+
+def test_a_cameras_own_compressed_images_are_ten_a_second_without_its_depths(node, recorder):
+    camera = node.create_publisher(CompressedImage, "picture/compressed", MEASUREMENT)
+    depth = node.create_publisher(CompressedImage, "depth/compressedDepth", MEASUREMENT)
+    file = start(recorder, node, 2)
+    wait_for(camera.get_subscription_count)
+    begun, sent = time.monotonic(), 0
+    while time.monotonic() < begun + 0.5:
+        camera.publish(CompressedImage(data=[sent % 256]))
+        depth.publish(CompressedImage())
+        sent += 1
+        time.sleep(0.01)
+    recorder.stop()
+    found = [topic for topic, _, _ in messages(file) if topic.startswith("/left/")]
+    assert set(found) == {"/left/picture/compressed"}
+    assert 1 < len(found) <= 11 * (time.monotonic() - begun) + 2 < sent
 
 
 def test_what_cannot_be_recorded_says_why(node, recorder, tmp_path):
