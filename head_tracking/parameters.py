@@ -155,13 +155,17 @@ def check_kind(given: object, kind: type) -> None:
 def allowed(info: ParameterInfo) -> str:
     """Return the range of a number as text, with its unit."""
     unit = f" {info.unit}" if info.unit else ""
+    low, high = (
+        f"{end:.0f}" if float(end).is_integer() else f"{end:g}"  # not 4.5e+06
+        for end in (info.minimum, info.maximum)
+    )
     if math.isinf(info.minimum) and math.isinf(info.maximum):
         return f"any number{unit}"
     if math.isinf(info.maximum):
-        return f"{info.minimum:g}{unit} or more"
+        return f"{low}{unit} or more"
     if math.isinf(info.minimum):
-        return f"{info.maximum:g}{unit} or less"
-    return f"{info.minimum:g} to {info.maximum:g}{unit}"
+        return f"{high}{unit} or less"
+    return f"{low} to {high}{unit}"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -4,7 +4,7 @@ import pytest
 
 from head_tracking.configuration import configured_head
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.parameters import ParameterError, ParameterInfo, checked
+from head_tracking.parameters import ParameterError, ParameterInfo, allowed, checked
 
 SPEED = ParameterInfo("Speed.", "rad/s", 0.1, 2.0)
 
@@ -92,3 +92,8 @@ def test_a_misspelt_node_in_the_parameter_file_of_a_robot_is_named(tmp_path):
     for other in ("servo_bus_left", "face_tracker"):
         file.write_text(f"/**/{other}: {{ros__parameters: {{rate: 5}}}}")
         configured_head([file])
+
+
+def test_allowed_numbers_are_written_as_users_write_them():
+    assert allowed(ParameterInfo("", "bit/s", 9_600, 4_500_000)) == "9600 to 4500000 bit/s"
+    assert allowed(ParameterInfo("", maximum=0.25)) == "0.25 or less"
