@@ -113,12 +113,16 @@ def test_moving_frames_go_to_tf_if_their_joint_was_measured(world, publish_robot
 
 
 @pytest.mark.parametrize(
-    ("ignore_timestamp", "stamps"),
-    [(False, [5, 6]), (True, [5, 5, 6])],  # the newest that is known
+    ("ignore_timestamp", "sent", "stamps"),
+    [
+        (False, (5, 4.5, 6), [5, 6]),
+        (True, (5, 4.5, 6), [5, 5, 6]),  # the newest that is known
+        (True, (0, 0, 0), [0, 0, 0]),
+    ],
 )
-def test_stamps_that_go_back(world, publish_robot, tf, ignore_timestamp, stamps):
+def test_stamps_that_stay_or_go_back(world, publish_robot, tf, ignore_timestamp, sent, stamps):
     publish_robot(ignore_timestamp=ignore_timestamp)
-    for second in (5, 4.5, 6):
+    for second in sent:
         world.publish("/joint_states", joints(second, shoulder=0.5, elbow=1.0))
         world.run(0.01)
     assert [moving[0].header.stamp.sec for moving in tf("tf")] == stamps

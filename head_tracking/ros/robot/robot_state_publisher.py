@@ -75,7 +75,7 @@ class RobotStatePublisherParameters:
     )
     frame_prefix: str = parameter("", "Put before the names of the robot's links.", fixed=True)
     ignore_timestamp: bool = parameter(
-        False, "Publish /tf also for joint states whose stamps go back.", fixed=True
+        False, "Publish /tf for all joint states, also if their stamps stay or go back.", fixed=True
     )
 
     def __post_init__(self) -> None:
@@ -141,7 +141,7 @@ class RobotStatePublisherNode(Node):
         self._use(p.model())
         self._period = round(1e9 / p.publish_frequency)
         self._due = 0  # the stamp of the next message on /tf [ns]
-        self._jump = 2 * self._period if p.ignore_timestamp else _JUMP
+        self._jump = 0 if p.ignore_timestamp else _JUMP
         TransformListener(
             self._buffer, self, frame_prefix=p.frame_prefix, on_joints=self._on_joints
         )
