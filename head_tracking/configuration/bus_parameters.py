@@ -191,7 +191,7 @@ def joints_by_port(
     """Return baud rate and joints of each port.
 
     Raises:
-        ConfigurationError: joints of one port have different baud rates.
+        ConfigurationError: joints of one port have different baud rates, or there are none.
     """
     ports: dict[str, tuple[int, list[JointConfiguration]]] = {}
     for controller, joint in joints:
@@ -204,4 +204,6 @@ def joints_by_port(
                 f"{common}; all servos of a port need the same"
             )
         found.append(joint)
+    if not ports:
+        raise ConfigurationError("dynamixels is empty; it needs the name of one servo at least")
     return ports

@@ -35,6 +35,13 @@ def test_defaults_and_given_values():
     assert given == Example(speed=2.0, axis=(0.0, 1.0, 0.0))
 
 
+def test_an_empty_list_is_a_value():
+    """Such as in a file of `ros2 param dump`."""
+    node = Node("example", cli_args=["--ros-args", "-p", "axis:=[]"])
+    assert NodeParameters(node, Example).value.axis == ()
+    assert node.get_parameter("axis").value == []
+
+
 @pytest.mark.parametrize("distribution", ["humble", "jazzy"])
 def test_a_value_can_be_changed_while_running(monkeypatch, distribution):
     if distribution == "humble":

@@ -164,7 +164,16 @@ class NodeParameters(Generic[P]):
         self._on_change = on_change
         self._is_possible = check
         usual = kind(**defaults or {})
-        self.value = self._changed(usual, node._parameter_overrides.values(), self._where)
+        given = node._parameter_overrides
+        for name in self._infos:
+            empty = given.get(prefix + name)
+            if (
+                empty is not None
+                and empty.value is None
+                and isinstance(getattr(usual, name), tuple)
+            ):
+                given[prefix + name] = Parameter(prefix + name, value=[])  # rcl: [] is no value
+        self.value = self._changed(usual, given.values(), self._where)
         for name, info in self._infos.items():
             value = getattr(usual, name)
             default = list(value) if isinstance(value, tuple) else value
