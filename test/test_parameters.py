@@ -82,6 +82,18 @@ def test_other_values_of_a_robot_file_are_no_mistake(tmp_path, content):
     configured_head([file])
 
 
+def test_the_values_of_two_heads_in_one_file_are_not_mixed(tmp_path):
+    file = tmp_path / "mine.yaml"
+    one, other = "/left/servo_bus: {ros__parameters: {baud_rate: 57600}}", "/right/servo_bus: {}"
+    for content in (one, f"{one}\n{other}"):
+        file.write_text(content)
+        assert configured_head([file]).baud_rate == 57_600
+    file.write_text(f"{one}\n{other.replace('{}', '{ros__parameters: {update_rate: 30}}')}")
+    with pytest.raises(ParameterError) as error:
+        configured_head([file])
+    assert "/left/servo_bus, /right/servo_bus" in str(error.value)
+
+
 def test_a_misspelt_node_in_the_parameter_file_of_a_robot_is_named(tmp_path):
     """Else the limits of the servos would be left out without a word."""
     file = tmp_path / "mine.yaml"

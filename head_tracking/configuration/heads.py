@@ -139,18 +139,27 @@ def configured_buses(
 
 
 class _Values:
-    """The values of a node.
+    """The values of a node, whatever its namespace.
 
     Args:
         node: its name.
         files: parameter files; later ones win.
         others: values that win over files, unless they are empty or 0.
+
+    Raises:
+        ParameterError: the files have nodes of this name in several namespaces.
     """
 
     def __init__(self, node: str, files: Sequence[Path], others: Mapping[str, Any] = {}) -> None:
         self._node, self._known = node, {"use_sim_time"}
         self._of_all_nodes = [given for file in files for given in read(str(file))]
         own = [given for given in self._of_all_nodes if given.node in (node, "")]
+        places = dict.fromkeys(one.nodes for one in own if one.node and "*" not in one.nodes)
+        if len(places) > 1:
+            raise ParameterError(
+                f"{', '.join(map(str, files))}: these are nodes of several heads: "
+                f"{', '.join(places)}; give the files of one head"
+            )
         own += [Given(COMMAND_LINE, "", name, value) for name, value in others.items() if value]
         self._given = {given.name: given for given in own}
 
