@@ -40,12 +40,6 @@ def look(client: Client, options: argparse.Namespace) -> None:
             raise HeadTrackingError("the clock has jumped, and no joint position has come since")
         return pan[1], tilt[1]
 
-    if options.centre:
-        client.call(["head_tracker/recenter", "point_head/recenter"], options.wait)
-        centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
-        _wait(options, lambda: math.dist(positions(), centre))
-        return
-    point, frame = options.where
     troubles: dict[str, str] = {}
 
     def on_status(message: DiagnosticStatus) -> None:
@@ -55,6 +49,18 @@ def look(client: Client, options: argparse.Namespace) -> None:
     for node in ("head_tracker", "point_head"):
         client.node.create_subscription(DiagnosticStatus, f"{node}/status", on_status, LATCHED)
     targets = client.node.create_publisher(PointStamped, "target_point", 10)
+
+    def reasons() -> str:
+        count = client.node.count_publishers(targets.topic_name) - 1
+        others = f"; {count} other publishers of target_point: end them" if count else ""
+        return "".join(troubles.values()) + others
+
+    if options.centre:
+        client.call(["head_tracker/recenter", "point_head/recenter"], options.wait)
+        centre = head.pan_limits.clamp(0.0), head.tilt_limits.clamp(0.0)
+        _wait(options, lambda: math.dist(positions(), centre), reasons)
+        return
+    point, frame = options.where
     client.wait_for(
         lambda: targets.get_subscription_count() > 0,
         options.wait,
@@ -72,16 +78,11 @@ def look(client: Client, options: argparse.Namespace) -> None:
         targets.publish(target_message(Target(LATEST, frame, point)))
         return head.miss(seen, *positions())
 
-    def reasons() -> str:
-        count = client.node.count_publishers(targets.topic_name) - 1
-        others = f"; {count} other publishers of target_point: end them" if count else ""
-        return "".join(troubles.values()) + others
-
     _wait(options, miss, reasons)
 
 
 def _wait(
-    options: argparse.Namespace, miss: Callable[[], float], reasons: Callable[[], str] = str
+    options: argparse.Namespace, miss: Callable[[], float], reasons: Callable[[], str]
 ) -> None:
     """Call `miss` until the head has arrived."""
     arrival, missed, has_arrived = Arrival(_TOLERANCE, _SETTLE_TIME), math.inf, False

@@ -125,6 +125,13 @@ def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
     wait_for(lambda: abs(person.pan - bearing(1, 1)) < ROUGH)
     look = bench.start("look", "1,-1,0.4@base_link")
     assert look.end() == 0, look.output
+
+    def names_the_other_publisher_of_targets():  # once it has discovered that
+        person.look_at(1, -1, 0.4)
+        late = bench.start("look", "--centre", "--timeout", "0.1")
+        return late.end() == 1 and "publishers of target_point" in late.output
+
+    wait_for(names_the_other_publisher_of_targets)
     look = bench.start("look", "--centre")
     assert look.end() == 0, look.output
     wait_for(lambda: person.looks_at(0.0, 0.0))
