@@ -80,7 +80,7 @@ class Procedures:
         count = count + 1 if now - last < _REPEATS else 1
         self._recent[key] = count, now
         if count == 2:
-            text += "; it repeats, and is not logged again while it does"
+            text += "; repeats are not logged"
         stuck = stuck or kind in _STUCK
         self.events.append(BusEvent(kind, joint.name, text, stuck, repeated=count > 2))
 
