@@ -184,6 +184,9 @@ def _best_match(gray: Gray, template: Gray, width: float) -> tuple[float, float,
 
     The correlation is 0 if the image is smaller than the template.
     """
+    if width < template.shape[1]:  # an enlarged image takes seconds and a gigabyte
+        size = max(4, round(width)), max(4, round(template.shape[0] * width / template.shape[1]))
+        template = cv2.resize(template, size, interpolation=cv2.INTER_AREA)
     height_there, width_there = template.shape
     scale = width_there / width
     size = round(gray.shape[1] * scale), round(gray.shape[0] * scale)

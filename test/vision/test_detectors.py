@@ -149,6 +149,21 @@ def test_features_are_found_again_after_they_were_out_of_sight(kinectbot):
     assert all(shown[34:])
 
 
+def test_the_search_for_a_small_object_enlarges_no_image(monkeypatch):
+    cv2 = pytest.importorskip("cv2")
+    rng, sizes, compare = np.random.default_rng(1), [], cv2.matchTemplate
+    monkeypatch.setattr(
+        cv2, "matchTemplate", lambda image, *more: sizes.append(image.size) or compare(image, *more)
+    )
+    eye = tracker("features", distance=1.0)
+    first, second = (
+        Frame(i, SMALL, Picture(rng.integers(0, 255, (240, 320, 3), np.uint8))) for i in (1, 2)
+    )
+    eye.select(first, Box(100, 100, 8, 8))
+    eye.step(second)
+    assert 0 < max(sizes) <= 240 * 320
+
+
 @pytest.mark.parametrize(
     "box", [Box(20, 20, 40, 40), Box(0, 0, 0, 0), Box(-50, -50, 20, 20), Box(10, 10, 3, 3)]
 )
