@@ -98,9 +98,11 @@ class HeadCamera:
         self._deviation = math.inf  # of the applied error, when the points told it best
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_RECENT)
         wrong = len(_TURNS) - 1
-        self._errors = np.concatenate([_ERRORS, np.tile(_NEAR, wrong)])
         counts = [len(_ERRORS)] + wrong * [len(_NEAR)]
-        self._mountings = np.repeat(np.arange(len(_TURNS)), counts)
+        self._hypothesize(
+            np.concatenate([_ERRORS, np.tile(_NEAR, wrong)]),
+            np.repeat(np.arange(len(_TURNS)), counts),
+        )
         self._bank = HypothesisBank(len(self._errors), self._mountings > 0)
         self._probabilities = _probabilities(self._prior)
 
@@ -256,15 +258,15 @@ class HeadCamera:
                 self._score(stamp, (ray[0] * share, ray[1] * share, ray[2] * share))
         return judged
 
-    @property
-    def _starts(self) -> npt.NDArray[np.intp]:
-        """Index of the first hypothesis of each remaining mounting."""
-        return np.flatnonzero(np.diff(self._mountings, prepend=-1))
+    def _hypothesize(self, errors: Array, mountings: npt.NDArray[np.intp]) -> None:
+        """Set the hypotheses: their stamp errors [s], and mountings as indices of `_TURNS`."""
+        self._errors, self._mountings = errors, mountings
+        self._starts = np.flatnonzero(np.diff(mountings, prepend=-1))  # of each mounting
+        self._differences = _TURNS[mountings[self._starts]] - _TURNS[0]
 
     def _tells_mountings(self, turned: npt.NDArray[np.bool_]) -> bool:
         """Return whether this motion distinguishes the remaining mountings from the right one."""
-        differences = _TURNS[self._mountings[self._starts]] - _TURNS[0]
-        return bool(differences[..., turned].any())
+        return bool(self._differences[..., turned].any())
 
     def _score(self, stamp: float, ray: Vector3) -> None:
         """Score the hypotheses with the bearings that they give to a ray."""
@@ -320,7 +322,7 @@ class HeadCamera:
             self.fault = self._named(int(found[behind.argmin()]))
         elif behind.max() > _EXCLUDED:
             kept = np.isin(self._mountings, found[behind < _EXCLUDED])
-            self._mountings, self._errors = self._mountings[kept], self._errors[kept]
+            self._hypothesize(self._errors[kept], self._mountings[kept])
             self._bank.keep(kept)
 
     def _named(self, mounting: int) -> str:
