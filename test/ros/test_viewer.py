@@ -494,6 +494,15 @@ def test_escape_stops_wherever_the_cursor_is_but_closes_what_is_open_first(robot
     wait_for(lambda: is_relaxed(robot))
 
 
+def test_a_browser_with_the_token_of_an_earlier_run_is_told_so(viewer, visit, monkeypatch):
+    page = visit()
+    monkeypatch.setattr(viewer.page._access, "token", "new")
+    page.evaluate("headPage.socket.close()")
+    page.wait_for_function("document.getElementById('why').textContent.startsWith('Token needed')")
+    monkeypatch.undo()
+    wait_for(lambda: word(page) != "disconnected")
+
+
 @pytest.mark.parametrize("place", ["#camera", "#pad", ".slider input"])
 def test_a_drag_that_began_before_a_stop_does_not_go_on_after_resume(robot, camera, page, place):
     open_tab(page, "joints" if place == ".slider input" else "live")

@@ -89,6 +89,13 @@ export async function send(path, body = {}, method = "POST", patience = 0) {
     pending.delete(request);
   }
 }
+
+/** Return why the server refuses this browser, such as an old token; empty: it does not, or does not answer within a second. */
+export async function refusalOf(path) {
+  const request = new AbortController();
+  setTimeout(() => request.abort(), 1000);
+  return fetch(path, { signal: request.signal, cache: "no-store" }).then((answer) => (answer.ok ? "" : answer.text()), () => "");
+}
 export const get = (path) => send(path, null, "GET");
 
 let refusal = "";

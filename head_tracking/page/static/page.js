@@ -1,7 +1,7 @@
 // The page: the live websocket, STOP and the tabs.
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
-import { abort, by, command, degrees, element, guardSliders, kept, offer, rows, send, toast, write } from "./dom.js";
+import { abort, by, command, degrees, element, guardSliders, kept, offer, refusalOf, rows, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
 import { Steering, titleOf } from "./steer.js";
@@ -151,8 +151,9 @@ class Page {
       if (!document.hidden) await new Promise((go) => setTimeout(go)); // to a click that waits; a hidden page would pause for long
       if (socket.readyState === WebSocket.OPEN) socket.send("got");
     };
-    socket.onclose = ({ code, reason }) => {
-      this.setSilent(code === 4008 ? reason : "the page's server does not answer; trying again");
+    socket.onclose = async ({ code, reason }) => {
+      const refusal = code === 4008 ? reason : await refusalOf("/");
+      this.setSilent(refusal || "the page's server does not answer; trying again");
       setTimeout(() => this.connect(), 1000);
     };
   }
