@@ -165,7 +165,7 @@ def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
 
 _SHOW_ABOUT = """(error, can_resume = false, mode = "nothing") => headPage.showAbout({
   error, word: "holding", text: "", stop: "", mode, modes: [], target_text: "",
-  can_resume, images: ["/one/image", "/other/image"], frames: [],
+  can_resume, stops: can_resume ? 1 : 0, images: ["/one/image", "/other/image"], frames: [],
   servos: [], movable: [], free: true, notices: [], warnings: [], failing: {}, recording: false,
   recorder: "", faults: [{ text: "overload", advice: "", command: "recover" }], can_recover: true,
   health: [{ name: "servo_bus", level: "ok", message: `${error}`, values: { load: `${error}` } }],
