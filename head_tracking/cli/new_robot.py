@@ -271,13 +271,15 @@ def _joint_by_hand(
         try:
             return [
                 calibration_of(joint, servo, [pose[servo.id] for pose in poses], _MARGIN)
-                for servo in _moved(terminal, servos, *poses[1:])
+                for servo in _moved(terminal, servos, joint, *poses[1:])
             ]
         except RefusedError as error:
             terminal.print(f"{error}. Move {joint} again, or press Ctrl-C")
 
 
-def _moved(terminal: Terminal, servos: Sequence[Servo], low: Ticks, high: Ticks) -> list[Servo]:
+def _moved(
+    terminal: Terminal, servos: Sequence[Servo], joint: str, low: Ticks, high: Ticks
+) -> list[Servo]:
     """Return the servo that turned most between two poses, and a second one that turned as far.
 
     Raises:
@@ -290,7 +292,8 @@ def _moved(terminal: Terminal, servos: Sequence[Servo], low: Ticks, high: Ticks)
     most = max(turns.values())
     if most < _MIN_TURN:
         raise RefusedError(
-            "no other servo turned; move the right joint, or give the servos with --pan and --tilt"
+            f"the servo of {joint} did not turn; turn the joint by hand to both ends, or give the "
+            "servos with --pan and --tilt"
         )
     moved = [servo for servo in servos if turns[servo.id] > 0.5 * most]
     if len(moved) > 1:

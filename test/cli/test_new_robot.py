@@ -102,6 +102,15 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
         assert servos[2].true_ticks < 1400 and servos[1].true_ticks > 2200
 
 
+def test_a_joint_that_did_not_turn_is_named_and_asked_for_again(
+    user: User, capsys: pytest.CaptureFixture[str]
+) -> None:
+    user.poses = [{}, {}, {}, *(dict(pose) for pose in BY_HAND)]
+    user.answers = "\n\n\n"
+    assert user.run() == DONE
+    assert "the servo of head_pan did not turn" in capsys.readouterr().err
+
+
 def test_a_joint_with_two_servos_is_described(user: User) -> None:
     user.poses = [*BY_HAND[:4], {5: 2900, 3: 1250}, {5: 1700, 3: 2450}]
     user.answers = "\n\n\ny\n"

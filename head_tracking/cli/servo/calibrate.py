@@ -95,8 +95,8 @@ def calibration_of(
     span = abs(high - low) * model.radians_per_tick
     if span - 2.0 * margin < _SMALLEST_RANGE:
         raise RefusedError(
-            f"{name}: lowest and highest position are only {span:.2f} rad apart; was the "
-            "right joint moved?"
+            f"{name}: lowest and highest position are only {span:.2f} rad apart; turn servo "
+            f"{servo.id} by hand to both ends"
         )
     inward = round(margin / model.radians_per_tick) * (1 if high > low else -1)
     try:
