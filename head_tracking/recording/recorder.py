@@ -259,12 +259,10 @@ class _Session:
                 continue
             if kind == _IMAGE and _COMPRESSED in existing.get(f"{name}/compressed", ()):
                 continue
-            endpoints = self._node.get_publishers_info_by_topic(name)
-            if not endpoints:
-                continue
             try:
-                self._topics[name] = _Topic(self._node, name, kind, endpoints)
-            except LookupError as error:
+                if endpoints := self._node.get_publishers_info_by_topic(name):
+                    self._topics[name] = _Topic(self._node, name, kind, endpoints)
+            except Exception as error:  # such as a name that only other programs of DDS allow
                 self._left_out[name] = str(error)
 
     def _is_wanted(self, name: str) -> bool:

@@ -214,6 +214,20 @@ def test_a_cameras_own_compressed_images_are_ten_a_second_without_its_depths(nod
     assert 1 < len(found) <= 11 * (time.monotonic() - begun) + 2 < sent
 
 
+def test_a_topic_with_a_name_that_ros_does_not_allow_costs_only_itself(
+    node, recorder, states, monkeypatch
+):
+    known = Node.get_topic_names_and_types
+    foreign = [("/left/a-b", ["std_msgs/msg/String"])]
+    monkeypatch.setattr(Node, "get_topic_names_and_types", lambda self: foreign + known(self))
+    file = start(recorder, node, 3)
+    states.publish(JointState(name=[PAN], position=[0.4]))
+    wait_for(lambda: recorder._session._count >= 1)
+    recorder.stop()
+    assert "/left/a-b (" in recorder.status
+    assert [topic for topic, _, _ in messages(file) if topic.endswith("joint_states")]
+
+
 def test_what_cannot_be_recorded_says_why(node, recorder, tmp_path):
     recorder.start()
     with pytest.raises(HeadTrackingError):
