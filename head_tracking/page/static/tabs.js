@@ -13,6 +13,7 @@ export class Joints {
     by("middle").onclick = () => this.centre();
     by("torque-on").onclick = () => command("torque", { on: true });
     this.sliders = [];
+    for (const kind of ["pointerdown", "keydown"]) by("sliders").addEventListener(kind, () => { this.isGivenUp = false; });
   }
 
   /** Move all joints to 0, or to the middle of limits that do not have it. */
@@ -34,7 +35,7 @@ export class Joints {
       const field = element(row, "input", { type: "number", ...about });
       element(row, "span", {}, isSlide(joint) ? "mm" : "°");
       const move = (value) => { hold(slider); hold(field); this.aim({ [name]: meant(joint, value) }); };
-      slider.oninput = () => { field.value = slider.value; move(Number(slider.value)); };
+      slider.oninput = () => { if (this.isGivenUp) return; field.value = slider.value; move(Number(slider.value)); };
       field.onchange = () => { if (field.value !== "") move(Number(field.value)); field.blur(); };
       return { joint, slider, field, number };
     });
@@ -49,8 +50,8 @@ export class Joints {
     }
   }
 
-  /** End a drag; the next state enables the sliders again. */
-  giveUp() { for (const { slider } of this.sliders) slider.disabled = true; }
+  /** End a drag; Firefox goes on with that of a disabled slider. */
+  giveUp() { this.isGivenUp = true; }
 
   show(state) {
     for (const { joint, slider, field } of this.sliders) slider.disabled = field.disabled = state.can_resume || !state.movable.includes(joint.name);
