@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Point, PointStamped
 from lockstep import World
 from rclpy.parameter import Parameter
 from rclpy.time import Time
@@ -23,6 +24,7 @@ from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
+from head_tracking.ros.targets.target_mux import TargetMuxNode
 from head_tracking.run.run_monitor import RunMonitor
 from head_tracking.tracking import ServoValues, Target
 from head_tracking.transforms import RobotModel, Rotation, Transform, parse_robot_model
@@ -291,6 +293,18 @@ def test_the_status_has_whether_there_is_a_target(track, kind):
             tracked.world.run(0.5)
         found.append(tracked.fields["target"])
     assert found == ["false", "true", "false"]
+
+
+def test_a_click_in_the_camera_is_not_chased_while_its_place_is_unknown(world):
+    mux = world.make(TargetMuxNode, {"fixed_frame": "odom"}, buffer=world.buffer)
+    world.make(HeadTrackerNode, {}, loop=world.loop)
+    world.run(0.5)
+    click = PointStamped(point=Point(x=2.0, y=0.5))
+    click.header.frame_id = "camera_link"
+    click.header.stamp = mux.get_clock().now().to_msg()
+    world.publish("/clicked_point", click)
+    world.run(5.0)
+    assert abs(world.true_position("head_pan_joint")) < 0.4
 
 
 def test_a_turning_base_is_compensated_in_the_fixed_frame(track):

@@ -80,7 +80,7 @@ class TargetMuxNode(Node):
             NodeParameters(self, MuxParameters, on_change=self._on_parameters).value,
         )
         self._transition: tuple[Vector3, float] | None = None  # its start, and since when [s]
-        self._repeated: dict[str, Target] = {}
+        self._repeated: dict[str, Target | None] = {}
         self._selected: str | None = None
         self._last_sent: tuple[Vector3, float] | None = None
         self._targets = TargetOutput(self)
@@ -136,9 +136,9 @@ class TargetMuxNode(Node):
             return
         self._set_selected(self._mux.offer(name, self._now))
         if self._sources[name].repeat:
-            # transformed now: a repeated point must not move with the camera
-            target = self._in_fixed_frame(target) or target
-            self._repeated[name] = target
+            # a repeated point must not move with the camera: one without a place is sent once
+            placed = self._repeated[name] = self._in_fixed_frame(target)
+            target = placed or target
         if self._selected == name:
             self._send(target)
 
