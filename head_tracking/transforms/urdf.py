@@ -69,6 +69,8 @@ def load_robot_model(path: str | Path) -> RobotModel:
 def parse_robot_model(urdf: str) -> RobotModel:
     """Return the model in the text of a URDF document.
 
+    A base on a floating or planar joint is the root of the model: where it stands, others know.
+
     Raises:
         RobotModelError: the model is not valid; names the link or joint.
     """

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 else:
     yourdfpy = import_yourdfpy()
 
+_FREE = ("floating", "planar")  # joints of a base that drives or walks; /tf tells where it is
+
 # element, attribute: how many numbers it holds
 _NUMBERS = {
     ("origin", "xyz"): 3,
@@ -66,12 +68,11 @@ def parse_robot_model(urdf: str) -> RobotModel:
         ).robot
     except Exception as error:  # yourdfpy lets all errors of invalid shapes and materials pass
         raise RobotModelError(f"yourdfpy cannot read the model: {error!r}") from error
-    return RobotModel(
-        robot.name,
-        [link.name for link in robot.links],
-        [_joint(joint) for joint in robot.joints],
-        urdf,
-    )
+    joints = [_joint(joint) for joint in robot.joints if joint.type not in _FREE]
+    connected = {link for joint in joints for link in (joint.parent, joint.child)}
+    outside = {joint.parent for joint in robot.joints if joint.type in _FREE} - connected
+    links = [link.name for link in robot.links if link.name not in outside]
+    return RobotModel(robot.name, links, joints, urdf)
 
 
 def _expand(path: Path) -> str:
@@ -95,10 +96,9 @@ def _check_document(urdf: str) -> None:
     for number, joint in enumerate(document.findall("joint"), start=1):
         name = f"joint {_require(joint, f'<joint> number {number}', 'name')!r}"
         kind = _require(joint, name, "type")
-        if kind not in list(JointType):
-            raise RobotModelError(
-                f"{name} has the type {kind!r}; allowed are {', '.join(JointType)}"
-            )
+        allowed = (*JointType, *_FREE)
+        if kind not in allowed:
+            raise RobotModelError(f"{name} has the type {kind!r}; allowed are {', '.join(allowed)}")
         for role in ("parent", "child"):
             element = joint.find(role)
             if element is None:

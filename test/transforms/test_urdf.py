@@ -78,6 +78,17 @@ def test_limits_that_an_exporter_did_not_know_are_accepted():
     assert (limits.lower, limits.upper, limits.velocity) == (0.0, 0.0, float("inf"))
 
 
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_a_base_that_walks_is_the_root(kind):
+    free = f'<joint name="free" type="{kind}"><parent link="world"/><child link="a"/></joint>'
+    model = parse_robot_model(robot('<link name="world"/>', free, TWO_LINKS, joint()))
+    assert (model.root, model.links, list(model.joints)) == ("a", ("a", "b"), ["j"])
+    with pytest.raises(RobotModelError):  # what is fixed to the world would be a second root
+        parse_robot_model(
+            robot(TWO_LINKS, joint(type=kind), '<link name="c"/>', BACK.replace('"b"', '"c"'))
+        )
+
+
 def test_a_missing_file_and_a_broken_xacro_name_the_file(tmp_path):
     with pytest.raises(RobotModelError):
         load_robot_model(tmp_path / "nothing.urdf")
