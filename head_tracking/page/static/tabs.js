@@ -258,7 +258,7 @@ export function showHealth(state) {
   }, ({ name }) => name);
   const tracker = state.health.filter(({ name }) => name === "head_tracker: target");
   const learned = tracker.flatMap(({ values }) => Object.entries(values)).filter(([name]) => name.includes(": "));
-  rows(by("learned-values"), "tr", learned, (row, [name]) => { element(row, "th", { scope: "row" }, name); element(row, "td"); }, (row, [, value]) => write(row.lastChild, value), ([name]) => name);
+  rows(by("learned-values"), "tr", learned, (row, [name]) => { element(row, "th", { scope: "row" }, name); element(row, "td"); }, (row, [, value]) => write(row.lastChild, value.replace("^2", "²")), ([name]) => name);
   const lines = [...state.notices, ...state.warnings];
   rows(by("notices"), "li", lines.length ? lines : ["None."], (row, line) => write(row, line));
 }
