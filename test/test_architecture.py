@@ -37,7 +37,8 @@ ALLOWED: dict[str, set[str]] = {
     "dynamixel": {"feetech", "parameters"},
     "feetech": set(),
     "simulation": set(),  # an error of the driver must not be repeated in the simulator
-    "configuration": {"dynamixel", "gaze", "parameters", "parameter_files", "simulation"},
+    "configuration": {"dynamixel", "gaze", "parameters", "parameter_files", "simulation"}
+    | {"tracking"},
     "calibration": {"gaze", "parameters", "share", "transforms", "vision"},
     "control": {"dynamixel", "transforms"},
     "head": {"control", "dynamixel", "gaze", "share", "simulation", "tracking", "transforms"}

@@ -17,6 +17,7 @@ from head_tracking.configuration.bus_parameters import (
     configured_joint,
     joints_by_port,
 )
+from head_tracking.configuration.head_nodes import HEAD_NODES
 from head_tracking.dynamixel import (
     ConfigurationError,
     EepromSettings,
@@ -100,9 +101,13 @@ def head_parameters(node: str, files: Sequence[Path]) -> HeadParameters:
 
     Raises:
         ParameterFileError: a file cannot be read.
-        ParameterError: a value is not allowed.
+        ParameterError: a value is not allowed, or a parameter does not exist.
     """
-    return _Values(node, files).read(HeadParameters)
+    values = _Values(node, files)
+    for kind in HEAD_NODES[node]:
+        values.read(kind)
+    values.check_names()
+    return values.read(HeadParameters)
 
 
 def configured_buses(
@@ -151,7 +156,8 @@ class _Values:
     """
 
     def __init__(self, node: str, files: Sequence[Path], others: Mapping[str, Any] = {}) -> None:
-        self._node, self._known = node, {"use_sim_time"}
+        self._node = node
+        self._known = {"use_sim_time", "start_type_description_service", "frame_prefix"}
         self._of_all_nodes = [given for file in files for given in read(str(file))]
         own = [given for given in self._of_all_nodes if given.node in (node, "")]
         places = dict.fromkeys(one.nodes for one in own if one.node and "*" not in one.nodes)
@@ -173,9 +179,8 @@ class _Values:
 
     def check_names(self) -> None:
         """Raise ParameterError if a file names a node or a parameter that does not exist."""
-        nodes = ("servo_bus", "point_head", "head_tracker")
         problems = [
-            *unknown_nodes(self._of_all_nodes, nodes),
+            *unknown_nodes(self._of_all_nodes, ("servo_bus", *HEAD_NODES)),
             *(
                 f"{given.file}: {self._node} has no parameter {given.name}"
                 f"{nearest(given.name, self._known)}"

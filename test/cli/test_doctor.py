@@ -146,6 +146,8 @@ RED: list[tuple[str, Callable[[Head], None]]] = [
     ("model", lambda head: head.arguments.extend(["--robot", "nobody"])),
     ("model", lambda h: h.params(CONFIGURED + "{head_pan_controller.joint_name: nose}}")),
     ("model", lambda h: h.params("head_tracker: {ros__parameters: {camera_link: nose}}")),
+    ("model", lambda h: h.params("head_tracker: {ros__parameters: {law: predictve}}")),
+    ("model", lambda h: h.params("point_head: {ros__parameters: {max_joint_sped: 1.0}}")),
     ("port", _opening(PortMissingError("/dev/ttyUSB0", ()))),
     ("port", _opening(PortPermissionError("/dev/ttyUSB0", "dialout"))),
     ("port", lambda head: head.arguments.extend(["--baud", "12345"])),

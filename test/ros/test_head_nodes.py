@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from waiting import repeating, wait_for
 
+from head_tracking.configuration.head_nodes import HEAD_NODES
 from head_tracking.dynamixel import BusStatistics, BusTiming
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.obstacle import Blocked
@@ -279,6 +280,14 @@ def test_a_model_that_cannot_be_used_is_reported(track, kinectbot, parameters, u
         tracked.world.buffer.core.set_model(kinectbot)
         tracked.world.run(2.0)
         assert tracked.fields["state"] == "tracking"
+
+
+@pytest.mark.parametrize("kind", [HeadTrackerNode, PointHeadNode])
+def test_doctor_knows_all_parameters(track, kind):
+    node = track(kind).node
+    known = {name for each in HEAD_NODES[node.get_name()] for name in each.__dataclass_fields__}
+    rest = [name for name in node._parameters.keys() - known if name[:4] != "qos_"]
+    assert {"use_sim_time", "start_type_description_service", "frame_prefix"}.issuperset(rest)
 
 
 @pytest.mark.parametrize("kind", [HeadTrackerNode, PointHeadNode])

@@ -43,6 +43,7 @@ def check_configured(
 def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus]) -> Finding:
     """Check that the robot model is valid, has a pan/tilt head, and fits the servos."""
     try:
+        head_parameters("point_head", files)
         parameters = head_parameters("head_tracker", files)
         model = load_robot_model(robot_file(robot))
         parameters.head(model)

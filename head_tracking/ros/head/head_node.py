@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
+from head_tracking.configuration.head_nodes import DriveParameters
 from head_tracking.control import ControlLoop, JointBackend
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_control import HeadControl
 from head_tracking.head.motions import TargetMotion
 from head_tracking.head.obstacle import Blocked
-from head_tracking.parameters import parameter
 from head_tracking.ros.head.joint_topics import JointTopics
 from head_tracking.ros.head.trajectory_backend import TrajectoryBackend
 from head_tracking.ros.kit.diagnostics import Level, status_message
@@ -28,34 +26,6 @@ from head_tracking.tf import listening_buffer
 from head_tracking.tracking import ClockWatch, TargetState
 
 _WATCH_PERIOD = 0.25  # s
-
-
-@dataclass(frozen=True, slots=True)
-class DriveParameters:
-    """What drives the joints."""
-
-    command_interface: str = parameter(
-        "joint_commands",
-        "What drives the joints: servo_bus, by joint_commands; or a joint_trajectory_controller "
-        "of the robot, by joint_trajectory. A head of the latter cannot be relaxed by `stop`.",
-        choices=("joint_commands", "joint_trajectory"),
-        fixed=True,
-    )
-    command_topic: str = parameter(
-        "head_controller/joint_trajectory",
-        "The topic of the joint_trajectory_controller.",
-        fixed=True,
-        ros_name=True,
-    )
-    time_from_start: float = parameter(
-        0.0,
-        "Time that the joint_trajectory_controller has for each point; 0: at once, for a "
-        "controller that starts every trajectory at the measured position (the usual one does).",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-        fixed=True,
-    )
 
 
 class HeadNode(ClosingNode):

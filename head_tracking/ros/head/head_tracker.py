@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
+from head_tracking.configuration.head_nodes import HeadTrackerParameters
 from head_tracking.control import ControlLoop
 from head_tracking.head.motions import Tracking, TrackingSettings
 from head_tracking.head.obstacle import Blocked
-from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.kit.diagnostics import Level, report
 from head_tracking.ros.kit.node_parameters import NodeParameters
@@ -25,21 +24,6 @@ from head_tracking.tracking import (
 )
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
-
-
-@dataclass(frozen=True, slots=True)
-class HeadTrackerParameters:
-    """The rate and the law."""
-
-    rate: float = parameter(
-        50.0, "Commands per second.", unit="Hz", minimum=1.0, maximum=200.0, fixed=True
-    )
-    law: str = parameter(
-        "predictive",
-        "The tracking law: "
-        + "; ".join(f"{name}: {law.description}" for name, law in LAWS.items()),
-        choices=tuple(LAWS),
-    )
 
 
 class HeadTrackerNode(HeadNode):

@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
+from head_tracking.configuration.head_nodes import PointHeadParameters
 from head_tracking.control import ControlLoop
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.motions import Pointing
-from head_tracking.parameters import parameter
 from head_tracking.ros.head.head_actions import HeadActions
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.kit.node_parameters import NodeParameters
 
 _PERIOD = 0.02  # s
-
-
-@dataclass(frozen=True, slots=True)
-class PointHeadParameters:
-    """The names of the actions."""
-
-    controller_name: str = parameter(
-        "",
-        "Namespace of the actions and of joint_trajectory: head_controller for clients of TIAGo, "
-        "head_traj_controller for clients of PR2. Empty: the node's name.",
-        fixed=True,
-        ros_name=True,
-    )
 
 
 class PointHeadNode(HeadNode):
