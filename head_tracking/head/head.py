@@ -400,26 +400,23 @@ class Head:
         self.pose(frame, base)
 
         def check() -> None:
-            if follower is not self._follower:
-                seen = follower.sighting
-                raise SupersededError(seen.point if seen else (math.nan,) * 3, self.error)
-            self._permit(epoch)
+            with self._control.lock:
+                if follower is not self._follower:
+                    seen = follower.sighting
+                    raise SupersededError(seen.point if seen else (math.nan,) * 3, self.error)
+                self._permit(epoch)
 
         def follow(point: Iterable[float], stamp: float) -> None:
             with self._control.lock:
                 check()
                 self._follow(_target(point, frame, stamp), epoch)
 
-        def see(stamp: float) -> Transform:
-            with self._control.lock:
-                check()
-            return self.pose(frame, base, stamp=stamp)
-
         follower = CameraFollower(
             find_detector(what),
             checked_pictures(camera),
+            check,
             follow,
-            see,
+            lambda stamp: self.pose(frame, base, stamp=stamp),
             model,
             distances,
         )

@@ -132,9 +132,10 @@ class CameraFollower:
         detector: detects the object; without a selection that it needs, a warning is logged.
         source: images (blue, green, red; shape (height, width, 3)) with their times [s, as
             time.time()].
+        check: raises an error that ends the thread; called for each image, and after another error,
+            which may be its effect.
         follow: receives each point in the optical frame [m], and its time [s].
-        pose: returns `T_fixed_optical` at the time of each image [s]; may block until it is known,
-            and raise an error that ends the thread.
+        pose: returns `T_fixed_optical` at the time of each image [s]; may block until it is known.
         camera: the camera; None: one with `DEFAULT_VIEW`.
         distances: limits and assumption of the distance; None: 2 m where it is not measured.
 
@@ -147,6 +148,7 @@ class CameraFollower:
         self,
         detector: Detector,
         source: Iterable[tuple[float, Pixels]],
+        check: Callable[[], object],
         follow: Callable[[Vector3, float], object],
         pose: Callable[[float], Transform],
         camera: Camera | None = None,
@@ -164,7 +166,8 @@ class CameraFollower:
             verified(distances or DistanceParameters(distance=2.0)),
             IdentityParameters(),
         )
-        self._source, self._follow, self._pose, self._camera = source, follow, pose, camera
+        self._source, self._check, self._camera = source, check, camera
+        self._follow, self._pose = follow, pose
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
@@ -191,9 +194,10 @@ class CameraFollower:
             for stamp, picture in self._source:
                 if self._ending:
                     return
+                self._check()
                 self._process(stamp, picture)
-        except Exception as error:  # a source or a detector may raise anything
-            self.error = error
+        except Exception as failure:  # a source or a detector may raise anything
+            error = self.error = self._reason(failure)
             if not isinstance(error, RefusedCommandError | SupersededError):
                 is_ours = isinstance(error, HeadTrackingError)
                 _LOG.warning(
@@ -203,6 +207,13 @@ class CameraFollower:
                 )
         finally:
             atexit.unregister(self._end)
+
+    def _reason(self, error: Exception) -> Exception:
+        try:
+            self._check()
+        except HeadTrackingError as reason:
+            return reason
+        return error
 
     def _process(self, stamp: float, picture: Pixels) -> None:
         height, width, _ = picture.shape

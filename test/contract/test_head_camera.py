@@ -106,6 +106,21 @@ def test_the_next_command_ends_following_also_if_nothing_was_seen(head, command,
     assert isinstance(camera.error, error)
 
 
+def test_a_simulated_camera_that_fails_with_its_head_gives_no_warning(head, caplog):
+    """Its images need poses of the head, which has ended."""
+
+    def film():
+        yield time.time(), GREY
+        wait_for(lambda: head.state is HeadState.CLOSED)
+        raise FrameError("base_link", "the head is closed")
+
+    camera = head.follow_camera("face", film())
+    head.close()
+    assert camera.wait(PATIENCE)
+    assert isinstance(camera.error, RefusedCommandError)
+    assert not caplog.records
+
+
 def test_a_camera_without_a_face_does_not_move_the_head(head, servos):
     camera = head.follow_camera("face", ((time.time(), GREY) for _ in range(5)))
     assert camera.wait(PATIENCE)
