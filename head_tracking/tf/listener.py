@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -51,7 +52,7 @@ class TransformListener:
         tf_static_topic: instead of `/tf_static`.
         static_only: subscribe to `/tf_static` only.
         frame_prefix: put before the names of the robot's links.
-        on_joints: called with each message of `joint_states` that the buffer has accepted.
+        on_joints: called with each message of `joint_states`, once the buffer has its positions.
 
     Attributes:
         tf_sub: the subscription of `/tf`; tf_static_sub: that of `/tf_static`.
@@ -166,13 +167,15 @@ class TransformListener:
                 self._core.clear()
                 self._latest = stamp
         self._latest = max(stamp, self._latest)
+        # ros2_control publishes NaN for joints whose position is not measured, such as wheels
+        pairs = zip(names, positions, strict=True)
+        measured = {name: position for name, position in pairs if not math.isnan(position)}
         try:
-            self._core.set_joint_positions(stamp, dict(zip(names, positions, strict=True)))
-        except InvalidArgumentException as error:
+            self._core.set_joint_positions(stamp, measured)
+        except InvalidArgumentException as error:  # the other joints are recorded
             text = f"joint_states: {error}"[:LONGEST_TEXT]
             self._log.error(text, throttle_duration_sec=1.0)
-        else:
-            self._joints_accepted(message)
+        self._joints_accepted(message)
 
     def _subscribe(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile | int

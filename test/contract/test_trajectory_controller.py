@@ -37,7 +37,8 @@ class TrajectoryController:
         if self.trajectories:
             self.positions = list(self.trajectories[-1].points[0].positions)
         self.travel.append(self.positions[0])
-        message = JointState(name=list(JOINTS), position=self.positions)
+        # ros2_control's joint_state_broadcaster: the position of a wheel is not measured
+        message = JointState(name=[*JOINTS, "wheel"], position=[*self.positions, math.nan])
         message.header.stamp = self._clock.now().to_msg()
         self._states.publish(message)
 
