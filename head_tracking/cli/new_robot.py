@@ -34,7 +34,7 @@ from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.programs import has_ros
-from head_tracking.share import share_directory
+from head_tracking.share import check_writable, share_directory
 from head_tracking.transforms import load_robot_model
 
 _MODEL: Final = "pan_tilt_head.xacro"
@@ -167,6 +167,7 @@ def _new_files(options: argparse.Namespace) -> tuple[Path, Path]:
     for file in files:
         if file.exists():
             raise RefusedError(f"{file} exists; give another name or --folder, or remove it")
+        check_writable(file)
     return files
 
 
