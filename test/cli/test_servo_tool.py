@@ -259,6 +259,12 @@ def test_set_of_impossible_values_fails(bench: Tool, register: str, values: list
         assert bench.run("--yes", "set", "7", register, value) == FAILED
 
 
+def test_a_feetech_servo_is_set_to_damping(bench: Tool) -> None:
+    bench.bus = SimulatedBus([SimulatedServo(4, "STS3215")])
+    assert bench.run("set", "4", "Torque Enable", "2") == DONE
+    assert bench[4].register("Torque Enable") == 2
+
+
 @pytest.mark.parametrize(("servo_id", "register"), [(1, "Moving Speed"), (7, "Goal Position")])
 def test_a_goal_needs_torque_and_torque_on_keeps_the_present_position(
     bench: Tool, servo_id: int, register: str

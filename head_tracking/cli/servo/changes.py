@@ -64,7 +64,7 @@ def _write(session: Session, servo: Servo, register: Register, value: int, shown
     elif register.eeprom:
         _ask(session, servo, f"{shown} (now {servo.get(name)})")
         run(servo.write_eeprom({name: value}), session.pause)
-    elif name == "Torque Enable" and value:
+    elif name == "Torque Enable" and value == 1:
         _switch_torque_on(session, servo)
     else:
         if name == "Lock":
