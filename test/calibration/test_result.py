@@ -144,7 +144,7 @@ def test_a_head_uses_it(file, geometry):
         ("kinectbot", 400, Grade.AMBER),
         ("kinectbot", -400, Grade.AMBER),
         ("turtlebot", 3, Grade.RED),
-        ("no_such_robot", 3, Grade.SKIPPED),
+        ("no_such_robot", 3, Grade.RED),
     ],
 )
 def test_the_doctor_grades_it(file, robot, days, grade):
@@ -153,6 +153,14 @@ def test_the_doctor_grades_it(file, robot, days, grade):
     assert (finding.check, finding.level) == ("calibration", grade)
     if days > 0 and grade in (Grade.GREEN, Grade.AMBER):
         assert f"{days} days" in finding.text
+
+
+@pytest.mark.parametrize("axis", [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+def test_the_doctor_refuses_an_axis_that_the_run_refuses(file, axis):
+    document = yaml.safe_load(file.read_text())
+    document["joints"]["head_tilt_joint"] |= {"axis": axis, "origin": [0, 0, 0, 0, 0, 0, 1]}
+    file.write_text(yaml.safe_dump(document))
+    assert check_calibration("kinectbot", file).level is Grade.RED
 
 
 def test_another_model_is_refused(file, geometry):

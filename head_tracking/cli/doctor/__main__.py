@@ -80,7 +80,7 @@ def _check_head(options: argparse.Namespace, make_port: MakePort) -> Iterator[Fi
     if buses:
         yield check_model(options.robot, files, buses)
     if options.calibration:
-        yield check_calibration(options.robot, options.calibration)
+        yield check_calibration(options.robot, options.calibration, files)
     for each in buses if not options.sim else ():
         yield from check_bus(each, make_port)
 

@@ -67,15 +67,16 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
     return Finding("model", level, f"{robot}: {text}")
 
 
-def check_calibration(robot: str, path: Path) -> Finding:
-    """Check that a calibration fits the robot model; report its age and its deviations."""
+def check_calibration(robot: str, path: Path, files: Sequence[Path] = ()) -> Finding:
+    """Check that a calibrated head can be pointed; report age and deviations of the file."""
     try:
         calibration = Calibration.load(path)
-        calibration.apply(load_robot_model(robot_file(robot)))
+        model = calibration.apply(load_robot_model(robot_file(robot)))
+        head_parameters("head_tracker", files).head(model)
     except CalibrationFileError as error:
         return Finding("calibration", Grade.RED, str(error))
     except HeadTrackingError as error:
-        return Finding("calibration", Grade.SKIPPED, f"{path}: the model is not valid: {error}")
+        return Finding("calibration", Grade.RED, f"{path}: with it the head cannot run: {error}")
     text = f"{path}: {calibration.age_text}; {calibration.views} views"
     for name, change, deviation in summary(calibration):
         text += f"; {name} {change} {deviation}"
