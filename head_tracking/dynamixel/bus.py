@@ -14,10 +14,9 @@ from head_tracking.dynamixel.configuration import (
     JointConfiguration,
     check_configuration,
 )
-from head_tracking.dynamixel.cycle import Cycle, advice
+from head_tracking.dynamixel.cycle import Cycle
 from head_tracking.dynamixel.exceptions import (
     BusStoppedError,
-    CorruptReplyError,
     DynamixelError,
     GoalError,
     NotConnectedError,
@@ -299,8 +298,6 @@ class ServoBus:
             try:
                 run(servo.identify())
                 servo.read_feedback(MOST_TRIES)
-            except CorruptReplyError as cause:
-                problems[servo] = CorruptReplyError(f"{cause}; {advice(servo)}")
             except DynamixelError as cause:
                 problems[servo] = cause
         return problems

@@ -23,6 +23,7 @@ from head_tracking.dynamixel.exceptions import (
     PortError,
     PortLostError,
     ReplyTimeoutError,
+    advice,
 )
 from head_tracking.dynamixel.joint import BusJoint
 from head_tracking.dynamixel.procedures import POLL_INTERVAL, Procedures
@@ -298,7 +299,7 @@ class Cycle:
     def _lose(self, joint: BusJoint, servo: Servo) -> None:
         text = f"no answer in {servo.failed_cycles} cycles in a row; check its cable and power"
         if servo.damaged_cycles >= _LOST_AFTER:
-            text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo)}"
+            text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo.id)}"
         servo.lose(self._monotonic() + POLL_INTERVAL)
         self._bus.note(EventKind.LOST, joint, text)
         if joint.lost:
@@ -379,11 +380,3 @@ class Cycle:
                     servo.lose(0)
                 joint.drop_goal(resumes=True)
         self._bus.events.append(BusEvent(EventKind.PORT_LOST, "", str(cause)))
-
-
-def advice(servo: Servo) -> str:
-    """Return the probable causes of damaged replies."""
-    return (
-        f"two servos answer as id {servo.id} (connect one alone and give it another id with "
-        "`head_tracking servo set-id`), or something disturbs the line"
-    )

@@ -119,6 +119,14 @@ class CorruptReplyError(CommunicationError):
     """A reply was damaged, or did not fit the instruction."""
 
 
+def advice(servo_id: int) -> str:
+    """Return the probable causes of damaged replies."""
+    return (
+        f"two servos answer as id {servo_id} (connect one alone and give it another id with "
+        "`head_tracking servo set-id`), or something disturbs the line"
+    )
+
+
 class ServoError(DynamixelError):
     """A servo is missing, is another one than configured, or refuses an instruction."""
 

@@ -27,6 +27,7 @@ from head_tracking.dynamixel.exceptions import (
     PortLostError,
     PortMissingError,
     ReplyTimeoutError,
+    advice,
 )
 from head_tracking.dynamixel.protocol import (
     ALERT,
@@ -446,7 +447,9 @@ class DynamixelPort:
             return doubtful  # if it does not fit the instruction, the caller raises
         self._late.add(instruction, due)
         if self._buffer or was_damaged:
-            raise CorruptReplyError(f"servo {instruction.id}: damaged reply")
+            raise CorruptReplyError(
+                f"servo {instruction.id}: damaged reply; {advice(instruction.id)}"
+            )
         raise ReplyTimeoutError(
             f"servo {instruction.id} did not answer a {instruction.description} within "
             f"{self._timeout.allowance * 1e3:.0f} ms on {self.name} at {self.baud_rate} baud"

@@ -259,6 +259,13 @@ def test_set_of_impossible_values_fails(bench: Tool, register: str, values: list
         assert bench.run("--yes", "set", "7", register, value) == FAILED
 
 
+def test_two_servos_with_one_id_are_named(bench: Tool) -> None:
+    bench.bus = SimulatedBus([SimulatedServo(1, AX_12), SimulatedServo(1, "MX-28")])
+    bench.accepts_any_rate = True
+    assert bench.run("info", "1") == FAILED
+    assert "two servos answer as id 1" in bench.messages
+
+
 def test_a_feetech_servo_is_set_to_damping(bench: Tool) -> None:
     bench.bus = SimulatedBus([SimulatedServo(4, "STS3215")])
     assert bench.run("set", "4", "Torque Enable", "2") == DONE

@@ -13,7 +13,6 @@ from head_tracking.configuration import ConfiguredBus
 from head_tracking.dynamixel import (
     CommunicationError,
     ConfigurationError,
-    CorruptReplyError,
     DynamixelPort,
     PortBusyError,
     PortError,
@@ -102,8 +101,7 @@ def _check_servo(
         yield Finding(name, Grade.RED, text)
         return
     except (CommunicationError, ServoError, ConfigurationError) as error:
-        twin = "; two servos may have this id" if isinstance(error, CorruptReplyError) else ""
-        yield Finding(name, Grade.RED, f"{joint}: {error}{twin}")
+        yield Finding(name, Grade.RED, f"{joint}: {error}")
         return
     problems: list[tuple[Grade, str]] = []
     if port.surplus[servo.id]:

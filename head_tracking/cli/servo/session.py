@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from head_tracking.cli.terminal import Terminal
 from head_tracking.dynamixel.exceptions import (
-    CommunicationError,
     ConfigurationError,
+    ReplyTimeoutError,
 )
 from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
 from head_tracking.dynamixel.port import DynamixelPort
@@ -98,7 +98,7 @@ def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = No
         servo = Servo(port, servo_id, servo_model_by_number(model_number(port, servo_id, protocol)))
     except ConfigurationError as error:
         raise ToolError(f"servo {servo_id}: {error}") from error
-    except CommunicationError as error:
+    except ReplyTimeoutError as error:
         if model is None:
             raise ToolError(
                 f"servo {servo_id} answers pings but no reads: its Status Return Level is "
