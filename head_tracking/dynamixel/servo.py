@@ -342,7 +342,8 @@ class Servo:
 
     def set_command(self, name: str, value: int) -> str:
         """Return the command that sets a register of this servo, as a user types it."""
-        return self._port.servo_command(f"set {self.id} '{name}' {value}")
+        counts = self.model.control_table[name].counts(value)
+        return self._port.servo_command(f"set {self.id} '{name}' {counts}")
 
     def check_settings(self) -> Steps[None]:
         """Read the settings that its joint needs; raise ServoError if one is wrong."""
@@ -354,8 +355,7 @@ class Servo:
         for name, right, why in self._wrong_settings(memory):
             raise ServoError(
                 f"{who} {why}: {name} (register {self.model.control_table[name].address}) is "
-                f"{memory[name]}; set it to {right}, for example with "
-                f"`{self.set_command(name, right)}`"
+                f"{memory[name]}; set it with `{self.set_command(name, right)}`"
             )
 
     def _wrong_settings(self, memory: Mapping[str, int]) -> Iterator[tuple[str, int, str]]:

@@ -268,12 +268,13 @@ def test_servos_at_another_baud_rate_are_found_and_named(head: Head) -> None:
 
 
 def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head: Head) -> None:
-    head.params(head_of("STS3215", ", offset: 85"))
+    head.params(head_of("STS3215", ", offset: -85"))
     head.servos(SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3215"))
-    head[1].set_offset(85)
+    head[1].set_offset(-85)
     assert head.check() == 0
     assert head.levels["servo 1"] is head.levels["servo 2"] is Grade.GREEN
-    head[1].set_offset(-85)
+    head[1].set_offset(85)
     head[2].supply_voltage = 9.0
     head.check()
     assert (head.levels["servo 1"], head.levels["servo 2"]) == (Grade.RED, Grade.AMBER)
+    assert any("set 1 'Position Offset' -85`" in finding.text for finding in head.found)
