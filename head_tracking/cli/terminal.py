@@ -50,7 +50,7 @@ class Terminal:
             )
         if not self._assume_yes:
             self.print(f"{question} [y/N] ", end="")
-            if self._input.readline().strip().lower() not in ("y", "yes"):
+            if self._answer().lower() not in ("y", "yes"):
                 raise RefusedError("nothing was changed")
 
     def ask(self, question: str, default: str) -> str:
@@ -59,7 +59,7 @@ class Terminal:
             self.print(f"{question}: {default}")
             return default
         self.print(f"{question} [{default}]: ", end="")
-        return self._input.readline().strip() or default
+        return self._answer() or default
 
     def wait_for_enter(self, prompt: str, read: Callable[[], str]) -> None:
         """Wait until Enter is pressed, and show the result of `read` meanwhile."""
@@ -67,8 +67,14 @@ class Terminal:
         with Live(console=self._messages, auto_refresh=False, transient=True) as live:
             while not select.select([self._input], [], [], 1.0 / _RATE)[0]:
                 live.update(read(), refresh=True)
-        if not self._input.readline():
-            raise RefusedError("the input has ended; nothing was written")
+        self._answer()
+
+    def _answer(self) -> str:
+        """Return the line that is typed; raise RefusedError after Ctrl-D."""
+        line = self._input.readline()
+        if not line:
+            raise RefusedError("the input has ended; nothing was changed")
+        return line.strip()
 
     def track(self, items: Sequence[T], description: str) -> Iterable[T]:
         """Iterate with a progress bar."""

@@ -184,6 +184,12 @@ def test_a_full_disk_leaves_no_file(user: User, monkeypatch: pytest.MonkeyPatch)
     assert user.files == []
 
 
+def test_the_end_of_the_input_is_no_answer(user: User) -> None:
+    user.answers = "0 0 0.1\n"  # then Ctrl-D
+    assert user.run(*GIVEN) == REFUSED
+    assert user.files == []
+
+
 def test_torque_off_needs_confirmation(user: User) -> None:
     user.bench.bus[5].set_register("Torque Enable", 1)
     user.answers = "\n\n\nn\n"
