@@ -24,6 +24,7 @@ from head_tracking.dynamixel import (
 )
 from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.dynamixel.diagnosis import conditions, swapped
+from head_tracking.dynamixel.exceptions import advice
 from head_tracking.dynamixel.servo import Servo, run
 
 _READINGS: Final = 50
@@ -105,8 +106,7 @@ def _check_servo(
         return
     problems: list[tuple[Grade, str]] = []
     if port.surplus[servo.id]:
-        text = "two servos have this id, or the line is disturbed: connect one of them alone and "
-        problems.append((Grade.RED, f"{text}use `head_tracking servo set-id`"))
+        problems.append((Grade.RED, advice(servo.id)))
     if errors or servo.faulted:
         state = "has shut itself down" if servo.faulted else "reports"
         text = f"it {state}: {describe_errors(errors)}; let it cool, call `recover` or cycle its "
