@@ -51,7 +51,9 @@ def _calibrate(options: argparse.Namespace) -> None:
     try:
         with open_head(robot=options.robot) as head:
             images = (
-                _simulated_images(head, options.target) if options.sim else pictures(options.camera)
+                _simulated_images(head, options.target, options.frame)
+                if options.sim
+                else pictures(options.camera)
             )
             source = iter(images)
             height, width = next(source)[1].shape[:2]  # there is a camera
@@ -66,6 +68,7 @@ def _calibrate(options: argparse.Namespace) -> None:
                 source,
                 target=options.target,
                 marker=marker,
+                frame=options.frame,
                 model=camera_with_view(width, height, view),
                 focal_length=options.focal_length,
                 report=lambda text: print(text, file=sys.stderr),
@@ -91,11 +94,13 @@ def _calibrate(options: argparse.Namespace) -> None:
         _draw(calibration, options.picture, (width, height))
 
 
-def _simulated_images(head: Head, target: str) -> Iterable[tuple[float, Pixels]]:
+def _simulated_images(
+    head: Head, target: str, frame: str = "camera_optical_frame"
+) -> Iterable[tuple[float, Pixels]]:
     """Return the images of a camera whose pose differs from the model."""
     from head_tracking.scene import film
 
-    pose = partial(head.pose, "camera_optical_frame", "base_link")
+    pose = partial(head.pose, frame, "base_link")
     scene = "empty" if target == "room" else f"still {target}"
     return film(scene, lambda stamp: pose(stamp=stamp) @ SIMULATED_MOUNTING)
 
@@ -122,6 +127,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--sim", action="store_true", help="simulate servos and a camera whose pose is wrong")
     add("--robot", default="kinectbot", metavar="NAME|FILE", help="name of the robot, or its model")
     add("--camera", default=0, type=_camera, help="number, device, file or URL (%(default)s)")
+    add(
+        "--frame", default="camera_optical_frame", metavar="NAME",
+        help="its optical frame in the model (%(default)s)",
+    )  # fmt: skip
     add(
         "--view", type=between(5.0, 170.0, "degrees"), default=60.0, metavar="DEG",
         help="its horizontal angle of view [degrees] (%(default)s)",

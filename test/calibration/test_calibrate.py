@@ -86,6 +86,16 @@ def test_a_simulated_head_on_a_table_is_turned_to_the_marker_first(quick, unsolv
     assert Calibration.load(file).robot == "two_ax_12"
 
 
+def test_the_camera_of_a_model_of_your_own_may_have_another_frame(quick, unsolved, tmp_path):
+    file, model = tmp_path / "calibration.yaml", tmp_path / "own.urdf"
+    urdf = load_robot_model(robot_file("kinectbot")).urdf
+    model.write_text(urdf.replace("camera_optical_frame", "eye"))
+    words = ["camera", "--sim", "--robot", str(model), "--yes", "--output", str(file)]
+    assert calibrate.main(words) == FAILED
+    assert calibrate.main([*words, "--frame", "eye"]) == DONE
+    assert file.exists()
+
+
 @pytest.mark.parametrize(("command", "step"), [("stop", "direction 3"), ("relax", "computing")])
 def test_a_head_that_is_stopped_or_relaxed_is_not_calibrated(quick, unsolved, step, command):
     with Head.simulated() as head:
