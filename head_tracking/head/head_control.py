@@ -303,7 +303,9 @@ class HeadControl(Controller):
         motion, targets, self.law.at_most = self.motion, self.targets, self.fastest
         if motion is not targets:
             self.frames.forget()
-        command = motion.update(joints, now)
+        command, base = motion.update(joints, now), self.frames.base
+        if base is not None and (old := base.too_old(now)):
+            self.warn("base", old)
         for joint, servo in self.law.servos.items():
             if servo.is_contradicted:
                 servo.is_contradicted = False

@@ -29,6 +29,7 @@ _WINDOW = 60_000_000  # ns; the motion of the base is measured over two of these
 _FARTHEST = 1e12  # m: squares of much larger numbers overflow
 _STEP = 0.04  # s between two stored rotations of the base
 _AHEAD = 0.3  # s; longest extrapolation of the base's pose
+_OLD = 1.0  # s; an older pose of the base is reported
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +202,13 @@ class HeadBase:
         except TransformException as error:
             return str(error)
         return ""
+
+    def too_old(self, now: float) -> str:
+        """Return that the pose is old, if it is: it is not extrapolated any more."""
+        age, (fixed, base) = now - self._stamp, self._frames
+        if not self._stamp or age < _OLD:
+            return ""
+        return f"no transform from {base} to {fixed} for {age:.1f} s: the last one is used"
 
     def at(self, time: float) -> Transform:
         """Return `T_fixed_base` at a past time [s], extrapolated if necessary."""

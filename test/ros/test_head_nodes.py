@@ -316,15 +316,16 @@ def test_a_click_in_the_camera_is_not_chased_while_its_place_is_unknown(world):
     assert abs(world.true_position("head_pan_joint")) < 0.4
 
 
-def test_a_turning_base_is_compensated_in_the_fixed_frame(track):
+def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
     tracked = track(fixed_frame="odom")
-    yaw, frames, world = 0.0, tracked.world.buffer.core, tracked.world
+    yaw, ends, frames, world = 0.0, math.inf, tracked.world.buffer.core, tracked.world
 
     def drive():
         nonlocal yaw
         yaw = min(yaw + 0.01, 0.8)
         pose = Transform((0.5, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
-        frames.set_transform(world.stamp, "odom", "base_link", pose)
+        if world.stamp < ends:
+            frames.set_transform(world.stamp, "odom", "base_link", pose)
         tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
 
     tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
@@ -335,6 +336,10 @@ def test_a_turning_base_is_compensated_in_the_fixed_frame(track):
     assert tracked.fields["state"] == "tracking"
     world.run(2.0)
     assert world.true_position("head_pan_joint") == pytest.approx(-0.8, abs=0.1)
+    assert "no transform" not in capfd.readouterr().err
+    ends = world.stamp
+    world.run(1.5)
+    assert "to odom for 1.0 s: the last one is used" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
