@@ -7,7 +7,9 @@ from robot_pursuit import pursue
 from head_tracking import Head, HeadState
 from head_tracking.configuration import configured_head
 from head_tracking.gaze import PanTiltHead
+from head_tracking.parameter_files import read
 from head_tracking.share import robot_file, robot_names, robot_parameters
+from head_tracking.tracking import FictitiousTarget, FictitiousTargetParameters
 from head_tracking.transforms import load_robot_model
 
 ROBOTS = robot_names()
@@ -63,6 +65,17 @@ def test_the_camera_looks_ahead_and_its_picture_is_upright(robot):
     on_its_side = "joint_head_pan" in robot.names  # Stretch's
     down = (0.0, 1.0, 0.0) if on_its_side else (0.0, 0.0, -1.0)
     assert robot.direction((0.0, 0.0), (0.0, 1.0, 0.0)) == pytest.approx(down, abs=1e-6)
+
+
+def test_the_target_of_a_simulated_run_is_in_reach(robot):
+    files = [read(str(file)) for file in robot_parameters(robot.model.name)]
+    given = [each for values in files for each in values if each.node == "fictitious_target"]
+    values = {each.name: each.value for each in given}
+    frame = values.pop("frame_id", "base_link")
+    pose = robot.model.transform(robot.head.base_frame, frame, {})
+    target = FictitiousTarget(FictitiousTargetParameters(**values))
+    path = [pose @ target.advance(10.0) for _ in range(100)]
+    assert all(robot.head.gaze(point, 0.0, 0.0).reached for point in path)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
