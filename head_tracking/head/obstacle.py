@@ -34,7 +34,8 @@ _SENTENCES = {
     Blocked.NO_MODEL: "waiting for robot_description",
     Blocked.INVALID_MODEL: "robot_description cannot be used: {}",
     Blocked.CLOCK: "{}",
-    Blocked.NOT_MEASURED: "no recent position of {}: its servo or joint_states are silent",
+    Blocked.NOT_MEASURED: "no recent position of {}: its servo or joint_states are silent, or "
+    "stamped by another clock",
     Blocked.FUTURE: "the positions of {} in joint_states have stamps in the future: the clocks of "
     "their sender and of this machine differ",
 }

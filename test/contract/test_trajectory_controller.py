@@ -19,10 +19,12 @@ class TrajectoryController:
         positions: of pan and tilt [rad].
         travel: pan in every period [rad].
         trajectories: what it has received.
+        is_stamped: whether its joint_states have stamps.
     """
 
     def __init__(self, node):
         self.positions, self.travel, self.trajectories = [0.0, 0.0], [], []
+        self.is_stamped = True
         self._clock = node.get_clock()
         self._states = node.create_publisher(JointState, "joint_states", 10)
         node.create_subscription(
@@ -39,7 +41,8 @@ class TrajectoryController:
         self.travel.append(self.positions[0])
         # ros2_control's joint_state_broadcaster: the position of a wheel is not measured
         message = JointState(name=[*JOINTS, "wheel"], position=[*self.positions, math.nan])
-        message.header.stamp = self._clock.now().to_msg()
+        if self.is_stamped:
+            message.header.stamp = self._clock.now().to_msg()
         self._states.publish(message)
 
 
@@ -72,6 +75,13 @@ def test_a_trajectory_controller_is_driven_held_by_stop_and_resumed(bench, perso
     person.keep_looking(2, -1, 0.5, looks_left(-1))
     steps = zip(driven.travel, driven.travel[5:], strict=False)
     assert max(abs(b - a) for a, b in steps) < 0.1  # 0.3 rad/s
+
+
+def test_a_driver_without_stamps_is_not_only_called_silent(bench, person):
+    TrajectoryController(person.node).is_stamped = False
+    bench.start("robot_state_publisher")
+    bench.start("head_tracker", *DRIVEN)
+    wait_for(lambda: "another clock" in str(person.latched("head_tracker/state")))
 
 
 def test_a_simulated_run_ends_for_it_and_moves_nothing(bench, person):
