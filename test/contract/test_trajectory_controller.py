@@ -1,6 +1,7 @@
 """A head that a joint_trajectory_controller drives: it is followed, held by STOP, and resumed."""
 
 import math
+import time
 
 import pytest
 from rig import DEGREE, JOINTS
@@ -70,11 +71,11 @@ def test_a_trajectory_controller_is_driven_held_by_stop_and_resumed(bench, perso
     person.keep_looking(2, -1, 0.5, lambda: len(driven.travel) > 50)
     assert len(driven.trajectories) == count
     assert max(driven.travel) - min(driven.travel) < 0.2
-    driven.travel.clear()
     person.until_done("resume")
+    way, began = driven.positions[0] + math.atan2(1, 2), time.monotonic()
     person.keep_looking(2, -1, 0.5, looks_left(-1))
-    steps = zip(driven.travel, driven.travel[5:], strict=False)
-    assert max(abs(b - a) for a, b in steps) < 0.1  # 0.3 rad/s
+    # 0.3 rad/s after a stop; a trajectory ends a little ahead of the joint
+    assert time.monotonic() - began > (abs(way) - 0.1) / 0.4
 
 
 def test_a_driver_without_stamps_is_not_only_called_silent(bench, person):
