@@ -1,22 +1,18 @@
 """Robot models and the buffer beside plain references: yourdfpy, and joints one by one."""
 
 import io
-import math
 import random
 from dataclasses import astuple
 
 import numpy as np
 import pytest
 import yourdfpy
-from hypothesis import given
-from hypothesis import strategies as st
 
 from head_tracking.transforms import (
     JointState,
     JointStates,
     LookupException,
     RobotModel,
-    Rotation,
     Transform,
     TransformBuffer,
     parse_robot_model,
@@ -156,31 +152,3 @@ def test_a_stated_default_stands_until_it_is_measured(model):
     states = JointStates(model, {"first": 0.25})
     assert is_same(states.complete({})["third"], JointState(2.5))
     assert is_same(states.complete({"first": JointState(0.5)})["first"], JointState(0.5))
-
-
-# Conversions of rotations
-
-
-angles = st.floats(-math.pi, math.pi)
-
-
-@given(
-    angles, st.one_of(st.floats(-1.5, 1.5), st.sampled_from([-math.pi / 2, math.pi / 2])), angles
-)
-def test_rotations_combine_as_matrices_and_rpy_and_matrix_round_trip(roll, pitch, yaw):
-    there = Transform.from_xyz_rpy((1, 2, 3), (roll, pitch, yaw))
-    turn, other = there.rotation, Rotation.from_rpy(0.3, -0.7, 1.1)
-    assert np.allclose((turn @ other).as_matrix(), turn.as_matrix() @ other.as_matrix())
-    assert np.allclose(turn.inverse().as_matrix(), turn.as_matrix().T)
-    found = turn.as_rpy()
-    assert found[0] == 0 or abs(pitch) <= 1.5
-    assert found[1] == pytest.approx(pitch)
-    back = Transform.from_xyz_rpy((1, 2, 3), found), Transform.from_matrix(there.as_matrix())
-    exact = 1e-9 if abs(pitch) <= 1.5 else 1e-7
-    assert np.allclose([each.as_matrix() for each in back], there.as_matrix(), atol=exact)
-
-
-@pytest.mark.parametrize("matrix", [np.eye(3), np.diag((1.0, 1.0, -1.0, 1.0))])
-def test_a_transform_is_a_homogeneous_matrix(matrix):
-    with pytest.raises(ValueError):
-        Transform.from_matrix(matrix)
