@@ -226,66 +226,63 @@ def test_a_port_in_use_and_a_servo_that_is_missing_are_errors(bench):
 # a terminal
 
 
-def test_keys_stop_and_resume_a_run_in_the_foreground(bench, monkeypatch):
+@pytest.fixture
+def terminal(bench, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
     monkeypatch.chdir(SOURCE)
     with closing(Terminal()) as terminal:
+        yield terminal
 
-        def press(key, torque):
-            """Keys are read soon after the program has the terminal again."""
-            wait_for(lambda: terminal.type(key) or bench.servos.torque == torque)
 
-        terminal.start(f"-m head_tracking --port {bench.servos.name} --target smooth &")
-        moves(bench)
-        assert terminal.is_as_before()  # its keys are the shell's
-        terminal.type("echo sss\n")
-        terminal.waits_for("\r\nsss\r")
-        assert bench.servos.torque == [1, 1]
-        terminal.type("fg\n")
-        press("\x1b[A\x1bOS ", [0, 0])
-        wait_for(lambda: bench.person.stopped)
-        terminal.type("x\x1a")
-        terminal.waits_for("Stopped")
-        assert terminal.is_as_before()
-        terminal.type("fg\n")
-        press("r", [1, 1])
-        wait_for(lambda: not bench.person.stopped)
-        terminal.type("\x03")
-        terminal.waits_for(r"bus cycles.*\$ ")
-        assert terminal.is_as_before()
+def test_keys_stop_and_resume_a_run_in_the_foreground(bench, terminal):
+
+    def press(key, torque):
+        """Keys are read soon after the program has the terminal again."""
+        wait_for(lambda: terminal.type(key) or bench.servos.torque == torque)
+
+    terminal.start(f"-m head_tracking --port {bench.servos.name} --target smooth &")
+    moves(bench)
+    assert terminal.is_as_before()  # its keys are the shell's
+    terminal.type("echo sss\n")
+    terminal.waits_for("\r\nsss\r")
+    assert bench.servos.torque == [1, 1]
+    terminal.type("fg\n")
+    press("\x1b[A\x1bOS ", [0, 0])
+    wait_for(lambda: bench.person.stopped)
+    terminal.type("x\x1a")
+    terminal.waits_for("Stopped")
+    assert terminal.is_as_before()
+    terminal.type("fg\n")
+    press("r", [1, 1])
+    wait_for(lambda: not bench.person.stopped)
+    terminal.type("\x03")
+    terminal.waits_for(r"bus cycles.*\$ ")
+    assert terminal.is_as_before()
     assert bench.servos.torque == [0, 0]
 
 
-def test_the_stop_key_works_while_a_node_still_starts(bench, monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
-    monkeypatch.chdir(SOURCE)
-    with closing(Terminal()) as terminal:
-        terminal.start(f"-m head_tracking --port {bench.servos.name} --target face &")
-        supervisor = int(terminal.waits_for(r"\[1\] \d+").split()[-1])
-        terminal.type("fg\n")
-        wait_for(lambda: child(supervisor, "vision"))
-        os.kill(child(supervisor, "vision"), signal.SIGSTOP)
-        wait_for(lambda: bench.person.look_at(1.0, 0.3, 0.8) or any(bench.servos.torque))
-        terminal.type(" ")
-        wait_for(lambda: bench.person.stopped, 5.0)
-        assert bench.servos.torque == [0, 0]
+def test_the_stop_key_works_while_a_node_still_starts(bench, terminal):
+    terminal.start(f"-m head_tracking --port {bench.servos.name} --target face &")
+    supervisor = int(terminal.waits_for(r"\[1\] \d+").split()[-1])
+    terminal.type("fg\n")
+    wait_for(lambda: child(supervisor, "vision"))
+    os.kill(child(supervisor, "vision"), signal.SIGSTOP)
+    wait_for(lambda: bench.person.look_at(1.0, 0.3, 0.8) or any(bench.servos.torque))
+    terminal.type(" ")
+    wait_for(lambda: bench.person.stopped, 5.0)
+    assert bench.servos.torque == [0, 0]
 
 
-def test_stop_relaxes_the_servos_of_a_control_process_that_hangs(bench, monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", bench.domain)
-    monkeypatch.chdir(SOURCE)
-    with closing(Terminal()) as terminal:
-        terminal.start(
-            f"-m head_tracking --port {bench.servos.name} --target smooth --on-crash hold &"
-        )
-        terminal.type("stty cols 50\n")  # what is left out of a narrow line is not the key of STOP
-        supervisor = int(terminal.waits_for(r"\[1\] \d+").split()[-1])
-        terminal.type("fg\n")
-        moves(bench)
-        terminal.waits_for("space: STOP")
-        os.kill(child(supervisor, "control"), signal.SIGSTOP)
-        wait_for(lambda: terminal.type(" ") or bench.servos.torque == [0, 0])
-        assert "SIGKILL" in terminal.waits_for(r"\$ ")
+def test_stop_relaxes_the_servos_of_a_control_process_that_hangs(bench, terminal):
+    terminal.start(f"-m head_tracking --port {bench.servos.name} --target smooth --on-crash hold &")
+    terminal.type("stty cols 50\n")  # what is left out of a narrow line is not the key of STOP
+    supervisor = int(terminal.waits_for(r"\[1\] \d+").split()[-1])
+    terminal.type("fg\n")
+    moves(bench)
+    terminal.waits_for("space: STOP")
+    os.kill(child(supervisor, "control"), signal.SIGSTOP)
+    wait_for(lambda: terminal.type(" ") or bench.servos.torque == [0, 0])
+    assert "SIGKILL" in terminal.waits_for(r"\$ ")
 
 
 # other heads

@@ -63,22 +63,6 @@ def test_a_target_is_reached_tracked_and_the_error_published(bench, person):
     wait_for(lambda: set(person.owners.values()) == {"/head_tracker"})
 
 
-def test_a_target_that_goes_away_is_waited_for_where_it_was(bench, person):
-    person.keep_looking(1, 1, 0, lambda: person.pan > 0.4, "torso_link")
-    wait_for(in_state(person, "holding"))
-    before = bench.servos.at_rest()
-    time.sleep(0.3)
-    assert bench.servos.at_rest() == pytest.approx(before, abs=0.5 * DEGREE)
-
-
-def test_a_target_that_comes_back_elsewhere_is_followed_without_a_warning(bench, person):
-    person.keep_looking(1, 0.6, 0, in_state(person, "tracking"), "torso_link")
-    wait_for(in_state(person, "holding"))
-    person.keep_looking(1, -0.6, 0, has_been_in_state(person, "acquiring"), "torso_link")
-    person.keep_looking(1, -0.6, 0, in_state(person, "tracking"), "torso_link")
-    assert not [line for line in person.log if "refused" in str(line)]
-
-
 def test_a_target_that_goes_away_is_waited_for_and_followed_where_it_comes_back(bench, person):
     person.keep_looking(1, 0.6, 0, in_state(person, "tracking"), "torso_link")
     wait_for(in_state(person, "holding"))

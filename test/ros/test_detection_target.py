@@ -2,7 +2,6 @@
 
 import math
 from functools import partial
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -18,8 +17,7 @@ from head_tracking.vision import camera_with_view
 
 vision = pytest.importorskip("vision_msgs.msg")
 hri = pytest.importorskip("hri_msgs.msg")
-if find_spec("cv2") is None:
-    pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
+pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
 
 CAMERA = camera_with_view(320, 240, 1.0)
 

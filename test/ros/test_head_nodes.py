@@ -397,17 +397,6 @@ def test_a_head_that_turns_the_wrong_way_is_disabled_until_it_is_enabled(track, 
     assert sum(message.data.startswith(fault) for _, message in states) == 2
 
 
-def test_a_head_that_turns_the_wrong_way_is_an_error_on_diagnostics(track):
-    """That it is found: see test/closed_loop/test_mounting.py."""
-    tracked = track()
-    diagnoses = tracked.world.record("/diagnostics")
-    tracked.node.control.disable(Blocked.FAULT, "head_pan_joint")
-    tracked.world.run(1.1)
-    status = diagnoses[-1][1].status[0]
-    assert status.level == DiagnosticStatus.ERROR
-    assert "head_pan_joint" in status.message
-
-
 def test_a_whole_run_uses_simulated_time(make_robot):
     """On a clock that comes 10 times a second and starts anew."""
     robot = make_robot(ros_args=["-p", "use_sim_time:=true"], wait=False)

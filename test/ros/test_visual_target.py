@@ -2,13 +2,11 @@
 
 import struct
 import threading
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
-if find_spec("cv2") is None:
-    pytest.skip("needs OpenCV: pip install -r requirements/vision.txt", allow_module_level=True)
+pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
 
 import time
 
