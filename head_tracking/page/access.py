@@ -53,9 +53,6 @@ class Access:
             return
         request = HTTPConnection(scope)
         refusal = self._refusal(request)
-        if refusal and scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})
-            return
         if refusal:
             await PlainTextResponse(refusal, 403, _HEADERS)(scope, receive, send)
             return

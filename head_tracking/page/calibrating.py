@@ -208,17 +208,13 @@ class _PointedHead:
         number, heard = -1, time.monotonic()
         while time.monotonic() < heard + _PATIENCE:
             self._robot.poll()
-            try:
+            with suppress(ImageError):  # a damaged one
                 picture = self._picture()
-                if picture is None or picture.number == number:
-                    self._wait()
-                    continue
-                number, pixels = picture.number, picture_of(picture.message).bgr
-            except ImageError:  # a damaged one
-                self._wait()
-                continue
-            heard = time.monotonic()
-            yield picture.stamp * 1e-9, pixels
+                if picture is not None and picture.number != number:
+                    number, pixels = picture.number, picture_of(picture.message).bgr
+                    heard = time.monotonic()
+                    yield picture.stamp * 1e-9, pixels
+            self._wait()
 
     def _wait(self, deadline: float = math.inf, late: str = "") -> None:
         """Wait a moment; raise HeadTrackingError as `check`, or after the deadline."""

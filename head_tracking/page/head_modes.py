@@ -259,7 +259,7 @@ class HeadModes:
         # a node that is started is enabled: nothing may turn the head before the mode is reached
         self._disable(n for n in (*SENDERS, *CONTROLLERS) if missing or n not in nodes)
         for name in missing:
-            self.start(name)
+            self._services.trigger(f"node_starter/{name}")
             late = f"{name} was started and does not answer: try again."
             _wait(partial(self._services.offered, f"{name}/enable"), late, ended)
         if mode in _FOLLOWS:
@@ -279,10 +279,6 @@ class HeadModes:
     def can_start(self, name: str) -> bool:
         """Return whether a node does not exist yet and the run can start it."""
         return self._services.offered(f"node_starter/{name}") and not self._exists(name)
-
-    def start(self, name: str) -> None:
-        """Start a node of the run, if the run can do that."""
-        self._services.trigger(f"node_starter/{name}")
 
     def _exists(self, name: str) -> bool:
         return name in self._graph.nodes or self._services.offered(f"{name}/enable")

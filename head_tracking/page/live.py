@@ -224,22 +224,17 @@ class Live:
         found, reasons = {}, []
         for topic in topics:
             try:
-                found[topic] = self._encode(topic)
+                picture, before = self.latest_picture(topic), self.pictures.get(topic)
+                if picture is not None and before is not None and before[0] == picture.number:
+                    found[topic] = before
+                elif picture is not None:
+                    stamp = picture.stamp.to_bytes(8, "little", signed=True)
+                    found[topic] = picture.number, stamp + picture.jpeg(_WIDEST)
             except Exception as error:  # of any kind, as the readers of images raise it
                 reasons.append(f"{topic} {error}".strip())
-        self.pictures = {topic: one for topic, one in found.items() if one is not None}
+        self.pictures = found
         if reasons:
             raise ImageError("; ".join(reasons))
-
-    def _encode(self, topic: str) -> tuple[int, bytes] | None:
-        picture, before = self.latest_picture(topic), self.pictures.get(topic)
-        if picture is None:
-            return None
-        if before is not None and before[0] == picture.number:
-            return before
-        data = picture.jpeg(_WIDEST)
-        stamp = picture.stamp.to_bytes(8, "little", signed=True)
-        return picture.number, stamp + data
 
     def _camera(self, picture: Snapshot) -> Camera:
         camera = self._robot.topics.camera(picture)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import secrets
 import threading
-from contextlib import nullcontext
-from pathlib import Path
 from typing import IO, Any
 
 from head_tracking.page.robot import Robot
@@ -28,17 +26,27 @@ class Replays:
         self._open: dict[str, tuple[Recording, RobotForBrowser]] = {}  # with what was recorded
         self._lock = threading.Lock()
 
-    def open(self, file: Path | IO[bytes]) -> dict[str, Any]:
+    def open(self, file: IO[bytes]) -> dict[str, Any]:
         """Open a recording; return its key, duration, moments and robot for JSON.
 
         Raises:
-            RecordingError: the file can't be read, or nothing of it can be shown.
+            RecordingError: the file is damaged, or nothing of it can be shown.
         """
-        try:
-            with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
-                return self._add(read_recording(stream))
-        except OSError as error:
-            raise RecordingError(f"The file can't be read: {error}") from error
+        recording = read_recording(file)
+        key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(recording.model)
+        robot = RobotForBrowser(recording.model, head, f"/head/replay/{key}/mesh/")
+        with self._lock:
+            self._open[key] = recording, robot
+            for oldest in list(self._open)[:-_MOST]:
+                del self._open[oldest]
+        return {
+            "key": key,
+            "duration": recording.duration,
+            "moments": [one._asdict() for one in recording.moments],
+            "notice": recording.notice,
+            "pictures": bool(recording.pictures),
+            "robot": robot.about,
+        }
 
     def at(self, key: str, time: float) -> dict[str, Any]:
         """Return what was seen at a time [s] from the start, as a state for the browser."""
@@ -66,19 +74,3 @@ class Replays:
                 raise RecordingError("This recording was closed for others: open it again.")
             self._open[key] = one
         return one
-
-    def _add(self, recording: Recording) -> dict[str, Any]:
-        key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(recording.model)
-        robot = RobotForBrowser(recording.model, head, f"/head/replay/{key}/mesh/")
-        with self._lock:
-            self._open[key] = recording, robot
-            for oldest in list(self._open)[:-_MOST]:
-                del self._open[oldest]
-        return {
-            "key": key,
-            "duration": recording.duration,
-            "moments": [one._asdict() for one in recording.moments],
-            "notice": recording.notice,
-            "pictures": bool(recording.pictures),
-            "robot": robot.about,
-        }

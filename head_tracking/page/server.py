@@ -56,7 +56,10 @@ _SWITCH = 0.0005  # s until a busy thread lets another one run, such as that of 
 
 _AT_ONCE = ("/head/stop", "/head/resume")
 
-_REFUSED = (HeadTrackingError, ArithmeticError, LookupError, OSError, TypeError, ValueError)
+_REFUSED = (
+    *(HeadTrackingError, ArithmeticError, LookupError, OSError, TypeError, ValueError),
+    RecursionError,  # of JSON that is nested too deep
+)
 
 Answer = Callable[[dict[str, Any]], Any]
 """Returns the answer to a request by its fields: a Response, or what JSON can hold.
@@ -230,7 +233,8 @@ class Page:
         }
 
         def open_recording(fields: dict[str, Any]) -> Any:
-            return replays.open(self._recording(str(fields["name"])))
+            with self._recording(str(fields["name"])).open("rb") as file:
+                return replays.open(file)
 
         return [
             Route("/head/stop", self._stop, methods=["POST"]),
@@ -408,10 +412,7 @@ async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:
 async def _fields(request: Request) -> dict[str, Any]:
     """Return the JSON object in the body of a request; raise ValueError if it has another one."""
     body = b"".join([chunk async for chunk in _chunks(request, _LARGEST_REQUEST)])
-    try:
-        fields = json.loads(body or b"{}")
-    except RecursionError:
-        fields = None
+    fields = json.loads(body or b"{}")
     if not isinstance(fields, dict):
         raise ValueError("The body must be a JSON object.")
     return fields

@@ -58,11 +58,6 @@ class Stop:
         node.create_subscription(DiagnosticStatus, "joint_control", self._on_control, EVERY_CHANGE)
         self._own.start()
 
-    @property
-    def refusal(self) -> str:
-        """Why commands are refused; empty: no STOP is in force or in progress."""
-        return "The head is stopped: press Resume first." if self.stopped or self._trying else ""
-
     def permit(self, stops: int | None = None) -> int:
         """Return the number of STOPs at which something that moves the head is requested.
 
@@ -73,8 +68,8 @@ class Stop:
             HeadTrackingError: the head is stopped, or was after the request was made.
         """
         count = self.count
-        if self.refusal:
-            raise HeadTrackingError(self.refusal)
+        if self.stopped or self._trying:
+            raise HeadTrackingError("The head is stopped: press Resume first.")
         if stops not in (None, count):
             raise HeadTrackingError("The head was stopped after this was requested.")
         return count

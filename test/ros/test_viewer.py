@@ -163,10 +163,10 @@ def page(request, robot, viewer, opened) -> Any:
         FAILED[0] = request.session.testsfailed
         opened.reload()
         opened.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
-    if viewer.robot.stop.refusal or is_relaxed(robot):
+    if viewer.robot.stop.can_resume or is_relaxed(robot):
         robot.until_done("resume")
         robot.until_done("torque_enable", True)
-        wait_for(lambda: not viewer.robot.stop.refusal and not is_relaxed(robot))
+        wait_for(lambda: not viewer.robot.stop.can_resume and not is_relaxed(robot))
     opened.evaluate("headPage.replay.opened && headPage.replay.close()")
     wait_for(lambda: word(opened) not in ("stopped", "relaxed", "replay"))
     return opened

@@ -43,9 +43,9 @@ def page(robot) -> Any:
 @pytest.fixture
 def seen(robot, page) -> Any:
     """The same, tracking nothing with the head in the middle, whatever the test before has left."""
-    if page.stop.refusal:
+    if page.stop.can_resume:
         page.stop.resume()
-        wait_for(lambda: not page.stop.refusal)
+        wait_for(lambda: not page.stop.can_resume)
     page.modes.set_mode(Mode.TRACK)
     page.modes.centre()
     wait_for(lambda: page.modes.mode() is Mode.TRACK and head_is_at(robot, 0.0))
