@@ -15,12 +15,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
 
 from dynamixel_sdk import GroupSyncWrite, PacketHandler, PortHandler
-from frame import report, row, table
+from frame import in_turns, medians, report, row, table
+from servos import elsewhere
 from simulated_device import Rig
 
 from head_tracking.dynamixel import (
@@ -44,7 +46,6 @@ from head_tracking.simulation import (
     WriteLog,
 )
 
-SERVER = Path(__file__).parent / "servos.py"
 TIMED = Path(__file__).parent / "timed_run.py"
 WIRE = {0: 620.0, 500: 1620.0}  # us: sync write of 18 bytes, and twice 8 bytes out and 14 back
 ROUNDS, LOADED_ROUNDS, CYCLES, WARM_UP = 15, 7, 150, 20
@@ -150,19 +151,6 @@ def contenders() -> dict[str, Any]:
 
 
 @contextmanager
-def served(return_delay: int) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """The port of servos in another process, and that process; see `servos.py`."""
-    command = [sys.executable, str(SERVER), str(return_delay)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip(), process
-        finally:
-            process.terminate()
-            process.communicate()
-
-
-@contextmanager
 def busy_cores() -> Iterator[None]:
     """Other processes that keep every core busy."""
     spin = [sys.executable, "-c", "while True: pass"]
@@ -191,27 +179,26 @@ def median_cycle(contender: Any, port_name: str, loaded: bool) -> Cost:
     return Cost(statistics.median(walls) * 1e6, used / CYCLES * 1e6)
 
 
+def _attempts(contender: Any, port_name: str, loaded: bool) -> Cost | None:
+    for _ in range(3):  # a contender may give up on a machine that is busy
+        try:
+            return median_cycle(contender, port_name, loaded)
+        except (OSError, RuntimeError, DynamixelError) as error:
+            report(f"gave up: {error}")
+    return None
+
+
 def rounds(return_delay: int, loaded: bool) -> dict[str, Cost]:
     """Median of the rounds, by contender."""
-    costs: dict[str, list[Cost]] = {}
-    with served(return_delay) as (port_name, _):
-        for _ in range(LOADED_ROUNDS if loaded else ROUNDS):
-            for name, contender in contenders().items():
-                for _ in range(3):  # a contender may give up on a machine that is busy
-                    try:
-                        cost = median_cycle(contender, port_name, loaded)
-                    except (OSError, RuntimeError, DynamixelError) as error:
-                        report(f"{name} gave up: {error}")
-                    else:
-                        costs.setdefault(name, []).append(cost)
-                        break
-    return {
-        name: Cost(
-            statistics.median(cost.wall for cost in each),
-            statistics.median(cost.processor for cost in each),
+    with elsewhere(return_delay) as (port_name, *_):
+        costs = in_turns(
+            {
+                name: partial(_attempts, contender, port_name, loaded)
+                for name, contender in contenders().items()
+            },
+            LOADED_ROUNDS if loaded else ROUNDS,
         )
-        for name, each in costs.items()
-    }
+    return {name: Cost(*medians(filter(None, each))) for name, each in costs.items() if any(each)}
 
 
 def bus() -> str:
@@ -256,7 +243,7 @@ def silent_servo() -> str:
     """Measure the delay of one servo when the other falls silent."""
     firsts, others, rates = [], [], []
     for _ in range(9):
-        with served(0) as (port_name, server):
+        with elsewhere() as (port_name, server, _):
             driver = ServoBus(DynamixelPort(port_name), JOINTS)
             driver.connect()
             usual = []

@@ -3,20 +3,19 @@
 Everything that is compared is measured in alternating rounds; the tables have medians.
 """
 
-import json
 import os
 import re
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from frame import in_turns, medians, row, table
+from servos import elsewhere
 from simulated_run import descendants, memory, processor_time
 
 HERE = Path(__file__).parent
@@ -86,7 +85,7 @@ def _costs() -> str:
     starts: list[float] = []
 
     def with_servos_elsewhere() -> Cost:
-        with _servos() as (port, times):
+        with elsewhere() as (port, _, times):
             start = time.monotonic_ns()
             cost = _measure("-m", "head_tracking", "--port", port, "--target", "fictitious")
         next_packets.append(times["next"])
@@ -164,20 +163,6 @@ def _measure(*arguments: str) -> Cost:
     finally:
         process.terminate()
         process.wait()
-
-
-@contextmanager
-def _servos() -> Iterator[tuple[str, dict[str, Any]]]:
-    """Run servos in a process of their own; yield the port, and a dict filled at the end."""
-    program = [sys.executable, str(HERE / "servos.py"), "0"]
-    times: dict[str, Any] = {}
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip(), times
-        finally:
-            process.terminate()
-            times.update(json.loads(process.stdout.read() or "{}"))
 
 
 def _milliseconds(rounds: Sequence[Sequence[float]]) -> str:

@@ -11,9 +11,12 @@ import json
 import os
 import select
 import signal
+import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 from head_tracking.simulation import SerialLine, SimulatedBus, SimulatedServo
 from head_tracking.simulation.port import PseudoTerminal
@@ -21,6 +24,22 @@ from head_tracking.simulation.port import PseudoTerminal
 _GOALS = b"\xff\xff\xfe", 0x83  # header of a broadcast; the instruction sync write
 _IDLE, _EXACT = 20_000_000, 1_000_000  # ns: longest sleep; before an answer is due there is none
 _PR_SET_TIMERSLACK = 29
+
+
+@contextmanager
+def elsewhere(
+    return_delay: int = 0,
+) -> Iterator[tuple[str, subprocess.Popen[str], dict[str, Any]]]:
+    """Run this program; yield its port, its process, and what it measured, filled at the end."""
+    measured: dict[str, Any] = {}
+    command = [sys.executable, __file__, str(return_delay)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().strip(), process, measured
+        finally:
+            process.terminate()
+            measured.update(json.loads(process.stdout.read() or "{}"))
 
 
 def main() -> None:
