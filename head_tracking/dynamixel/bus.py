@@ -210,6 +210,7 @@ class ServoBus:
             self._connected and self.port.is_open,
             self.cycle.port_losses,
             self.port.adapter,
+            self.port.name,
         )
 
     def _servo_statistics(self, joint: BusJoint, servo: Servo) -> ServoStatistics:
@@ -236,6 +237,8 @@ class ServoBus:
             temperature=servo.temperature,
             voltage=servo.voltage,
             load=servo.load,
+            position=servo.position,
+            velocity=servo.velocity,
             torque=joint.torque.value,
             symptoms=self.cycle.diagnosis.of(servo.id),
         )

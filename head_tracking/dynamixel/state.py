@@ -185,6 +185,8 @@ class ServoStatistics:
     temperature: float = 0.0  # degrees Celsius, as read last
     voltage: float = 0.0  # supply, V, as read last
     load: float = 0.0  # -1 to 1 of full torque, as read last
+    position: float = 0.0  # of the joint, rad, as read last
+    velocity: float = 0.0  # of the joint, rad/s, as read last
     torque: str = ""  # why it holds or does not hold its position
     # Faults that the diagnosis has found, a sentence each.
     symptoms: Mapping[Symptom, str] = field(default_factory=dict)
@@ -202,3 +204,9 @@ class BusStatistics:
     connected: bool = True  # whether the port is open
     port_losses: int = 0  # how often the port was lost
     adapter: Adapter = field(default_factory=Adapter)
+    port_name: str = ""
+
+    @property
+    def faults(self) -> int:
+        """Number of transactions without a valid reply, and of lost adapters."""
+        return self.port_losses + sum(servo.counters.failed for servo in self.servos)

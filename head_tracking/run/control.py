@@ -168,7 +168,7 @@ class ControlProcess:
         head_node = head.nodes.get(MODES[plan.options.mode].name)
         monitor = RunMonitor(
             head_node.control if head_node else None,
-            head.nodes["servo_bus"].status,
+            head.nodes["servo_bus"].backend.threads,
             None if head.simulated is None else head.simulated.true_position,
         )
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from head_tracking.dynamixel import BusThread, Health, ServoStatistics
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_control import HeadControl
-from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.tracking import ErrorStatistics, TargetState, TrackingJudge
 
 _GIVEN_UP = (
@@ -26,7 +26,7 @@ class RunMonitor:
 
     Args:
         head: the controller of the head; None: the run has none.
-        bus_status: returns the status of the servo bus.
+        buses: the servo buses.
         true_position: returns the true position of a joint [rad]; None: only measured ones exist.
         clock: returns steady time [s].
     """
@@ -34,11 +34,11 @@ class RunMonitor:
     def __init__(
         self,
         head: HeadControl | None,
-        bus_status: Callable[[], BusStatus],
+        buses: Sequence[BusThread],
         true_position: Callable[[str], float] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._head, self._bus_status, self._true_position = head, bus_status, true_position
+        self._head, self._buses, self._true_position = head, buses, true_position
         self._clock = clock
         self._judge: TrackingJudge | None = None
         self._statistics = ErrorStatistics()
@@ -47,23 +47,22 @@ class RunMonitor:
 
     def update(self) -> list[str]:
         """Include what has happened since the last call; return the parts of the status."""
-        bus, control, positions = self._bus_status(), self._head, None
+        control, positions, measured = self._head, None, self._measured()
         if control is not None and control.frames.head is not None:
-            positions = self._positions(bus, control.joints)
+            positions = self._positions(measured, control.joints)
             if positions is not None:
                 self._judge_head(control, control.frames.head, positions)
         self._last_update = self._clock()
         target = None if control is None else control.frames.target
         error = None if self._judge is None else self._judge.error
-        servos = [s for s in bus.statistics.servos if s.joint_name in bus.states]
-        temperatures = " ".join(f"{servo.temperature:.0f}" for servo in servos)
+        temperatures = " ".join(f"{servo.temperature:.0f}" for servo in measured)
         return [
             "error   - " if error is None else f"error {math.degrees(error):4.1f}°",
             "waiting for the head"
             if positions is None
             else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
             "no target" if target is None else f"target {target}",
-            f"bus {bus.in_short}",
+            f"bus {', '.join(map(_in_short, self._buses))}",
             f"{temperatures or '-'} °C",
         ]
 
@@ -82,22 +81,31 @@ class RunMonitor:
         if self._statistics.count > before:
             self._judged_time += self._clock() - self._last_update
 
-    def _positions(self, bus: BusStatus, joints: tuple[str, str]) -> tuple[float, float] | None:
+    def _measured(self) -> list[ServoStatistics]:
+        """Return the servos that answered in the latest cycle."""
+        servos = [servo for bus in self._buses for servo in bus.bus.statistics().servos]
+        return [servo for servo in servos if servo.health in (Health.PRESENT, Health.FAULTED)]
+
+    def _positions(
+        self, measured: Sequence[ServoStatistics], joints: tuple[str, str]
+    ) -> tuple[float, float] | None:
         """Return pan and tilt [rad]; None if a servo has not been measured, or there is none."""
         try:
             if self._true_position is not None:
                 pan, tilt = map(self._true_position, joints)
             else:
-                pan, tilt = (bus.states[joint].position for joint in joints)
+                positions = {servo.joint_name: servo.position for servo in reversed(measured)}
+                pan, tilt = (positions[joint] for joint in joints)
         except KeyError:
             return None
         return pan, tilt
 
     def summary(self) -> str:
         """Return the result of the whole run: tracking error, bus cycles, faults."""
-        bus = self._bus_status()
-        counts = f"{bus.statistics.cycles} bus cycles, {bus.faults} faults"
-        if not bus.statistics.connected:
+        buses = [thread.bus.statistics() for thread in self._buses]
+        faults = sum(bus.faults for bus in buses)
+        counts = f"{min(bus.cycles for bus in buses)} bus cycles, {faults} faults"
+        if not all(bus.connected for bus in buses):
             counts += ", the adapter is disconnected"
         statistics = self._statistics
         if not statistics.count:
@@ -108,6 +116,17 @@ class RunMonitor:
             f"{math.degrees(statistics.maximum):.2f}° max by the {source} servo angles over "
             f"{self._judged_time:.1f} s; {counts}"
         )
+
+
+def _in_short(thread: BusThread) -> str:
+    """Return the state of a bus in a few words, such as "50 Hz"."""
+    bus = thread.bus.statistics()
+    if not bus.connected:
+        return "unplugged"
+    silent = sum(servo.health in (Health.UNKNOWN, Health.LOST) for servo in bus.servos)
+    if silent:
+        return f"{silent} of {len(bus.servos)} servos silent"
+    return f"{thread.timing.reached_rate:.0f} Hz"
 
 
 def _degrees(angle: float) -> str:

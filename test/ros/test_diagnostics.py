@@ -8,17 +8,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from head_tracking.dynamixel import (
     Adapter,
+    BusSettings,
     BusStatistics,
     BusTiming,
     Health,
-    ServoState,
     ServoStatistics,
     Symptom,
 )
 from head_tracking.dynamixel.protocol import ErrorBits, HardwareErrors
 from head_tracking.dynamixel.state import Counters
 from head_tracking.page.status import advice, faults
-from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics
+from head_tracking.ros.bus.bus_status import bus_diagnostics
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part, health_from_message
 
 SERVO = ServoStatistics(
@@ -34,19 +34,18 @@ SERVO = ServoStatistics(
     torque="torque on",
 )
 WARM = {Symptom.WARM: "it is at 64 °C"}
-STATE = ServoState(1_000_000_000, 0.5, 0.0, 0.5)
 TIMING = BusTiming(50.0, 49.9, 0.004, 0)
-STATUS = BusStatus(
-    "/dev/ttyUSB0", BusStatistics(100, 0, 0, (SERVO,)), TIMING, {"pan": STATE}, 1_010_000_000
-)
+BUS = BusStatistics(100, 0, 0, (SERVO,), port_name="/dev/ttyUSB0")
+NOW = 1_010_000_000
 
 
-def with_servo(**changes: Any) -> BusStatus:
-    return replace(STATUS, statistics=BusStatistics(9, 0, 0, (replace(SERVO, **changes),)))
+def with_servo(**changes: Any) -> BusStatistics:
+    return replace(BUS, servos=(replace(SERVO, **changes),))
 
 
-def entry(status: BusStatus, name: str) -> DiagnosticStatus:
-    return next(s for s in bus_diagnostics(status) if s.name == f"servo_bus: {name}")
+def entry(bus: BusStatistics, name: str, timing: BusTiming = TIMING) -> DiagnosticStatus:
+    entries = bus_diagnostics(bus, timing, BusSettings(), NOW)
+    return next(each for each in entries if each.name == f"servo_bus: {name}")
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:
@@ -54,7 +53,7 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
 
 
 def test_a_servo_that_answers_is_ok():
-    servo = entry(STATUS, "pan")
+    servo = entry(BUS, "pan")
     assert servo.level == DiagnosticStatus.OK
     assert servo.message == "torque on"
     told = values(servo)
@@ -87,26 +86,22 @@ def test_only_a_healthy_servo_with_fresh_data_is_ok(changes, level):
 
 
 def test_two_servos_of_a_joint_have_an_entry_each():
-    both = replace(
-        STATUS, statistics=BusStatistics(9, 0, 0, (SERVO, replace(SERVO, id=7, symptoms=WARM)))
-    )
+    both = replace(BUS, servos=(SERVO, replace(SERVO, id=7, symptoms=WARM)))
     assert entry(both, "pan (servo 1)").level == DiagnosticStatus.OK
     assert entry(both, "pan (servo 7)").level == DiagnosticStatus.WARN
 
 
 def test_a_slow_bus_warns():
-    slow = replace(STATUS, timing=replace(TIMING, reached_rate=20.0))
-    assert entry(slow, "/dev/ttyUSB0").level == DiagnosticStatus.WARN
-    assert entry(STATUS, "/dev/ttyUSB0").level == DiagnosticStatus.OK
+    slow = replace(TIMING, reached_rate=20.0)
+    assert entry(BUS, "/dev/ttyUSB0", slow).level == DiagnosticStatus.WARN
+    assert entry(BUS, "/dev/ttyUSB0").level == DiagnosticStatus.OK
 
 
 def test_a_port_that_has_gone_and_a_slow_adapter_are_told():
-    gone = replace(STATUS, statistics=replace(STATUS.statistics, connected=False))
+    gone = replace(BUS, connected=False)
     assert entry(gone, "/dev/ttyUSB0").level == DiagnosticStatus.ERROR
     adapter = Adapter("ftdi_sio", 0.016, "set the timer to 1 ms")
-    slow = entry(
-        replace(STATUS, statistics=replace(STATUS.statistics, adapter=adapter)), "/dev/ttyUSB0"
-    )
+    slow = entry(replace(BUS, adapter=adapter), "/dev/ttyUSB0")
     assert slow.level == DiagnosticStatus.WARN
     assert slow.message == "set the timer to 1 ms"
     assert values(slow)["adapter"] == "ftdi_sio, latency timer 16 ms"

@@ -5,6 +5,7 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,7 +22,6 @@ from head_tracking.configuration.head_nodes import HEAD_NODES
 from head_tracking.dynamixel import BusStatistics, BusTiming
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.obstacle import Blocked
-from head_tracking.ros.bus.bus_status import BusStatus
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
 from head_tracking.ros.head.point_head import PointHeadNode
@@ -203,10 +203,13 @@ class Judged:
 
     def __init__(self, tracked: Tracked) -> None:
         self.tracked = tracked
-        status = BusStatus("", BusStatistics(1, 0, 0, ()), BusTiming(50.0, 50.0, 0.0, 0), {})
+        thread: Any = SimpleNamespace(
+            bus=SimpleNamespace(statistics=lambda: BusStatistics(1, 0, 0, ())),
+            timing=BusTiming(50.0, 50.0, 0.0, 0),
+        )
         world = tracked.world
         self._monitor = RunMonitor(
-            tracked.node.control, lambda: status, lambda joint: 0.0, clock=lambda: world.seconds
+            tracked.node.control, [thread], lambda joint: 0.0, clock=lambda: world.seconds
         )
         world.every(SECOND // 10, self._monitor.update)
 

@@ -173,10 +173,8 @@ def page(request, robot, viewer, opened) -> Any:
 
 
 def is_relaxed(robot: Robot) -> bool:
-    bus = robot.composition.nodes["servo_bus"]
-    # a servo that has answered late is missing for a cycle
-    states = wait_for(lambda: states if len(states := bus.status().states) == 2 else None)
-    return not any(state.goal is not None for state in states.values())
+    backend = robot.composition.nodes["servo_bus"].backend
+    return not any(backend.joint(joint).on for joint in JOINTS)
 
 
 def point_left(robot: Robot, page: Any) -> None:
@@ -568,11 +566,10 @@ def test_a_finger_that_scrolls_over_a_slider_does_not_move_it(robot, visit):
 def test_a_relaxed_joint_is_moved_by_hand_and_torque_is_switched_for_one_servo_and_for_all(
     robot, page
 ):
-    bus = robot.composition.nodes["servo_bus"]
+    backend = robot.composition.nodes["servo_bus"].backend
 
     def torque() -> list[bool]:
-        states = bus.status().states  # not of a servo that is silent just now
-        return [states[joint].goal is not None for joint in JOINTS if joint in states]
+        return [backend.joint(joint).on for joint in JOINTS]
 
     robot.until_done("relax")
     wait_for(lambda: torque() == [False, False])

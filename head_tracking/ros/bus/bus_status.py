@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -12,7 +11,6 @@ from head_tracking.dynamixel import (
     BusStatistics,
     BusTiming,
     Health,
-    ServoState,
     ServoStatistics,
     describe_errors,
 )
@@ -24,98 +22,63 @@ _FRESH_SECONDS = 0.2
 _BAD = {Health.UNKNOWN: FaultName.NOT_FOUND, Health.LOST: FaultName.NO_ANSWER}
 
 
-@dataclass(frozen=True, slots=True)
-class BusStatus:
-    """The status of a bus at one moment.
+def bus_diagnostics(
+    bus: BusStatistics, timing: BusTiming, settings: BusSettings, now: int
+) -> list[DiagnosticStatus]:
+    """Return an entry for the bus and one for each servo; OK only with recent data.
 
-    Attributes:
-        states: of the latest cycle, by joint.
+    Args:
+        bus: its counters.
+        timing: of its cycle.
+        settings: its limits.
         now: time on the clock of the stamps [ns].
     """
-
-    port_name: str
-    statistics: BusStatistics
-    timing: BusTiming
-    states: Mapping[str, ServoState]
-    now: int = 0
-    settings: BusSettings = field(default_factory=BusSettings)
-
-    @property
-    def faults(self) -> int:
-        """Number of transactions without a valid reply, and of lost adapters."""
-        failed = sum(servo.counters.failed for servo in self.statistics.servos)
-        return failed + self.statistics.port_losses
-
-    @property
-    def in_short(self) -> str:
-        """The status in a few words, such as "50 Hz"."""
-        if not self.statistics.connected:
-            return "unplugged"
-        silent = sum(servo.health in _BAD for servo in self.statistics.servos)
-        if silent:
-            return f"{silent} of {len(self.statistics.servos)} servos silent"
-        return f"{self.timing.reached_rate:.0f} Hz"
+    fresh = max(_FRESH_SECONDS, _FRESH_CYCLES / timing.update_rate)
+    pairs = Counter(servo.joint_name for servo in bus.servos)
+    entries = [_bus(bus, timing)]
+    for servo in bus.servos:
+        name = f"servo_bus: {servo.joint_name}"
+        if pairs[servo.joint_name] > 1:
+            name += f" (servo {servo.id})"
+        age = None if servo.last_stamp is None else (now - servo.last_stamp) * 1e-9
+        is_late = age is None or age > fresh
+        level, message, fault = _verdict(servo, is_late, settings.temperature.error)
+        values = _values(servo, age) | {FAULT: fault or "none"}
+        entries.append(status_message(name, level, message, values, str(servo.id)))
+    return entries
 
 
-def combined(statuses: Sequence[BusStatus]) -> BusStatus:
-    """Return the status of several buses as one, with the timing of the slowest."""
-    first, *others = statuses
-    if not others:
-        return first
-    slowest = min(statuses, key=lambda status: status.timing.reached_rate)
-    return replace(
-        first,
-        port_name=", ".join(status.port_name for status in statuses),
-        statistics=replace(
-            slowest.statistics,
-            connected=all(status.statistics.connected for status in statuses),
-            port_losses=sum(status.statistics.port_losses for status in statuses),
-            servos=tuple(servo for status in statuses for servo in status.statistics.servos),
-        ),
-        timing=slowest.timing,
-        states={name: state for status in statuses for name, state in status.states.items()},
-    )
-
-
-def bus_diagnostics(status: BusStatus) -> list[DiagnosticStatus]:
-    """Return an entry for the bus and one for each servo; OK only with recent data."""
-    return [_bus(status), *(_servo(servo, status) for servo in status.statistics.servos)]
-
-
-def _bus(status: BusStatus) -> DiagnosticStatus:
-    timing, counted = status.timing, status.statistics
+def _bus(bus: BusStatistics, timing: BusTiming) -> DiagnosticStatus:
     level = Level.OK
     message = f"{timing.reached_rate:.1f} of {timing.update_rate:.1f} cycles per second"
-    fault = "" if counted.connected else FaultName.NO_PORT
+    fault = "" if bus.connected else FaultName.NO_PORT
     if fault:
         level, message = Level.ERROR, "the port is missing; waiting for it"
-    elif counted.adapter.advice:
-        level, message = Level.WARN, counted.adapter.advice
+    elif bus.adapter.advice:
+        level, message = Level.WARN, bus.adapter.advice
     elif 0 < timing.reached_rate < 0.9 * timing.update_rate:
         level = Level.WARN
     return status_message(
-        f"servo_bus: {status.port_name}",
+        f"servo_bus: {bus.port_name}",
         level,
         message,
         {
             "update rate wanted (Hz)": f"{timing.update_rate:.1f}",
             "update rate reached (Hz)": f"{timing.reached_rate:.1f}",
             "longest cycle (ms)": f"{1e3 * timing.longest_cycle:.1f}",
-            "cycles": str(counted.cycles),
+            "cycles": str(bus.cycles),
             "cycles left out": str(timing.missed),
-            "commands refused": str(counted.refused_commands),
-            "commands clamped": str(counted.clamped_commands),
-            "adapter": str(counted.adapter),
-            "times the port has gone": str(counted.port_losses),
+            "commands refused": str(bus.refused_commands),
+            "commands clamped": str(bus.clamped_commands),
+            "adapter": str(bus.adapter),
+            "times the port has gone": str(bus.port_losses),
             FAULT: fault or "none",
         },
-        status.port_name,
+        bus.port_name,
     )
 
 
-def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
-    age = None if servo.last_stamp is None else (status.now - servo.last_stamp) * 1e-9
-    level, message, fault = _verdict(servo, age, status)
+def _values(servo: ServoStatistics, age: float | None) -> dict[str, str]:
     values = {
         "joint": servo.joint_name,
         "controller": servo.controller,
@@ -130,30 +93,18 @@ def _servo(servo: ServoStatistics, status: BusStatus) -> DiagnosticStatus:
         "retries": str(servo.counters.retries),
         "timeouts": str(servo.counters.timeouts),
         "corrupt replies": str(servo.counters.corrupt),
-        FAULT: fault or "none",
     }
-    state = status.states.get(servo.joint_name)
-    if state is not None and state.stamp == servo.last_stamp:
-        values["position (rad)"] = f"{state.position:.4f}"
-        values["velocity (rad/s)"] = f"{state.velocity:.3f}"
-    for name, number, form in (
-        ("load (share of full torque)", servo.load, ".2f"),
-        ("voltage (V)", servo.voltage, ".1f"),
-        ("temperature (degrees Celsius)", servo.temperature, ".0f"),
-    ):
-        if servo.health in (Health.PRESENT, Health.FAULTED):
-            values[name] = f"{number:{form}}"
-    name = f"servo_bus: {servo.joint_name}"
-    if sum(other.joint_name == servo.joint_name for other in status.statistics.servos) > 1:
-        name += f" (servo {servo.id})"
-    return status_message(name, level, message, values, str(servo.id))
+    if servo.health in (Health.PRESENT, Health.FAULTED):
+        values["position (rad)"] = f"{servo.position:.4f}"
+        values["velocity (rad/s)"] = f"{servo.velocity:.3f}"
+        values["load (share of full torque)"] = f"{servo.load:.2f}"
+        values["voltage (V)"] = f"{servo.voltage:.1f}"
+        values["temperature (degrees Celsius)"] = f"{servo.temperature:.0f}"
+    return values
 
 
-def _verdict(
-    servo: ServoStatistics, age: float | None, status: BusStatus
-) -> tuple[Level, str, str]:
+def _verdict(servo: ServoStatistics, is_late: bool, too_hot: float) -> tuple[Level, str, str]:
     """Return level, message and fault of the most severe problem."""
-    fresh = max(_FRESH_SECONDS, _FRESH_CYCLES / status.timing.update_rate)
     errors, health = describe_errors(servo.errors), servo.health
     if health is Health.FAULTED:
         return Level.ERROR, f"{health.value}: {errors}; call recover", errors
@@ -161,11 +112,11 @@ def _verdict(
         return Level.ERROR, health.value, _BAD[health]
     if health is Health.STOPPED:
         return Level.WARN, health.value, ""
-    if health is Health.STALE or age is None or age > fresh:
+    if health is Health.STALE or is_late:
         return Level.STALE, Health.STALE.value, FaultName.LATE
     if servo.errors:
         return Level.ERROR, errors, errors
-    if servo.temperature >= status.settings.temperature.error:
+    if servo.temperature >= too_hot:
         text = f"{servo.temperature:.0f} degrees Celsius; {servo.torque}"
         return Level.ERROR, text, FaultName.HOT
     if servo.symptoms:

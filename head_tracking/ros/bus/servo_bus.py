@@ -43,7 +43,7 @@ from head_tracking.dynamixel.configuration import TemperatureParameters, fastest
 from head_tracking.dynamixel.serial_port import open_serial
 from head_tracking.exceptions import RefusedError
 from head_tracking.ros.bus.bus_services import BusServices
-from head_tracking.ros.bus.bus_status import BusStatus, bus_diagnostics, combined
+from head_tracking.ros.bus.bus_status import bus_diagnostics
 from head_tracking.ros.kit.diagnostics import diagnostics
 from head_tracking.ros.kit.head_claim import HeadClaim, KeptStop
 from head_tracking.ros.kit.head_lock import HeadLock
@@ -97,7 +97,6 @@ class ServoBusNode(ClosingNode):
         self._eeprom = NodeParameters(self, EepromSettings, "eeprom.")
         self._settings = BusSettings(p.command_timeout, p.bus_watchdog, temperature)
         self._loop = loop = loop or ControlLoop(None)
-        self._states: dict[ServoBus, Mapping[str, ServoState]] = {}
         self._states_topic, self._goals_topic = (
             self.create_publisher(JointState, name, 10, qos_overriding_options=OVERRIDABLE)
             for name in ("servo_states", "joint_goals")
@@ -152,10 +151,6 @@ class ServoBusNode(ClosingNode):
             )
             for each in self.backend.threads
         ]
-
-    def status(self) -> BusStatus:
-        """Return counters, rate and the latest servo states of all buses."""
-        return combined(self._statuses())
 
     def make_safe(self) -> list[str]:
         """Stop the head, relax the servos and close the ports; return the problems.
@@ -231,8 +226,7 @@ class ServoBusNode(ClosingNode):
         """Log events and publish states, after the write, in the thread of the bus."""
         for event in reading.events:
             self._log_event(event)
-        self._states[bus] = states = reading.states
-        if states:
+        if states := reading.states:
             if self._states_topic.get_subscription_count():
                 self._states_topic.publish(states_message(reading))
             if self._goals_topic.get_subscription_count():
@@ -322,22 +316,16 @@ class ServoBusNode(ClosingNode):
         if problem is not None:
             self.get_logger().error(f"{joint}: limits not set: {problem}")
 
-    def _statuses(self) -> list[BusStatus]:
-        return [
-            BusStatus(
-                thread.bus.port.name,
-                thread.bus.statistics(),
-                thread.timing,
-                self._states.get(thread.bus, {}),
-                int(self.get_clock().now().nanoseconds),
-                self._settings,
-            )
-            for thread in self.backend.threads
-        ]
-
     def _publish_diagnostics(self) -> None:
         self._owners_output.publish()
-        entries = [entry for status in self._statuses() for entry in bus_diagnostics(status)]
+        now = int(self.get_clock().now().nanoseconds)
+        entries = [
+            entry
+            for thread in self.backend.threads
+            for entry in bus_diagnostics(
+                thread.bus.statistics(), thread.timing, self._settings, now
+            )
+        ]
         self._diagnostics.publish(diagnostics(self, entries))
 
 
