@@ -46,9 +46,6 @@ class CameraCalibration:
     Args:
         robot: has the camera.
         picture: returns the latest picture of a topic; empty: of the default topic.
-
-    Attributes:
-        progress: of the calibration.
     """
 
     def __init__(self, robot: Robot, picture: Callable[[str], Snapshot | None]) -> None:
@@ -129,12 +126,7 @@ class CameraCalibration:
 
 
 class _PointedHead:
-    """A `TurningHead` that is commanded by topics.
-
-    Args:
-        robot: has the head.
-        picture: returns the latest picture.
-    """
+    """A `TurningHead` that is commanded by topics."""
 
     def __init__(self, robot: Robot, picture: Callable[[], Snapshot | None]) -> None:
         self._robot, self._picture = robot, picture
@@ -152,10 +144,13 @@ class _PointedHead:
     def joints(self) -> Mapping[str, float]:
         """The measured positions of pan and tilt [rad]."""
         self._robot.poll()
-        found = {name: self.frames.latest_joint_position(name) for name in self._joint_names}
-        if None in found.values():
-            raise HeadTrackingError("no measurements of the joints are received")
-        return {name: each[1] for name, each in found.items() if each is not None}
+        found = {}
+        for name in self._joint_names:
+            measured = self.frames.latest_joint_position(name)
+            if measured is None:
+                raise HeadTrackingError("no measurements of the joints are received")
+            found[name] = measured[1]
+        return found
 
     def look_at(self, point: Vector3, frame: str, *, max_velocity: float) -> None:
         """Turn to a point [m] and wait until the head is at rest.

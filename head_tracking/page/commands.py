@@ -23,11 +23,6 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
 
     A command raises ArithmeticError, LookupError, TypeError or ValueError if its fields are wrong,
     and HeadTrackingError if it is not carried out.
-
-    Args:
-        robot: is steered.
-        live: knows what the browsers show.
-        tuning: of the parameters.
     """
     modes, joints, recorder = robot.modes, robot.joints, robot.recorder
     return {

@@ -97,11 +97,8 @@ class HeadModes:
     """Enables and disables the nodes of a head, and sends targets; for any thread.
 
     A request that is not carried out raises HeadTrackingError. A node is enabled if its topic
-    `~/enabled` says so; the page keeps no state but its targets.
-
-    Args:
-        node: sends targets.
-        robot: its other nodes. A STOP ends what the page sends and enables.
+    `~/enabled` says so; the page keeps no state but its targets. A STOP ends what the page sends
+    and enables.
     """
 
     def __init__(self, node: Node, robot: Robot) -> None:
@@ -157,12 +154,7 @@ class HeadModes:
         return ""
 
     def look_at(self, frame: str, point: Vector3) -> None:
-        """Send a target once to `point_head`, periodically to `head_tracker`.
-
-        Args:
-            frame: the frame of the point.
-            point: the target [m].
-        """
+        """Send a target [m] once to `point_head`, periodically to `head_tracker`."""
         if frame not in self._buffer.frames():
             raise HeadTrackingError(f"The target is refused: there is no frame {frame!r}.")
         stops = self._stop.permit()
@@ -386,13 +378,8 @@ class HeadModes:
 def _wait(done: Callable[[], bool], late: str, ended: Callable[[], str] = str) -> None:
     """Wait until something is done.
 
-    Args:
-        done: whether it is done.
-        late: the refusal if it is not done in time.
-        ended: returns why not to wait any longer; empty: none.
-
     Raises:
-        HeadTrackingError: it is not done.
+        HeadTrackingError: it is not done in time (`late`), or `ended` returns a reason.
     """
     deadline = time.monotonic() + _PATIENCE
     while not done():

@@ -46,11 +46,9 @@ class JointServo:
 
 
 class JointPanel:
-    """Moves joints and switches torque; for any thread, except `discover`.
+    """Moves joints and switches torque; for any thread.
 
-    Args:
-        node: publishes. `discover` must be called in its thread, or in that of a node beside it.
-        robot: its other nodes drive the joints; the controllers of its head release them first.
+    `discover` must be called in the thread of the node, or of a node beside it.
     """
 
     def __init__(self, node: Node, robot: Robot) -> None:

@@ -46,6 +46,7 @@ class Live:
             changes slowly) and `state` (the rest).
         pictures: the latest pictures by topic (empty: the default topic), each with a number that
             differs for each: stamp [ns, 8 bytes, little-endian], then a JPEG.
+        meshes: of the robot.
         failing: parts that can't be shown, each with the reason.
         observation: the latest sample.
         calibration: of the camera.
@@ -58,6 +59,7 @@ class Live:
         self._slow_due = 0.0
         self._default = ""  # topic of pictures, until it ends or the robot's own exists
         self.texts = {"robot": "", "about": "", "state": ""}
+        self.meshes: tuple[bytes, ...] = ()
         self.pictures: Mapping[str, tuple[int, bytes]] = {}
         self.failing: dict[str, str] = {}
         self.observation = Observation(0)
@@ -68,13 +70,9 @@ class Live:
         self._attempt("robot", self._robot.poll)
 
     def sample(self, topics: Collection[str] = ()) -> None:
-        """Update the texts and pictures. A part that fails is named in `failing`.
-
-        Args:
-            topics: of the pictures; empty texts: the default topic.
-        """
+        """Update the texts, and the pictures of these topics (empty: the default topic)."""
         self._attempt("robot", self._follow_model)
-        self._attempt("motion", self._observe)
+        self.observation = self._attempt("motion", self._robot.observe) or self.observation
         joints = self._attempt("joints", lambda: _members(self._move()))
         boxes = self._attempt("boxes", lambda: _members(self._boxes()))
         self._set_text("state", joints, boxes)
@@ -109,10 +107,6 @@ class Live:
         x, y = camera.ray((u * camera.width - 0.5, v * camera.height - 0.5))
         depth = distance / math.hypot(x, y, 1.0)
         return pose @ (x * depth, y * depth, depth)
-
-    def meshes(self) -> tuple[bytes, ...]:
-        """Return the meshes of the robot."""
-        return () if self._shown is None else self._shown.meshes
 
     def latest_picture(self, topic: str = "", *, exact: bool = False) -> Snapshot | None:
         """Return the latest picture of a topic; empty: of the default topic; see `picture`."""
@@ -150,11 +144,9 @@ class Live:
         self._model = model  # once: a model that fails is reported and not tried again
         self._shown = None
         self._shown = RobotForBrowser(model, self._robot.head, "/head/mesh/")
+        self.meshes = self._shown.meshes
         about = {**self._shown.about, "view": self._view}
         self._set_text("robot", _members(about))
-
-    def _observe(self) -> None:
-        self.observation = self._robot.observe()
 
     def _move(self) -> dict[str, Any]:
         return {} if self._shown is None else self._shown.state(self.observation)

@@ -71,9 +71,8 @@ class Snapshot(NamedTuple):
     Attributes:
         topic: of the image; a compressed one is published below it.
         number: differs for each image.
-        message: the image.
-        width: its width [pixels].
-        height: its height [pixels].
+        width: [pixels].
+        height: [pixels].
     """
 
     topic: str

@@ -15,11 +15,7 @@ _MOST = 6  # open recordings; then the one that was not used for the longest tim
 
 
 class Replays:
-    """The open recordings; for any thread. A key that is not open raises RecordingError.
-
-    Args:
-        robot: the present robot.
-    """
+    """The open recordings; for any thread. A key that is not open raises RecordingError."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot

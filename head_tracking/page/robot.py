@@ -35,23 +35,11 @@ class Robot:
 
     Frequent topics belong to a node of their own, which `poll` and `observe` poll.
 
-    Args:
-        node: publishes, and subscribes to what comes seldom. Another thread must spin it.
-        head_parameters: which joints make up the head.
-        recorder_parameters: where recordings are kept.
+    The node publishes, and subscribes to what comes seldom; another thread must spin it.
 
     Attributes:
-        buffer: the robot's frames.
         head: of the model; None: it has none.
-        stop: STOP and resume; independent of the rest.
-        graph: which other nodes exist.
-        services: of other nodes.
-        topics: the latest messages of other nodes.
-        parameters: of other nodes.
-        modes: what the head looks at.
         mode: of the head, as of the last `observe`.
-        joints: joints moved by hand.
-        recorder: writes all topics of the robot into files.
     """
 
     def __init__(

@@ -33,22 +33,14 @@ class RobotForBrowser:
     Transforms are [x, y, z, qx, qy, qz, qw] in metres. `leader` of a joint is the index in
     `independent` of the joint whose position it follows, times `ratio` plus `offset`.
 
-    Args:
-        model: the robot.
-        head: its head; None: it has none.
-        meshes_at: the address of the meshes, up to their number.
+    The address of a mesh is `meshes_at` and its number.
 
     Attributes:
         about: its joints, shapes, head and notices, for JSON.
         meshes: binary STL; of kind `coloured`: binary glTF.
     """
 
-    def __init__(
-        self,
-        model: RobotModel,
-        head: PanTiltHead | None,
-        meshes_at: str,
-    ) -> None:
+    def __init__(self, model: RobotModel, head: PanTiltHead | None, meshes_at: str) -> None:
         self._names, self._head = model.independent_joints, head
         limits = {name: joint.limits for name, joint in model.joints.items()}
         if head is not None:
@@ -116,13 +108,7 @@ def number(value: float | None) -> float | None:
 
 
 class _Shapes:
-    """The shapes of a model's links.
-
-    Attributes:
-        found: the shapes for JSON.
-        meshes: their meshes.
-        notices: what can't be shown, and why.
-    """
+    """The shapes of a model's links for JSON, their meshes, and what can't be shown."""
 
     def __init__(self, urdf: str, meshes_at: str) -> None:
         # yourdfpy logs what it does not understand; that becomes a notice here

@@ -104,11 +104,6 @@ class Page:
     awaits its end. NiceGUI's wheel contains Starlette, three.js and the fonts; nothing else of it
     is used.
 
-    Args:
-        robot: is shown and steered.
-        parameters: where and how often.
-        report: receives a text when a part of the page begins to fail.
-
     Raises:
         ParameterError: the address can't be listened on.
     """
@@ -208,7 +203,7 @@ class Page:
         robot, live, replays = self._robot, self._live, self._replays
         tuning = Tuning(robot.parameters)
         get: dict[str, Answer] = {
-            "mesh/{number:int}": lambda at: _mesh(live.meshes(), at["number"]),
+            "mesh/{number:int}": lambda at: _mesh(live.meshes, at["number"]),
             "parameters": lambda _: {
                 "presets": PRESETS,
                 "preset": tuning.chosen(),

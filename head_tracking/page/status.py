@@ -64,14 +64,8 @@ def head_status(
 ) -> Summary:
     """Return what a head does: the worst condition that holds.
 
-    Args:
-        live: the robot now.
-        health: the latest diagnostics.
-        servos: with their torque.
-        silent: joints of the head that are expected and not measured.
-        stopped: a STOP is in force.
-        sought: what the head follows once the camera sees it; empty: it is seen, or the head has
-            another target.
+    `silent` joints of the head are expected and not measured. `sought` is what the head follows
+    once the camera sees it; empty: it is seen, or the head has another target.
     """
     if silent or not live.joints:
         joints = ", ".join(silent) or "the robot"
@@ -131,13 +125,7 @@ _NO_ADVICE = "Press STOP if the head moves unexpectedly. The tab Health has the 
 
 
 class ShownFault(NamedTuple):
-    """A fault of the robot.
-
-    Attributes:
-        text: what is wrong.
-        advice: what to do.
-        command: the page's command that may end it; empty: there is none.
-    """
+    """A fault of the robot, and the page's command that may end it; empty: there is none."""
 
     text: str
     advice: str
@@ -147,13 +135,7 @@ class ShownFault(NamedTuple):
 def faults(
     health: Sequence[Part], missing: Sequence[str] = (), silent: Sequence[str] = ()
 ) -> list[ShownFault]:
-    """Return the faults of a robot.
-
-    Args:
-        health: the latest diagnostics.
-        missing: enabled nodes that have gone.
-        silent: joints of the head that are expected and not measured.
-    """
+    """Return the faults of a robot: `missing` nodes were enabled and have gone."""
     found = [
         ShownFault(
             f"{node} has gone, although it was enabled",

@@ -33,9 +33,6 @@ class Stop:
     The services are relative names: those of another namespace belong to another robot. A bus
     without these short names is called by the name in its `joint_control`.
 
-    Args:
-        beside: the node that it belongs to.
-
     Attributes:
         count: number of STOPs, of this page and of others; each ends what was begun before it.
         late: number of STOPs of this page that were not confirmed in time.

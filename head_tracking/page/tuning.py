@@ -45,9 +45,6 @@ class Tuning:
     """Lists and sets the parameters of other nodes; for any thread.
 
     A value that a node refuses raises HeadTrackingError.
-
-    Args:
-        parameters: of the other nodes.
     """
 
     def __init__(self, parameters: OtherParameters) -> None:

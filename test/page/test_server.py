@@ -40,7 +40,7 @@ class _Robot:
     def poll(self) -> None:
         raise RuntimeError("the robot fails")
 
-    model = poll
+    model = observe = poll
 
     def stop_everything(self) -> Attempt:
         self.stops += 1
