@@ -11,8 +11,7 @@ from head_tracking.simulation.serial_line import (
     SimulatedLine,
     SteadyClock,
 )
-from head_tracking.simulation.servo import SimulatedServo
-from head_tracking.simulation.write_log import Write, WriteLog
+from head_tracking.simulation.servo import SimulatedServo, Write
 
 __all__ = [
     "Answer",
@@ -28,5 +27,4 @@ __all__ = [
     "SimulationError",
     "SteadyClock",
     "Write",
-    "WriteLog",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -16,8 +17,7 @@ from head_tracking.simulation.packets import (
     PacketParser,
     encode_status,
 )
-from head_tracking.simulation.servo import SimulatedServo
-from head_tracking.simulation.write_log import WriteLog
+from head_tracking.simulation.servo import SimulatedServo, Write
 
 if TYPE_CHECKING:
     from head_tracking.simulation.faults import Faults
@@ -28,25 +28,17 @@ _PING_SLOT: Final = 1_000_000  # ns between answers to a broadcast ping (assumed
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Bytes for the master.
-
-    Attributes:
-        data: The bytes.
-        delay: Time from the instruction, or from the end of the previous turn, to the first byte,
-            ns.
-        turn: Position in the answers to a group read; servos with the same id have the same turn.
-        stalled: Additional delay of the servo, ns; it may collide with other packets.
-        complaint: Whether it reports a damaged packet, perhaps of another servo.
-        late: Additional delay of the adapter, ns; other packets do not wait for it.
-        echo: Whether the adapter returns the bytes of the master; nothing is on the wire.
-    """
+    """Bytes for the master."""
 
     data: bytes
+    # Time from the instruction, or from the end of the previous turn, to the first byte, ns
     delay: int
+    # Position in the answers to a group read; servos with the same id have the same turn
     turn: int = 0
-    stalled: int = 0
-    complaint: bool = False
-    late: int = 0
+    stalled: int = 0  # additional delay of the servo, ns; it may collide with other packets
+    complaint: bool = False  # whether it reports a damaged packet, perhaps of another servo
+    late: int = 0  # additional delay of the adapter, ns; other packets do not wait for it
+    # Whether the adapter returns the bytes of the master; nothing is on the wire
     echo: bool = False
 
 
@@ -57,10 +49,10 @@ class SimulatedBus:
         servos: Servos of any models and both protocols; several with the same id all answer.
         faults: Faults to inject.
         echo: Whether the adapter returns the bytes of the master.
-        write_log: Log of accepted writes.
+        kept_writes: How many of the latest writes are kept.
 
     Attributes:
-        write_log: Log of accepted writes.
+        writes: The latest writes that servos accepted, latest last.
     """
 
     def __init__(
@@ -69,12 +61,12 @@ class SimulatedBus:
         *,
         faults: Faults | None = None,
         echo: bool = False,
-        write_log: WriteLog | None = None,
+        kept_writes: int = 10_000,
     ) -> None:
         self._servos = tuple(servos)
-        self.write_log = write_log or WriteLog()
+        self.writes: deque[Write] = deque(maxlen=kept_writes)
         for servo in self._servos:
-            servo.write_log = self.write_log
+            servo.writes = self.writes
         self._faults, self._echo = faults, echo
         self._couplings: list[Coupling] = []
         self._now = 0

@@ -34,30 +34,18 @@ class Named(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register.
+    """One register."""
 
-    Attributes:
-        name: The vendor's name.
-        address: Address of the first byte.
-        size: Number of bytes.
-        writable: Whether a packet may write it.
-        eeprom: Whether it keeps its value without power.
-        signed: Whether it holds two's complement.
-        initial: Factory value, or value at power-on; None if the vendor does not state one.
-        lowest: Lowest value that a packet may write.
-        highest: Highest value that a packet may write.
-        order: Byte order.
-    """
-
-    name: str
-    address: int
-    size: int
-    writable: bool
-    eeprom: bool
-    signed: bool
+    name: str  # the vendor's name
+    address: int  # address of the first byte
+    size: int  # number of bytes
+    writable: bool  # whether a packet may write it
+    eeprom: bool  # whether it keeps its value without power
+    signed: bool  # whether it holds two's complement
+    # Factory value, or value at power-on; None if the vendor does not state one
     initial: int | None
-    lowest: int
-    highest: int
+    lowest: int  # lowest value that a packet may write
+    highest: int  # highest value that a packet may write
     order: ByteOrder = "little"
 
     @property
@@ -72,48 +60,28 @@ class Register:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedModel:
-    """A servo model.
+    """A servo model."""
 
-    Attributes:
-        name: The vendor's name.
-        number: Contents of its Model Number register.
-        protocol: 1 or 2; Feetech servos use the packets of 1.
-        control: Control law: "compliance" (margin and slope), "gain", "profile", or the Feetech
-            families "sts" and "scs".
-        ticks: Number of positions.
-        endless: Whether the positions cover a whole turn.
-        center: The tick in the middle.
-        radians_per_tick: rad.
-        speed_unit: One count of speed, rad/s.
-        speed_maximum: Highest goal speed in joint mode, in counts.
-        load_maximum: Register value of full load, or of the stall current.
-        no_load_speed: rad/s, at `nominal_voltage`.
-        stall_torque: N m, at `nominal_voltage`.
-        nominal_voltage: V.
-        voltage_error: Bit of the error state.
-        heat_error: Bit of the error state.
-        overload_error: Bit of the error state.
-        baud_rates: Bits per second by the value of the Baud Rate register.
-    """
-
-    name: str
-    number: int
-    protocol: int
+    name: str  # the vendor's name
+    number: int  # contents of its Model Number register
+    protocol: int  # 1 or 2; Feetech servos use the packets of 1
+    # Control law: "compliance" (margin and slope), "gain", "profile", or the Feetech families
+    # "sts" and "scs"
     control: str
-    ticks: int
-    endless: bool
-    center: int
+    ticks: int  # number of positions
+    endless: bool  # whether the positions cover a whole turn
+    center: int  # the tick in the middle
     radians_per_tick: float
-    speed_unit: float
-    speed_maximum: int
-    load_maximum: int
-    no_load_speed: float
-    stall_torque: float
-    nominal_voltage: float
-    voltage_error: int
-    heat_error: int
-    overload_error: int
-    baud_rates: Mapping[int, int]
+    speed_unit: float  # one count of speed, rad/s
+    speed_maximum: int  # highest goal speed in joint mode, in counts
+    load_maximum: int  # register value of full load, or of the stall current
+    no_load_speed: float  # rad/s, at `nominal_voltage`
+    stall_torque: float  # N m, at `nominal_voltage`
+    nominal_voltage: float  # V
+    voltage_error: int  # bit of the error state
+    heat_error: int  # bit of the error state
+    overload_error: int  # bit of the error state
+    baud_rates: Mapping[int, int]  # bits per second by the value of the Baud Rate register
 
     @property
     def is_feetech(self) -> bool:

@@ -33,37 +33,22 @@ _SLOPES: Final = (128, 64, 32, 16, 8, 4)  # effective slopes: the highest one no
 
 
 class Profile(NamedTuple):
-    """Velocity profile towards a goal.
+    """Velocity profile towards a goal."""
 
-    Attributes:
-        velocity: Maximum speed, rad/s; 0: no limit.
-        acceleration: rad/s^2; 0: no limit.
-    """
-
-    velocity: float
-    acceleration: float = 0.0
+    velocity: float  # maximum speed, rad/s; 0: no limit
+    acceleration: float = 0.0  # rad/s^2; 0: no limit
 
 
 class ControlLaw(NamedTuple):
-    """Drive as a function of the errors of position and speed.
+    """Drive as a function of the errors of position and speed."""
 
-    Attributes:
-        cw_margin: Clockwise (falling angle) error without drive, rad.
-        cw_slope: Further clockwise error up to full drive, rad; inf: gain 0.
-        ccw_margin: Counter-clockwise error without drive, rad.
-        ccw_slope: Further counter-clockwise error up to full drive, rad.
-        punch: Drive at the edge of the margin, 0 to 1.
-        limit: Maximum drive, 0 to 1.
-        damping: Reduction of the drive per rad/s of speed error.
-    """
-
-    cw_margin: float
-    cw_slope: float
-    ccw_margin: float
-    ccw_slope: float
-    punch: float
-    limit: float
-    damping: float
+    cw_margin: float  # clockwise (falling angle) error without drive, rad
+    cw_slope: float  # further clockwise error up to full drive, rad; inf: gain 0
+    ccw_margin: float  # counter-clockwise error without drive, rad
+    ccw_slope: float  # further counter-clockwise error up to full drive, rad
+    punch: float  # drive at the edge of the margin, 0 to 1
+    limit: float  # maximum drive, 0 to 1
+    damping: float  # reduction of the drive per rad/s of speed error
 
 
 @lru_cache(maxsize=1024)
@@ -89,22 +74,14 @@ def proportional_law(
 
 
 class DriveSettings(NamedTuple):
-    """Settings of the control loop, from the registers.
+    """Settings of the control loop, from the registers."""
 
-    Attributes:
-        torque: Whether torque is enabled, in a mode with goal positions.
-        goal: Goal angle, rad.
-        profile: Velocity profile.
-        law: Control law.
-        governed: Whether the drive is reduced above the velocity of the profile.
-        output: Drive of a servo in wheel mode, -1 to 1; None: `law` and `goal` apply.
-    """
-
-    torque: bool
-    goal: float
+    torque: bool  # whether torque is enabled, in a mode with goal positions
+    goal: float  # goal angle, rad
     profile: Profile
     law: ControlLaw
-    governed: bool = False
+    governed: bool = False  # whether the drive is reduced above the velocity of the profile
+    # Drive of a servo in wheel mode, -1 to 1; None: `law` and `goal` apply
     output: float | None = None
 
     @property
@@ -115,26 +92,17 @@ class DriveSettings(NamedTuple):
 
 @dataclass(slots=True)
 class Mechanics:
-    """Motor and gear as one rigid rotor, with values at the output shaft.
+    """Motor and gear as one rigid rotor, with values at the output shaft."""
 
-    Attributes:
-        stall_torque: Torque at standstill with full drive, N m.
-        free_speed: Speed at which the back-EMF equals full drive, rad/s. Friction reduces it to the
-            no-load speed.
-        inertia: Inertia of rotor, gear and load, kg m^2.
-        stiction: Static friction, N m.
-        sliding: Sliding friction, N m.
-        scale_end: Half the range of the encoder, rad; inf for an encoder that counts turns.
-        link_play: Play between encoder and link, rad from side to side.
-    """
-
-    stall_torque: float
+    stall_torque: float  # torque at standstill with full drive, N m
+    # Speed at which the back-EMF equals full drive, rad/s. Friction reduces it to the no-load
+    # speed.
     free_speed: float
-    inertia: float
-    stiction: float
-    sliding: float
-    scale_end: float
-    link_play: float
+    inertia: float  # inertia of rotor, gear and load, kg m^2
+    stiction: float  # static friction, N m
+    sliding: float  # sliding friction, N m
+    scale_end: float  # half the range of the encoder, rad; inf for an encoder that counts turns
+    link_play: float  # play between encoder and link, rad from side to side
 
     @classmethod
     def of(cls, model: SimulatedModel, link_play: float) -> Mechanics:
@@ -153,21 +121,13 @@ class Mechanics:
 
 
 class Hand(NamedTuple):
-    """A hand that moves the shaft from one angle to another and releases it.
+    """A hand that moves the shaft from one angle to another and releases it."""
 
-    Attributes:
-        start: Start of the motion, ns.
-        duration: Duration of the motion, ns.
-        origin: Angle at the start, rad.
-        target: Angle at the end, rad.
-        strength: Maximum torque, N m.
-    """
-
-    start: int
-    duration: int
-    origin: float
-    target: float
-    strength: float
+    start: int  # start of the motion, ns
+    duration: int  # duration of the motion, ns
+    origin: float  # angle at the start, rad
+    target: float  # angle at the end, rad
+    strength: float  # maximum torque, N m
 
     def holds(self, now: int) -> bool:
         """Return whether the hand holds the shaft: until 0.2 s after the motion."""

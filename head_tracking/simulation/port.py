@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-_STEP: Final = 30_000_000  # ns between simulation steps of moving servos without requests
+_STEP: Final = 30_000_000  # ns between simulation steps without requests
 _CHUNK: Final = 4096
 _PTYS: Final = "/dev/pts/"
 _PR_SET_TIMERSLACK: Final = 29
@@ -157,7 +157,6 @@ class SimulatedPort:
         self._lock = threading.RLock()
         self._thread: threading.Thread | None = None
         self._terminal: PseudoTerminal | None = None
-        self._wake_reader = self._wake_writer = -1
         self._stopping = False
 
     @property
@@ -171,7 +170,6 @@ class SimulatedPort:
         if self._thread is not None:
             return
         self._terminal = terminal = PseudoTerminal(self._link)
-        self._wake_reader, self._wake_writer = os.pipe()
         self._stopping = False
         with self._lock:
             self._bus.advance(self._clock())
@@ -186,16 +184,12 @@ class SimulatedPort:
         if thread is None:
             return
         self._stopping = True
-        self._wake()
         thread.join()
         with self._lock:
             terminal, self._terminal = self._terminal, None
             if terminal is not None:
                 terminal.close()
             self._line.clear()
-            for descriptor in (self._wake_reader, self._wake_writer):
-                os.close(descriptor)
-            self._wake_reader = self._wake_writer = -1
 
     def __enter__(self) -> Self:
         self.open()
@@ -208,29 +202,19 @@ class SimulatedPort:
         """Call a function with the bus, simulated up to the present, and return its result."""
         with self._lock:
             self._bus.advance(self._clock())
-            was_at_rest = self._bus.at_rest
-            result = function(self._bus)
-            if was_at_rest and not self._bus.at_rest and self._wake_writer >= 0:
-                self._wake()
-        return result
+            return function(self._bus)
 
     @property
     def overlaps(self) -> Counter[Overlap]:
         """Number of collisions; see `SerialLine`."""
         return self._line.overlaps
 
-    def _wake(self) -> None:
-        os.write(self._wake_writer, b"w")
-
     def _serve(self, terminal: PseudoTerminal) -> None:
         with suppress(OSError, AttributeError):  # more accurate waits: the default slack is 50 us
             ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
         try:
             while not self._stopping:
-                ready = self._wait(terminal)
-                if self._wake_reader in ready:
-                    os.read(self._wake_reader, _CHUNK)
-                self._exchange(terminal, ready)
+                self._exchange(terminal, self._wait(terminal))
         except BaseException as failure:
             self.failure = failure
             with self._lock:
@@ -239,28 +223,23 @@ class SimulatedPort:
             self._on_failure()
             raise
 
-    def _exchange(self, terminal: PseudoTerminal, ready: list[int]) -> None:
+    def _exchange(self, terminal: PseudoTerminal, has_data: bool) -> None:
         now = self._clock()
         with self._lock:
             arrived = self._line.receive(now)
             if arrived:
                 terminal.write(arrived)
-            if terminal.descriptor in ready:
+            if has_data:
                 data = terminal.read()
                 self._line.send(data, now, terminal.baud_rate if self._needs_rate else 0)
             elif not arrived:
                 self._bus.advance(now)
 
-    def _wait(self, terminal: PseudoTerminal) -> list[int]:
-        """Wait for the next event; return the readable descriptors."""
-        watched = [self._wake_reader, terminal.descriptor]
+    def _wait(self, terminal: PseudoTerminal) -> bool:
+        """Wait for bytes of the program; return False when an answer or a step is due first."""
         with self._lock:
-            due = self._line.due
-            if due is None and not self._bus.at_rest:
-                due = self._clock() + _STEP
-        if due is None:
-            return select.select(watched, (), ())[0]
-        ready: list[int] = []
-        while not ready and (rest := due - self._clock()) > 0:
-            ready = select.select(watched, (), (), rest * 1e-9)[0]
-        return ready
+            due = self._line.due or self._clock() + _STEP
+        has_data = False
+        while not has_data and (rest := due - self._clock()) > 0:
+            has_data = bool(select.select((terminal.descriptor,), (), (), rest * 1e-9)[0])
+        return has_data

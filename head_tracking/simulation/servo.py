@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from random import Random
-from typing import Final
+from typing import Final, NamedTuple
 
 from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.feetech import FeetechRegisters
@@ -30,10 +31,14 @@ from head_tracking.simulation.registers import (
     Registers,
     XRegisters,
 )
-from head_tracking.simulation.write_log import Write, WriteLog
 
 OVERLOAD_TIME: Final = 1_000_000_000
 """Time for which a servo tolerates a load that it cannot move, ns (assumed)."""
+
+_LOGGED: Final = {
+    "Goal Position", "Torque Enable", "Moving Speed", "Profile Velocity", "Bus Watchdog"
+}  # fmt: skip
+"""Registers whose writes are kept."""
 
 ServoRegisters = JointRegisters | XRegisters | FeetechRegisters
 
@@ -43,6 +48,17 @@ _CHECK_PERIOD: Final = 20_000_000  # ns between checks for errors while the serv
 
 _DAMAGED: Final = {1: 16, 2: 3}
 """Error byte of the answer to a packet with a wrong checksum, by protocol."""
+
+
+class Write(NamedTuple):
+    """A write to registers that affect the motion, which a servo accepted."""
+
+    time: int  # ns
+    id: int  # of the servo
+    goal: int  # Goal Position after the write
+    speed: int  # Moving Speed or Profile Velocity after the write
+    torque: bool  # whether torque was enabled after the write
+    names: tuple[str, ...]  # the written registers
 
 
 class Alarms:
@@ -118,7 +134,7 @@ class SimulatedServo:
         temperature: Degrees Celsius; may be changed at any time, and does not change by itself.
         alarms: Its error bits.
         encoder_frozen: Whether the measured position no longer changes.
-        write_log: Records accepted writes of goals, speeds, torque and watchdog.
+        writes: The latest accepted writes of goals, speeds, torque and watchdog.
     """
 
     def __init__(
@@ -142,7 +158,7 @@ class SimulatedServo:
         self.temperature = 30.0
         self.alarms = Alarms(own)
         self.encoder_frozen = False
-        self.write_log: WriteLog | None = None
+        self.writes: deque[Write] = deque(maxlen=1)
         self._position_noise = position_noise
         self._eeprom_time, self._boot_time = eeprom_time, boot_time
         self._random = random or Random(servo_id)
@@ -154,7 +170,6 @@ class SimulatedServo:
             self._registers = kind(own, firmware or _FIRMWARE[own.protocol])
         self._registers["ID"] = servo_id
         self._registers.start(ticks)
-        self._measured = self._registers.first_measured
         self.drive = Drive(
             Mechanics.of(own, link_play),
             (ticks - own.center) * own.radians_per_tick,
@@ -412,8 +427,7 @@ class SimulatedServo:
         return number + bytes((self._registers["Firmware Version"],))
 
     def _read(self, address: int, length: int) -> tuple[Denial | None, bytes]:
-        if address + length > self._measured:
-            self._measure()
+        self._measure()
         data = self._registers.read(address, length)
         return (Denial.ACCESS, b"") if data is None else (None, data)
 
@@ -432,10 +446,10 @@ class SimulatedServo:
             written = (registers.table[name] for name in changes)
             slow = sum(register.size for register in written if register.eeprom)
             self._ignore_packets(slow * self._eeprom_time)
-        if self.write_log is not None:
+        if names := tuple(name for name in before if name in _LOGGED):
             goal, torque = registers["Goal Position"], bool(registers["Torque Enable"])
-            speed, names = registers[registers.speed_register], tuple(before)
-            self.write_log.add(Write(self._now, self.id, goal, speed, torque, names))
+            speed = registers[registers.speed_register]
+            self.writes.append(Write(self._now, self.id, goal, speed, torque, names))
         return None
 
 

@@ -43,7 +43,6 @@ from head_tracking.simulation import (
     Overlap,
     SimulatedBus,
     SimulatedServo,
-    WriteLog,
 )
 
 TIMED = Path(__file__).parent / "timed_run.py"
@@ -288,7 +287,7 @@ def faulty_cycles() -> str:
         SimulatedServo(1, boot_time=0.0),
         SimulatedServo(2, servo_model("XM430-W350"), boot_time=0.0),
     ]
-    simulated = SimulatedBus(servos, faults=faults, write_log=WriteLog(10 * FAULTY_CYCLES))
+    simulated = SimulatedBus(servos, faults=faults, kept_writes=10 * FAULTY_CYCLES)
     joints = [
         JointConfiguration("ax", 1, 512, 300, 800, controller="ax_controller"),
         JointConfiguration(
@@ -312,7 +311,7 @@ def faulty_cycles() -> str:
         lowest, highest = joint.tick_range
         outside += sum(
             not lowest <= taken.goal <= highest
-            for taken in simulated.write_log.writes
+            for taken in simulated.writes
             if taken.id == joint.id and "Goal Position" in taken.names
         )
     struck = sum(faults.counts.values())

@@ -59,8 +59,8 @@ class Chaos:
         """Check what was written to the servos since the last call, and where they are."""
 
         def take(bus):
-            writes = list(bus.write_log.writes)
-            bus.write_log.writes.clear()
+            writes = list(bus.writes)
+            bus.writes.clear()
             return writes
 
         for write in self.servos.port.use(take):

@@ -25,7 +25,6 @@ from head_tracking.simulation import (
     Overlap,
     SimulatedBus,
     SimulatedServo,
-    WriteLog,
 )
 
 FASTEST = 7.0  # rad/s
@@ -37,7 +36,7 @@ class Ordeal(Rig):
     def __init__(self, models: list[str], kinds: tuple[Fault, ...], seed: int = 1) -> None:
         self.faults = Faults(Random(seed), 0.0, kinds, pause=(0.1, 0.5))
         servos = [SimulatedServo(i, name, boot_time=0.0) for i, name in enumerate(models, 1)]
-        super().__init__(SimulatedBus(servos, faults=self.faults, write_log=WriteLog(1_000_000)))
+        super().__init__(SimulatedBus(servos, faults=self.faults, kept_writes=1_000_000))
 
     def run(self, cycles: int, rate: float) -> list[BusReading]:
         self.faults.rate = rate
@@ -67,7 +66,7 @@ class Ordeal(Rig):
             true = joint.position(self.bench.bus[joint.id].true_ticks)
             assert abs(true - state.position) <= 2 * joint.resolution + FASTEST * age
         ranges = {joint.id: joint.tick_range for joint in self.joints}
-        log = self.bench.bus.write_log.writes
+        log = self.bench.bus.writes
         for write in log:
             if "Goal Position" in write.names:
                 assert ranges[write.id][0] <= write.goal <= ranges[write.id][1]
