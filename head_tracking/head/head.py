@@ -321,12 +321,14 @@ class Head:
         ended: SimpleQueue[MotionResult] = SimpleQueue()
         with control.lock:
             self._permit(epoch)
-            motion = control.point(
+            motion = PointMotion(
+                control,
                 target,
                 PointingParameters(max_velocity=max_velocity, clamp_to_limits=True),
                 lambda motion: None if motion.result is None else ended.put(motion.result),
                 fixed=None if stamp is None else place,
             )
+            control.start(motion)
         try:
             result = ended.get(timeout=min(timeout, threading.TIMEOUT_MAX))
         except Empty:

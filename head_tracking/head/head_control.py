@@ -12,7 +12,7 @@ from head_tracking.control.loop import Controller, ControlLoop
 from head_tracking.control.owners import OwnershipError
 from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import Goal, StoppedError
-from head_tracking.gaze import AT_GOAL, HeadCommand, PanTiltHead, PointingParameters, PointingResult
+from head_tracking.gaze import AT_GOAL, HeadCommand, PointingResult
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_frames import HeadFrames
 from head_tracking.head.motions import (
@@ -39,7 +39,7 @@ from head_tracking.tracking import (
     TrajectoryCode,
     stalled,
 )
-from head_tracking.transforms import RobotModel, RobotModelError, Vector3
+from head_tracking.transforms import RobotModel, RobotModelError
 
 _LOG_PERIOD = 1.0  # s
 _CAUTIOUS_TIME = 2.0  # s with a target after a STOP, until the speed limit rises
@@ -67,11 +67,8 @@ class HeadControl(Controller):
             None: there is none, or it is not new.
 
     Attributes:
-        name: as given.
         joints: pan and tilt.
-        period: time between two updates [s].
         frames: the head's model, and the transforms of its targets.
-        targets: as given.
         motion: what controls the head now; `targets`, unless it is something else.
         readings: measured positions of the joints.
         trouble: why the head cannot be controlled now; None: it can.
@@ -128,7 +125,7 @@ class HeadControl(Controller):
         self._model: RobotModel | None = None
         self._listening_since = 0  # ns; set by the first check
         self._updated, self._is_fresh = (0.0, 0.0), False
-        self._troubled_since, self._is_troubled = math.inf, False
+        self._troubled_since = math.inf
         self._cautious_for = 0.0  # s, with a target
         self._watches = {joint: FollowingWatch(_START_TIME) for joint in self.joints}
         self.disabled = Obstacle(Blocked.OWNED)  # nobody has disabled it
@@ -227,8 +224,6 @@ class HeadControl(Controller):
         with self.lock:
             self._check_owners()
             self._measure()
-            if self._is_troubled:
-                self._end_motion(MotionEnd.ABORTED, str(self.trouble))
 
     def _check_owners(self) -> bool:
         """Return whether this owns the joints; restart if that has changed, or after a STOP."""
@@ -266,8 +261,6 @@ class HeadControl(Controller):
     def publish(self) -> None:
         """Notify the observers, after the goals were written."""
         with self.lock:
-            if self._is_troubled:
-                self._end_motion(MotionEnd.ABORTED, str(self.trouble))
             self.motion.report()
         error, self._is_fresh = self.error if self._is_fresh else None, False
         self._observer(error)
@@ -347,7 +340,8 @@ class HeadControl(Controller):
     def _measure(self) -> JointReading | None:
         """Return the latest measurement; None without a model or a recent measurement.
 
-        The clock and the model are checked first. What is missing is logged, and is the `trouble`.
+        The clock and the model are checked first. What is missing is logged, and is the `trouble`,
+        which ends the motion when it lasts.
         """
         self.epoch = self._owners.epoch.value
         jump = self._clock.check(simulated=self._is_simulated())
@@ -361,7 +355,8 @@ class HeadControl(Controller):
         now = time.monotonic()
         self._troubled_since = math.inf if self.trouble is None else min(self._troubled_since, now)
         # At the first check, this program itself may have been delayed.
-        self._is_troubled = now - self._troubled_since > 0.5 * self.period
+        if now - self._troubled_since > 0.5 * self.period:
+            self._end_motion(MotionEnd.ABORTED, str(self.trouble))
         return self.readings.latest if self.trouble is None else None
 
     def _find_trouble(self) -> Obstacle | None:
@@ -460,8 +455,11 @@ class HeadControl(Controller):
     # Motions
 
     def start(self, motion: Motion) -> None:
-        """Begin a motion; the present one is preempted."""
+        """Begin a motion; the present one is preempted. It is aborted if there is a `trouble`."""
         with self.lock:
+            if self._measure() is None:
+                motion.end(MotionEnd.ABORTED, str(self.trouble))
+                return
             before = self.motion
             if motion.is_streamed and before.is_streamed and before is not self.targets:
                 self.motion = motion
@@ -476,44 +474,26 @@ class HeadControl(Controller):
             self.frames.forget()
             self.result = None
 
-    def point(
-        self,
-        target: Target,
-        p: PointingParameters,
-        notify: Callable[[PointMotion], object],
-        head: PanTiltHead | None = None,
-        min_duration: float = 0.0,
-        fixed: Vector3 | None = None,
-    ) -> PointMotion:
-        """Begin to turn the head to a point; see `PointMotion`."""
-        with self.lock:
-            joints = self._measure()
-            measured = joints or JointReading(0.0, (0.0, 0.0))
-            motion = PointMotion(self, target, p, measured, notify, head, min_duration, fixed)
-            if joints is None:
-                motion.end(MotionEnd.ABORTED, str(self.trouble))
-            else:
-                self.start(motion)
-        return motion
-
-    def held_positions(self, joints: JointReading) -> tuple[float, float]:
+    def held_positions(self) -> tuple[float, float]:
         """Return the commanded positions of joints that stand at them, else the measured ones.
 
         A servo stands beside its goal by up to its dead band. A motion that began at the measured
         position would add that to each step.
         """
+        measured = self.readings.latest
+        positions = (0.0, 0.0) if measured is None else measured.positions
         pan, tilt = (
             held if abs(held - here) < AT_GOAL else here
-            for here, held in zip(joints.positions, self.held or joints.positions, strict=True)
+            for here, held in zip(positions, self.held or positions, strict=True)
         )
         return pan, tilt
 
-    def present(self, joints: JointReading) -> tuple[JointPoint, JointPoint]:
+    def present(self) -> tuple[JointPoint, JointPoint]:
         """Return the desired states of the joints now, from which a new motion begins."""
         desired = self.motion.desired(self._clock.checked)
         if desired is not None:
             return desired
-        pan, tilt = self.held_positions(joints)
+        pan, tilt = self.held_positions()
         return JointPoint(pan), JointPoint(tilt)
 
     def reject(self, reason: str) -> None:

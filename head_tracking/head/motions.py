@@ -154,7 +154,6 @@ class PointMotion(Motion):
             out of reach; else that ends the motion. It has arrived when the miss was less than
             `success_angle_threshold` for `settle_time`, or very small for 0.1 s; and missed when
             the joints have stood still for `settle_time` and the point does not move.
-        joints: as measured now.
         notify: see `Motion`.
         head: the head, pointing another frame; None: the usual one.
         min_duration: minimum duration [s].
@@ -166,7 +165,6 @@ class PointMotion(Motion):
         control: HeadControl,
         target: Target,
         p: PointingParameters,
-        joints: JointReading,
         notify: Callable[[PointMotion], object] | None = None,
         head: PanTiltHead | None = None,
         min_duration: float = 0.0,
@@ -178,11 +176,11 @@ class PointMotion(Motion):
         assert head is not None
         self.title = f"turning {head.pointing_frame} to {target}"
         self.retarget(target, fixed)
-        self._held = control.held_positions(joints)
+        self._held = control.held_positions()
         self._head, self._p, self._min_duration = head, p, min_duration
         self._speed = min(p.max_velocity, control.fastest)
         self._law = control.law
-        pan, tilt = control.present(joints)
+        pan, tilt = control.present()
         self._velocity = pan.velocity or 0.0, tilt.velocity or 0.0
         # where the joints would stand if they only braked
         self._start = (
@@ -191,11 +189,11 @@ class PointMotion(Motion):
         )
         self._began = self._duration = 0.0
         self._located: float | None = None
-        self._goal, self._rate = joints.positions, (0.0, 0.0)
+        self._goal, self._rate = self._held, (0.0, 0.0)
         self._seen = 0.0
         self._settling = Arrival(p.success_angle_threshold, p.settle_time)
         self._ending = Arrival(_SMALL_MISS * p.success_angle_threshold, _ON_TARGET)
-        self._standing, self._stood_at = Arrival(_STILL, p.settle_time), joints.positions
+        self._standing, self._stood_at = Arrival(_STILL, p.settle_time), self._held
 
     def retarget(self, target: Target, fixed: Vector3 | None) -> None:
         """Turn to another point; see `PointMotion`."""
@@ -578,7 +576,7 @@ class Pointing(TargetMotion):
     def _accept(self, joints: JointReading, now: float) -> bool:
         """Use the latest target; return whether there is a new one."""
         control, frames, p = self.control, self.control.frames, self._parameters()
-        placed, refusal = frames.take(now, control.held_positions(joints), latest_only=True), None
+        placed, refusal = frames.take(now, control.held_positions(), latest_only=True), None
         if not placed or frames.head is None:
             refusal = frames.take_refusal()
         else:
@@ -606,7 +604,7 @@ class Pointing(TargetMotion):
             motion.retarget(target, point)
         else:
             notify = control.conclude
-            self._motion = PointMotion(control, target, p, joints, notify, fixed=point)
+            self._motion = PointMotion(control, target, p, notify, fixed=point)
         return True
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:

@@ -9,14 +9,7 @@ from collections.abc import Callable, Sequence
 from head_tracking.dynamixel import BusThread, Health, ServoStatistics
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_control import HeadControl
-from head_tracking.tracking import ErrorStatistics, TargetState, TrackingJudge
-
-_GIVEN_UP = (
-    TargetState.DISABLED,
-    TargetState.IDLE,
-    TargetState.RECENTERING,
-    TargetState.SEARCHING,
-)
+from head_tracking.tracking import ErrorStatistics, TrackingJudge
 
 _SETTLING_TIME = 2.0  # s from the first target until the tracking error counts
 
@@ -73,7 +66,7 @@ class RunMonitor:
         if self._judge is None or self._judge.head is not head:
             self._judge = TrackingJudge(head, _SETTLING_TIME, statistics=self._statistics)
         before = self._statistics.count
-        if control.state()[0] in _GIVEN_UP:
+        if control.error is None:
             self._judge.target_lost(control.now)
         self._judge.joints_read(control.now, positions)
         for stamp, point in control.frames.take_recent():

@@ -21,6 +21,7 @@ from waiting import repeating, wait_for
 from head_tracking.configuration.head_nodes import HEAD_NODES
 from head_tracking.dynamixel import BusStatistics, BusTiming
 from head_tracking.gaze import PointingParameters
+from head_tracking.head.motions import PointMotion
 from head_tracking.head.obstacle import Blocked
 from head_tracking.ros.head.head_node import HeadNode
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
@@ -143,7 +144,8 @@ def test_a_motion_that_replaces_tracking_does_not_stop_the_head(track):
     tracked.path = lambda now: now - begun
     tracked.world.run(1.0)
     p = PointingParameters(max_velocity=1.0)
-    tracked.node.control.point(tracked.target(2.0), p, lambda motion: None)
+    control = tracked.node.control
+    control.start(PointMotion(control, tracked.target(2.0), p, lambda motion: None))
     speeds = tracked.world.speeds(0.2)
     assert speeds[0] > 0.7
     assert min(speeds) > 0.5
@@ -155,7 +157,8 @@ PAN_DELAY = "head_pan_joint: delay of its servo"
 def turn_to_and_fro(tracked, times=3):
     for k in range(times):
         target = tracked.target(AWAY * (-1) ** k)
-        tracked.node.control.point(target, PointingParameters(), lambda motion: None)
+        control = tracked.node.control
+        control.start(PointMotion(control, target, PointingParameters(), lambda motion: None))
         tracked.world.run(2.0)
 
 

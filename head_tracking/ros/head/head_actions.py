@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.head_control import HeadControl
-from head_tracking.head.motions import Motion, MotionEnd, TrajectoryMotion
+from head_tracking.head.motions import Motion, MotionEnd, PointMotion, TrajectoryMotion
 from head_tracking.ros.head.goal_server import ActionGoal, serve_goals
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.target_point import target_from_message
@@ -139,8 +139,9 @@ class HeadActions:
             velocity = min(request.max_velocity or p.max_velocity, p.max_velocity)
             p, duration = replace(p, max_velocity=velocity), _seconds(request.min_duration)
             target = target_from_message(request.target)
-            motion = control.point(target, p, notify, head, duration)
+            motion = PointMotion(control, target, p, notify, head, duration)
             goal.on_cancel = lambda: control.cancel(motion)
+            control.start(motion)
 
     def follow(self, goal: ActionGoal) -> None:
         """Begin a goal of FollowJointTrajectory, or abort it with the code of its mistake."""
@@ -181,19 +182,19 @@ class HeadActions:
         # What takes long for many points is done without the lock, which the cycle needs.
         names = tuple(message.joint_names) if waypoints else ()
         with control.lock:
-            _, limits = self._measured()
+            limits = self._limits()
             epoch = control.epoch
         if waypoints:
             checked_waypoints(names, waypoints, limits)
         tolerances = _tolerances(goal, names, tuple(limits), self._tolerances.value)
         with control.lock:
-            joints, limits = self._measured()
+            limits = self._limits()
             if control.epoch != epoch:
                 stopped = "the head was stopped after this was requested"
                 raise TrajectoryError(TrajectoryCode.INVALID_GOAL, stopped)
             if not waypoints:
                 control.hold("preempted by an empty trajectory")
-            present = dict(zip(control.joints, control.present(joints), strict=True))
+            present = dict(zip(control.joints, control.present(), strict=True))
             now, stamp = control.now, stamp_to_ns(message.header.stamp)
             start = stamp * 1e-9 if stamp else now
             path = JointTrajectory(names, waypoints, start, now, present, limits, tolerances)
@@ -202,16 +203,16 @@ class HeadActions:
                 goal.on_cancel = lambda: control.cancel(motion)
             control.start(motion)
 
-    def _measured(self) -> tuple[JointReading, dict[str, JointLimits]]:
-        """Return the measured joints and their limits; raise TrajectoryError if nothing moves."""
+    def _limits(self) -> dict[str, JointLimits]:
+        """Return the limits of the measured joints; raise TrajectoryError if nothing moves."""
         control = self._control
         with control.lock:
             control.watch()
-            joints, head, obstacle = control.readings.latest, control.frames.head, control.obstacle
-            if joints is None or head is None or obstacle is not None:
+            head, obstacle = control.frames.head, control.obstacle
+            if head is None or obstacle is not None:
                 raise TrajectoryError(TrajectoryCode.INVALID_GOAL, str(obstacle))
             limits = head.pan_limits, head.tilt_limits
-            return joints, dict(zip(control.joints, limits, strict=True))
+            return dict(zip(control.joints, limits, strict=True))
 
 
 def _result(code: TrajectoryCode, reason: str) -> Any:
