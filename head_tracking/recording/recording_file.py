@@ -30,7 +30,6 @@ from head_tracking.ros.targets.latest_target import TransformedTarget
 from head_tracking.tracking import Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
-    RobotModelError,
     Rotation,
     Transform,
     TransformBuffer,
@@ -40,7 +39,7 @@ from head_tracking.transforms import (
 
 _MCAP = b"\x89MCAP"
 _LARGEST = 200_000_000  # bytes of one chunk, decompressed
-_PERIOD = 0.04  # s between observations
+_PERIOD = 40_000_000  # ns between observations
 _MOST = 20_000  # observations: a longer recording has fewer per second
 _MOST_MOMENTS = 200
 _ERROR_AGE = 1_000_000_000  # ns
@@ -64,12 +63,10 @@ def read_recording(file: IO[bytes]) -> Recording:
     if file.read(len(_MCAP)) != _MCAP:
         raise RecordingError("The file is not MCAP (.mcap).")
     contents = _Contents()
-    try:
+    # a damaged file makes its reader raise any error; the second reading finds it again
+    with contextlib.suppress(Exception):
         for record in _records(file):
             contents.add(record)
-    except Exception as error:  # a damaged file makes its reader raise any error
-        if not contents.end:
-            raise RecordingError(f"Nothing of the file can be read: {_why(error, file)}") from error
     reading = _Reading(contents)
     why = ""
     try:
@@ -117,21 +114,17 @@ def _decompressed(chunk: Chunk) -> Chunk:
 
 @dataclass
 class _Contents:
-    """The channels of a file, its duration, and its robot models.
+    """The channels of a file, and its robot models.
 
     Attributes:
         channels: by number.
         schemas: by number.
-        start: time of the first message [ns].
-        end: time of the last message [ns]; 0: there is none.
         models: the first robot description of each topic.
     """
 
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    start: int = 0
-    end: int = 0
-    models: dict[str, str] = field(default_factory=dict)
+    models: dict[str, Message] = field(default_factory=dict)
 
     def add(self, record: Any) -> None:
         """Note a record of the file."""
@@ -141,15 +134,9 @@ class _Contents:
             case Channel():
                 self.channels[record.id] = record
             case Message():
-                self.start = min(self.start or record.log_time, record.log_time)
-                self.end = max(self.end, record.log_time)
-                channel = self.channels[record.channel_id]
-                is_model = channel.topic.endswith("/robot_description")
-                if is_model and channel.topic not in self.models:
-                    self.models[channel.topic] = ""
-                    with contextlib.suppress(Exception):  # a wrong schema makes any error
-                        decode = self.decoder(channel) if self.kind(channel) == _STRING else None
-                        self.models[channel.topic] = str(decode(record.data).data) if decode else ""
+                topic = self.channels[record.channel_id].topic
+                if topic.endswith("/robot_description"):
+                    self.models.setdefault(topic, record)
 
     def kind(self, channel: Channel) -> str:
         """Return the name of a channel's message type; empty for one without a schema."""
@@ -182,7 +169,6 @@ class _Contents:
         return min(topics, key=lambda topic: (_ANNOTATED not in topic, topic), default="")
 
 
-_STRING = "std_msgs/msg/String"
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 
 
@@ -197,17 +183,18 @@ class _Reading:
 
     def __init__(self, contents: _Contents) -> None:
         self._contents = contents
-        length = (contents.end - contents.start) * 1e-9
-        self._period = round(max(_PERIOD, length / _MOST) * 1e9)
+        self._period = _PERIOD
         self._base = base = contents.namespace()
         self._camera = contents.camera(base)
-        urdf = contents.models.get(f"{base}robot_description", "")
         self._buffer = TransformBuffer()
         self._no_model = ""
-        if urdf:
+        description = contents.models.get(f"{base}robot_description")
+        if description is not None:
             try:
-                self._buffer.set_model(parse_robot_model(urdf))
-            except RobotModelError as error:
+                decode = contents.decoder(contents.channels[description.channel_id])
+                if decode is not None:
+                    self._buffer.set_model(parse_robot_model(decode(description.data).data))
+            except Exception as error:  # a wrong schema makes any error
                 self._no_model = f"its robot_description is invalid: {error}"
         root = self._buffer.model.root if self._buffer.model else ""
         self._placer = TargetPlacer(self._buffer, root, _PATIENCE)
@@ -216,7 +203,7 @@ class _Reading:
         self._first: int | None = None
         self._now = self._due = 0
         self._joint_stamp = 0
-        self._target: TransformedTarget | None = None
+        self._target: TransformedTarget | None = None  # the latest that could be transformed
         self._latest: dict[str, tuple[int, Any]] = {"stopped": (0, False)}  # when, and the value
         self._levels: dict[str, int] = {}
         self._pictures: list[tuple[int, bytes]] = []  # stamp, and JPEG or PNG
@@ -301,6 +288,8 @@ class _Reading:
         model = self._buffer.model
         if model is None or not (self._seen or known_joints(self._buffer, model)):
             return  # the recording begins with the first measurement of the robot
+        for target, point in self._placer.place(self._now * 1e-9, {}, latest_only=True):
+            self._target = TransformedTarget(target, point, target.stamp or self._now)
         statuses = {node: self._value(f"{node}/status") or {} for node in ERRORS}
         enabled = {node: self._value(f"{node}/enabled") for node in ERRORS}
         on = (n for n in ERRORS if enabled[n] or (enabled[n] is None and statuses[n]))
@@ -313,7 +302,7 @@ class _Reading:
             self._now,
             self._buffer,
             model,
-            self._transformed_target(),
+            self._target,
             error,
             controller,
             status,
@@ -321,12 +310,8 @@ class _Reading:
         if self._seen and seen.joints == self._seen[-1].joints:
             seen = replace(seen, joints=self._seen[-1].joints)  # equal ones share one dict
         self._seen.append(seen)
-
-    def _transformed_target(self) -> TransformedTarget | None:
-        """Return the latest target that could be transformed, with the joints at its stamp."""
-        for target, point in self._placer.place(self._now * 1e-9, {}, latest_only=True):
-            self._target = TransformedTarget(target, point, target.stamp or self._now)
-        return self._target
+        if len(self._seen) > _MOST:
+            self._seen, self._period = self._seen[::2], 2 * self._period
 
     def _on_joints(self, message: Any) -> None:
         self._joint_stamp = _stamp(message.header)
