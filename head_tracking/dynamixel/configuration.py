@@ -20,35 +20,29 @@ class ServoCalibration:
     As in dynamixel_motor, position 0 rad is at tick `init`, and `min` above `max` reverses the
     direction, which changes the sign of position, velocity and load.
 
-    Attributes:
-        joint_name: The joint in the robot model.
-        id: Servo id, 0 to 253 (protocol 2.0: to 252).
-        init: Tick of position 0 rad.
-        min: Tick of the lowest position.
-        max: Tick of the highest position.
-        offset: Position offset in the servo's memory, ticks; a servo with another one is refused.
-            None: do not check it.
-        reverse: Whether Drive Mode reverses ticks; a servo that does not fit is refused. None: do
-            not check it.
-        direction: -1 if the direction is reversed, otherwise 1.
-        scale: Change of the joint's position with one tick, rad.
-        lowest_turn: Lowest tick of the turn around the middle of the range, for servos that count
-            on beyond a turn while they are relaxed.
 
     Raises:
         ConfigurationError: A value is outside what the servo can do.
     """
 
-    joint_name: str
-    id: int
-    init: int = 512
-    min: int = 0
-    max: int = 1023
+    joint_name: str  # the joint in the robot model
+    id: int  # servo id, 0 to 253 (protocol 2.0: to 252)
+    init: int = 512  # tick of position 0 rad
+    min: int = 0  # tick of the lowest position
+    max: int = 1023  # tick of the highest position
     model: ServoModel = field(default_factory=lambda: servo_model("AX-12"))
+    # Position offset in the servo's memory, ticks; a servo with another one is refused. None:
+    # do not check it.
     offset: int | None = None
+    # Whether Drive Mode reverses ticks; a servo that does not fit is refused. None: do not
+    # check it.
     reverse: bool | None = None
+    # -1 if the direction is reversed, otherwise 1
     direction: int = field(init=False, repr=False, compare=False)
+    # Change of the joint's position with one tick, rad
     scale: float = field(init=False, repr=False, compare=False)
+    # Lowest tick of the turn around the middle of the range, for servos that count on beyond
+    # a turn while they are relaxed
     lowest_turn: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -154,18 +148,13 @@ def fastest_speed(model: ServoModel) -> float:
 class JointConfiguration(ServoCalibration):
     """One joint, driven by one servo or two.
 
-    Attributes:
-        controller: Prefix of the joint's topics, such as head_pan_controller.
-        joint_speed: Speed of commands without a speed, rad/s.
-        max_speed: Highest goal speed, rad/s; None: the model's no-load speed.
-
     Raises:
         ConfigurationError: A value is outside what the servo can do.
     """
 
-    controller: str
-    joint_speed: float = 2.0
-    max_speed: float | None = None
+    controller: str  # prefix of the joint's topics, such as head_pan_controller
+    joint_speed: float = 2.0  # speed of commands without a speed, rad/s
+    max_speed: float | None = None  # highest goal speed, rad/s; None: the model's no-load speed
     second: ServoCalibration | None = None
 
     def __post_init__(self) -> None:

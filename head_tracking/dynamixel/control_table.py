@@ -84,15 +84,11 @@ _STRUCT_CODES = {1: "B", 2: "H", 4: "I"}
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Registers that one packet reads or writes; sign-magnitude values are not decoded.
+    """Registers that one packet reads or writes; sign-magnitude values are not decoded."""
 
-    Attributes:
-        registers: In rising order of address; bytes between them are skipped.
-        layout: Packs and unpacks one value for each register, unchecked.
-    """
-
-    registers: tuple[Register, ...]
+    registers: tuple[Register, ...]  # in rising order of address; bytes between them are skipped
     byte_order: str = "little"
+    # Packs and unpacks one value for each register, unchecked
     layout: struct.Struct = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

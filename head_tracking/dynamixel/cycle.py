@@ -177,7 +177,6 @@ class Cycle:
             servo.note_reply()
 
     def _settle(self, states: dict[str, ServoState], now: int) -> None:
-        """Handle what was unusual."""
         asked = {servo.id for _, members in self._plan for _, servo in members}
         for joint in self._all:
             there = [servo for servo in joint.servos if servo.id in asked]

@@ -107,7 +107,6 @@ class SimulatedBus:
         self._couplings.append(Coupling(self[first].drive, self[second].drive, direction))
 
     def _advance_coupled(self, now: int) -> None:
-        """Simulate coupled shafts in small steps."""
         time = self._now or now
         while time + STEP <= now and not self.at_rest:
             time += STEP
@@ -154,7 +153,6 @@ def _has_baud_rate(servo: SimulatedServo, baud_rate: int | None) -> bool:
 def _answers(
     packet: Packet | DamagedPacket, protocol: int, servos: Sequence[SimulatedServo], now: int
 ) -> Iterator[Answer]:
-    """Yield the answers of the servos that receive a packet."""
     if isinstance(packet, Packet) and packet.id == BROADCAST:
         if packet.code == Instruction.PING and protocol == 2:
             for turn, servo_id in enumerate(sorted({servo.id for servo in servos})):

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from enum import Enum
 from typing import Final, TypeVar
 
@@ -30,22 +31,15 @@ class Overlap(Enum):
     FAULT = "a servo delayed by an injected fault, or an answer to a damaged packet"
 
 
+@dataclass(slots=True, eq=False)
 class _Transmission:
-    """Bytes in transmission to the master.
+    """Bytes in transmission to the master."""
 
-    Attributes:
-        start: Start of the first byte, ns.
-        data: The bytes, as the master will receive them.
-        byte_time: Duration of one byte, ns.
-        late: Additional delay of the adapter, ns.
-        fault: Whether an injected fault caused or delayed them.
-    """
-
-    def __init__(
-        self, start: int, data: bytes, byte_time: int, late: int = 0, fault: bool = False
-    ) -> None:
-        self.start, self.data, self.byte_time = start, bytearray(data), byte_time
-        self.late, self.fault = late, fault
+    start: int  # start of the first byte, ns
+    data: bytearray  # as the master will receive them
+    byte_time: int  # duration of one byte, ns
+    late: int = 0  # additional delay of the adapter, ns
+    fault: bool = False  # whether an injected fault caused or delayed them
 
     @property
     def end(self) -> int:
@@ -113,7 +107,7 @@ class SerialLine:
 
     def _collide(self, piece: bytes, start: int, byte_time: int) -> bytes:
         """Send while servos may be sending; return the bytes that the servos receive."""
-        heard = _Transmission(start, piece, byte_time)
+        heard = _Transmission(start, bytearray(piece), byte_time)
         for status in self._pending:
             if status.start >= self._sent or status.end <= start:
                 continue
@@ -124,18 +118,18 @@ class SerialLine:
         return bytes(heard.data)
 
     def _answer(self, answers: list[Answer], byte_time: int) -> None:
-        """Schedule the answers to one packet."""
         turn, turn_start, turn_end = 0, self._sent, self._sent
         mine: list[_Transmission] = []
         for answer in answers:
             if answer.echo:
-                self._pending.append(_Transmission(self._sent, answer.data, 0))
+                self._pending.append(_Transmission(self._sent, bytearray(answer.data), 0))
                 continue
             if answer.turn != turn:
                 turn, turn_start, mine = answer.turn, turn_end, []
             start = turn_start + answer.delay + answer.stalled
             fault = answer.stalled > 0 or answer.complaint
-            spoken = _Transmission(start, answer.data, byte_time or _NOMINAL, answer.late, fault)
+            data = bytearray(answer.data)
+            spoken = _Transmission(start, data, byte_time or _NOMINAL, answer.late, fault)
             turn_end = max(turn_end, spoken.end if self._paced else start)
             for other in list(self._pending if self._paced else mine):
                 if other.start < spoken.end and spoken.start < other.end:

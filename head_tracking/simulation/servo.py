@@ -310,7 +310,6 @@ class SimulatedServo:
             registers["Hardware Error Status"] = self.alarms.active
 
     def _measure(self) -> None:
-        """Update the registers of measurements."""
         registers, deviation = self._registers, self._position_noise
         position = registers["Present Position"]
         registers.measure(self.drive, self._random.gauss(0.0, deviation) if deviation else 0.0)
@@ -382,7 +381,6 @@ class SimulatedServo:
         return True
 
     def _answers(self, code: int) -> bool:
-        """Return whether the Status Return Level allows an answer."""
         return code == Instruction.PING or self._registers.answers(code == Instruction.READ)
 
     @property

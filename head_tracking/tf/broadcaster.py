@@ -23,10 +23,6 @@ def broadcasting_possible() -> bool:
 class TransformBroadcaster:
     """Publishes measured transforms.
 
-    Args:
-        node: publishes.
-        qos: of `/tf`.
-
     Raises:
         ImportError: tf2_msgs is not installed.
     """
@@ -48,15 +44,7 @@ class TransformBroadcaster:
 
 
 class StaticTransformBroadcaster(TransformBroadcaster):
-    """Publishes transforms that never change; later subscribers receive all of them.
-
-    Args:
-        node: publishes.
-        qos: of `/tf_static`.
-
-    Raises:
-        ImportError: tf2_msgs is not installed.
-    """
+    """Publishes transforms that never change; later subscribers receive all of them."""
 
     _TOPIC, _QOS = "/tf_static", LATCHED
 

@@ -175,11 +175,6 @@ class Buffer:
     ) -> Any:
         """Transform a stamped message to `target_frame`, at its own stamp.
 
-        Args:
-            object_stamped: the message.
-            target_frame: the frame of the result.
-            timeout: how long to wait for the transform.
-
         Raises:
             TypeException: the message cannot be transformed.
             TransformException: see `lookup_transform`.

@@ -27,11 +27,7 @@ def bus_diagnostics(
 ) -> list[DiagnosticStatus]:
     """Return an entry for the bus and one for each servo; OK only with recent data.
 
-    Args:
-        bus: its counters.
-        timing: of its cycle.
-        settings: its limits.
-        now: time on the clock of the stamps [ns].
+    `now` is on the clock of the stamps [ns].
     """
     fresh = max(_FRESH_SECONDS, _FRESH_CYCLES / timing.update_rate)
     pairs = Counter(servo.joint_name for servo in bus.servos)

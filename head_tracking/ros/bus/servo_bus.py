@@ -250,7 +250,6 @@ class ServoBusNode(ClosingNode):
             log.info(event.text)
 
     def _on_error(self, error: BaseException) -> None:
-        """Record the error that has ended a bus, in its thread."""
         self.failure = error
 
     def _on_joint_claims(self, message: JointState) -> None:

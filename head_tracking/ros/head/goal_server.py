@@ -14,11 +14,6 @@ from head_tracking.head.motions import MotionEnd
 class ActionGoal:
     """One goal; for any thread.
 
-    Args:
-        node: offers the action.
-        handle: rclpy's goal handle.
-        goals: the goals that have not ended; it adds and removes itself.
-
     Attributes:
         request: the goal message.
         feedback: publishes a feedback message.

@@ -82,7 +82,6 @@ class HeadTrackerNode(HeadNode):
         }
 
     def _publish_diagnostics(self) -> None:
-        """Publish the state, the law, and the measured delays."""
         control = self.control
         with control.lock:
             values = {"law": self._own.value.law, **self._measured()}

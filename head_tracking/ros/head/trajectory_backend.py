@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Mapping
 
+from builtin_interfaces.msg import Duration
 from rclpy.node import Node
 
 from head_tracking.control import Controller, ControlLoop, JointBackend
 from head_tracking.dynamixel import Goal
-from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import HeadCommand
 from head_tracking.ros.kit.head_claim import HeadClaim
 from head_tracking.ros.kit.head_lock import HeadLock
 from head_tracking.ros.kit.joint_owners import OwnersOutput, offer_stop
+from head_tracking.ros.kit.message_types import message_class
 from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.tracking import JointReading, SetpointStream
-
-try:
-    from builtin_interfaces.msg import Duration
-    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-except ImportError:
-    JointTrajectory = JointTrajectoryPoint = None
 
 _PERIOD = 0.02  # s
 
@@ -45,7 +39,8 @@ class TrajectoryBackend(JointBackend, Controller):
         loop: of the process.
 
     Raises:
-        HeadTrackingError: trajectory_msgs is not installed, or another head is on this machine.
+        MessagesMissingError: trajectory_msgs is not installed.
+        RefusedError: another head is on this machine.
     """
 
     def __init__(
@@ -57,19 +52,16 @@ class TrajectoryBackend(JointBackend, Controller):
         time_from_start: float,
         loop: ControlLoop,
     ) -> None:
-        if JointTrajectory is None:
-            raise HeadTrackingError(
-                "command_interface is joint_trajectory, but trajectory_msgs is not installed "
-                "(ros-jazzy-trajectory-msgs)"
-            )
+        self._message = message_class("trajectory_msgs/msg/JointTrajectory")
+        self._point = message_class("trajectory_msgs/msg/JointTrajectoryPoint")
         self._head_lock = HeadLock(sys.argv, simulated=False)
-        self._head_lock.acquire(_wait, shared=True)
+        self._head_lock.acquire(shared=True)
         HeadClaim(node, simulated=False).begin()
         self.name, self.joints = name, joints
         self._node = node
         self._stream = SetpointStream(_PERIOD, time_from_start)
         self._after = time_from_start
-        self._publisher = node.create_publisher(JointTrajectory, topic, 10)
+        self._publisher = node.create_publisher(self._message, topic, 10)
         self._lock = threading.Lock()
         self._loop = loop
         self._services = UrgentServices(node)
@@ -124,12 +116,12 @@ class TrajectoryBackend(JointBackend, Controller):
 
     def _publish(self, positions: tuple[float, float]) -> None:
         seconds, rest = divmod(self._after, 1.0)
-        point = JointTrajectoryPoint(
+        point = self._point(
             positions=list(positions),
             time_from_start=Duration(sec=int(seconds), nanosec=round(rest * 1e9)),
         )
         # stamp 0: at once
-        self._publisher.publish(JointTrajectory(joint_names=list(self.joints), points=[point]))
+        self._publisher.publish(self._message(joint_names=list(self.joints), points=[point]))
 
     def relax_now(self) -> Mapping[str, str]:
         """Hold the head, which cannot be relaxed from here; see `JointBackend`."""
@@ -141,8 +133,3 @@ class TrajectoryBackend(JointBackend, Controller):
         topic = self._publisher.topic_name
         problem = f"{topic} was commanded to hold; only the driver of the robot can relax it"
         return dict.fromkeys(self.joints, problem)
-
-
-def _wait(seconds: float) -> bool:
-    time.sleep(seconds)
-    return False

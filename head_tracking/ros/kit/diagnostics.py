@@ -71,12 +71,7 @@ def report(
 ) -> DiagnosticArray:
     """Return the message for /diagnostics with the status of one part of the robot.
 
-    Args:
-        node: publishes it.
-        name: of the part; the node's name is put before it.
-        level: of the status.
-        text: for the user.
-        values: further values by name.
+    The node's name is put before that of the part.
     """
     name = f"{node.get_name()}: {name}"
     return diagnostics(node, [status_message(name, level, text, values, "head")])

@@ -61,7 +61,7 @@ class HeadLock:
 
     def acquire(
         self,
-        wait: Callable[[float], bool],
+        wait: Callable[[float], object] = time.sleep,
         *,
         shared: bool = False,
         patience: float = _PATIENCE,
@@ -69,7 +69,7 @@ class HeadLock:
         """Lock; a real head waits until a simulated one has ended.
 
         Args:
-            wait: waits for a time [s]; returns whether to give up.
+            wait: waits for a time [s]; returns True to give up.
             shared: together with other heads that share.
             patience: how long to wait for a simulated head [s].
 

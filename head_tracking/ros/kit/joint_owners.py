@@ -23,19 +23,12 @@ _OWNER = "owner of "
 
 
 class JointControl(NamedTuple):
-    """The fields of a `joint_control` message.
+    """The fields of a `joint_control` message."""
 
-    Attributes:
-        stopped: whether everything but `resume` is refused.
-        epoch: number of STOPs so far.
-        owners: each joint's owner; empty where there is none.
-        node: full name of the node that publishes it and offers `stop`; empty: not known.
-    """
-
-    stopped: bool
-    epoch: int
-    owners: Mapping[str, str]
-    node: str
+    stopped: bool  # whether everything but `resume` is refused
+    epoch: int  # number of STOPs so far
+    owners: Mapping[str, str]  # each joint's owner; empty where there is none
+    node: str  # full name of the node that publishes it and offers `stop`; empty: not known
 
     def service(self, name: str) -> str:
         """Return the name of a service of that node; a short one may not exist."""
@@ -127,13 +120,7 @@ def offer_stop(
 
 
 class OwnersOutput:
-    """Publishes `joint_owners`, `stopped` and `joint_control`, latched, when they change.
-
-    Args:
-        node: publishes.
-        owners: of the joints.
-        joints: their names.
-    """
+    """Publishes `joint_owners`, `stopped` and `joint_control`, latched, when they change."""
 
     def __init__(self, node: Node, owners: JointOwners, joints: Iterable[str]) -> None:
         self._owners, self._joints = owners, tuple(joints)

@@ -141,27 +141,16 @@ _UNIT = re.compile(r"(?P<text>.*) \[(?P<unit>[^\[\]]*)\]", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A parameter of a node that can be changed while it runs.
+    """A parameter of a node that can be changed while it runs."""
 
-    Attributes:
-        node: full name of the node.
-        name: name of the parameter.
-        value: a bool, int, float, str, or list of floats.
-        description: what it does.
-        minimum: smallest allowed number; -inf for none.
-        maximum: largest allowed number; inf for none.
-        choices: the allowed words; empty for any.
-        unit: of a number; empty: none is known.
-    """
-
-    node: str
-    name: str
-    value: Any
-    description: str
-    minimum: float
-    maximum: float
-    choices: tuple[str, ...] = ()
-    unit: str = ""
+    node: str  # full name of the node
+    name: str  # name of the parameter
+    value: Any  # a bool, int, float, str, or list of floats
+    description: str  # what it does
+    minimum: float  # smallest allowed number; -inf for none
+    maximum: float  # largest allowed number; inf for none
+    choices: tuple[str, ...] = ()  # the allowed words; empty for any
+    unit: str = ""  # of a number; empty: none is known
 
 
 class OtherParameters:

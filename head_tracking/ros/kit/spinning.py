@@ -58,10 +58,6 @@ class ClosingNode(Node):
 
     Since ROS 2 Kilted a context that shuts down destroys its nodes, also incomplete ones.
 
-    Args:
-        name: of the node.
-        options: for the node.
-
     Attributes:
         closing: callbacks, the last one first.
     """

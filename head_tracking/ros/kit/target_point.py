@@ -32,9 +32,6 @@ def target_message(target: Target) -> PointStamped:
 class TargetOutput:
     """Publishes `target_point` and `~/enabled`, and offers `~/enable`.
 
-    Args:
-        node: publishes targets.
-
     Attributes:
         on: whether the node is enabled; it is at the start.
         topic: the full name of `target_point`.

@@ -196,9 +196,6 @@ class UrgentServices:
 
     They belong to the node, have its name and remap rules, but its executor does not know them. Any
     other error than those of `answering` is logged, and is an answer without success.
-
-    Args:
-        node: offers them.
     """
 
     def __init__(self, node: Node) -> None:
@@ -272,12 +269,7 @@ class _Service:
 
 
 class Worker(Generic[T]):
-    """Processes items one at a time in its own thread; of waiting items only the latest one.
-
-    Args:
-        name: of the thread.
-        work: processes an item.
-    """
+    """Processes items one at a time in its own thread; of waiting items only the latest one."""
 
     def __init__(self, name: str, work: Callable[[T], object]) -> None:
         self._work = work

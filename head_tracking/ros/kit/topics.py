@@ -42,12 +42,6 @@ class TopicListener:
 
     A BEST_EFFORT subscription receives from all, but loses the only message of a new publisher
     (one in five of `ros2 topic pub --once`). So this one is RELIABLE until a publisher offers less.
-
-    Args:
-        node: subscribes.
-        kind: of messages.
-        topic: its name.
-        callback: receives each message.
     """
 
     def __init__(

@@ -92,13 +92,11 @@ class JointStatePublisherNode(Node):
         steady_timer(self, 1.0 / p.rate, self._publish_defaults)
 
     def _declare_zeros(self) -> dict[str, float]:
-        """Declare the parameters `zeros.<joint>` that were given."""
         prefix = "zeros."
         names = [name.removeprefix(prefix) for name in self._given(prefix)]
         return {name: self._declare_number(prefix + name, 0.0) for name in names}
 
     def _declare_dependents(self) -> dict[str, Mimic]:
-        """Declare the parameters `dependent_joints.<joint>` that were given."""
         prefix, dependents = "dependent_joints.", {}
         for name in {given.removeprefix(prefix).rsplit(".", 1)[0] for given in self._given(prefix)}:
             descriptor = ParameterDescriptor(description=f"The joint that {name} follows.")
@@ -129,7 +127,6 @@ class JointStatePublisherNode(Node):
         self._use(lambda: parse_robot_model(message.data))
 
     def _use(self, described: Callable[[], RobotModel]) -> None:
-        """Use another model."""
         try:
             self._model = model = described()
             self._states = JointStates(

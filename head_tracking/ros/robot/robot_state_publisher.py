@@ -159,7 +159,6 @@ class RobotStatePublisherNode(Node):
             steady_timer(self, _DIAGNOSTICS_PERIOD, self._publish_calibration)
 
     def _use(self, model: RobotModel) -> None:
-        """Use and publish a model."""
         self._model = model.prefixed(self._settings.value.frame_prefix)
         self._buffer.core.set_model(self._model)
         self._description.publish(String(data=model.urdf))

@@ -17,26 +17,15 @@ _TIMEOUT = 1.0  # s to wait for the transform of a target
 
 
 class TransformedTarget(NamedTuple):
-    """A target and its position in the requested frame.
+    """A target and its position in the requested frame."""
 
-    Attributes:
-        target: the published target.
-        point: position [m].
-        stamp: time of the target; if it has none, of the transformation [ns].
-    """
-
-    target: Target
-    point: Vector3
-    stamp: int
+    target: Target  # the published target
+    point: Vector3  # position [m]
+    stamp: int  # time of the target; if it has none, of the transformation [ns]
 
 
 class LatestTarget:
-    """Subscribes to `target_point`; ignores invalid targets, which the head's node reports.
-
-    Args:
-        node: node of the subscription.
-        buffer: frames of the robot.
-    """
+    """Subscribes to `target_point`; ignores invalid targets, which the head's node reports."""
 
     def __init__(self, node: Node, buffer: TransformBuffer) -> None:
         self._node = node
