@@ -1,12 +1,13 @@
 """What simulated servos on a bus answer: published packets (e-manual), and group reads."""
 
 import pytest
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket, StatusPacket2
+from simulated_packets import InstructionPacket, InstructionPacket2
 from waiting import wait_for
 
 from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.dynamixel import JointConfiguration, ServoCalibration, servo_model
 from head_tracking.simulation import SerialLine, SimulatedBus, SimulatedServo
+from head_tracking.simulation.packets import Status, decode_status
 
 OK = "FF FF 01 02 00 FC"
 AX = [
@@ -91,9 +92,9 @@ def test_bulk_read_reads_what_each_is_asked() -> None:
     published = "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05"
     bus = SimulatedBus([SimulatedServo(i, "XM430-W350") for i in (1, 2)])
     answers = bus.receive(bytes.fromhex(published), 0)
-    assert [StatusPacket2.decode(answer.data) for answer in answers] == [
-        StatusPacket2(1, 0, (120).to_bytes(2, "little")),
-        StatusPacket2(2, 0, bytes((30,))),
+    assert [decode_status(2, answer.data) for answer in answers] == [
+        Status(1, 0, (120).to_bytes(2, "little")),
+        Status(2, 0, bytes((30,))),
     ]
 
 
@@ -101,9 +102,9 @@ def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
     published = bytes.fromhex("FF FF FE 09 92 00 02 01 1E 02 02 24 1D")
     servos = [SimulatedServo(i, "MX-28", position=1000 + i) for i in (1, 2)]
     answers = SimulatedBus(servos).receive(published, 0)
-    assert [StatusPacket.decode(answer.data) for answer in answers] == [
-        StatusPacket(1, data=(1001).to_bytes(2, "little")),
-        StatusPacket(2, data=(1002).to_bytes(2, "little")),
+    assert [decode_status(1, answer.data) for answer in answers] == [
+        Status(1, 0, (1001).to_bytes(2, "little")),
+        Status(2, 0, (1002).to_bytes(2, "little")),
     ]
     assert SimulatedBus([SimulatedServo(i, "AX-12") for i in (1, 2)]).receive(published, 0) == []
 

@@ -3,7 +3,7 @@
 from random import Random
 
 import pytest
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
+from simulated_packets import InstructionPacket, InstructionPacket2
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
@@ -16,6 +16,7 @@ from head_tracking.simulation import (
     SimulatedLine,
     SimulatedServo,
 )
+from head_tracking.simulation.packets import Status, decode_status, encode_status
 
 READ_1 = InstructionPacket.read(1, 36, 8).encode()
 READ_2 = InstructionPacket.read(2, 36, 8).encode()
@@ -91,7 +92,7 @@ def test_a_request_during_a_status_packet_collides() -> None:
     at(clock, line, 150, READ_2)
     heard = everything(line, clock)
     assert line.overlaps == {Overlap.REQUEST: 1}
-    assert len(heard) == 14 and StatusPacket.decode(heard) is None
+    assert len(heard) == 14 and decode_status(1, heard) is None
 
 
 def test_two_simultaneous_status_packets_collide() -> None:
@@ -102,7 +103,7 @@ def test_two_simultaneous_status_packets_collide() -> None:
     at(clock, line, 300, READ_2)  # answered from 680 to 820 us
     heard = everything(line, clock)
     assert line.overlaps == {Overlap.STATUS: 1}
-    assert StatusPacket.decode(heard[:14]) is None and StatusPacket.decode(heard[-14:]) is None
+    assert decode_status(1, heard[:14]) is None and decode_status(1, heard[-14:]) is None
 
 
 @pytest.mark.parametrize("paced", [True, False])
@@ -111,11 +112,11 @@ def test_equal_answers_of_servos_with_one_id_are_received(paced: bool) -> None:
         SimulatedServo(1, position=500), SimulatedServo(1, position=600), paced=paced
     )
     line.write(InstructionPacket.ping(1).encode())
-    assert everything(line, clock) == StatusPacket(1).encode()
+    assert everything(line, clock) == encode_status(1, Status(1, 0))
     assert not line.overlaps
     line.write(READ_1)
     garbled = everything(line, clock)
-    assert len(garbled) == 14 and StatusPacket.decode(garbled) is None
+    assert len(garbled) == 14 and decode_status(1, garbled) is None
     assert line.overlaps == {Overlap.TWINS: 1}
 
 
@@ -132,7 +133,7 @@ def test_an_interrupted_packet_is_discarded(pause: int, answered: bool) -> None:
 # What goes wrong on purpose
 
 MS = 1_000 * US
-ANSWER = Answer(StatusPacket(1, data=b"\x00\x02").encode(), 500_000)
+ANSWER = Answer(encode_status(1, Status(1, 0, b"\x00\x02")), 500_000)
 READ = InstructionPacket.read(1, 36, 2).encode()
 
 
@@ -158,7 +159,7 @@ def test_faults_of_answers() -> None:
     assert twice.data == 2 * ANSWER.data
     (foreign,) = spoilt(Fault.FOREIGN)
     assert foreign.data.endswith(ANSWER.data)
-    stranger = StatusPacket.decode(foreign.data[: -len(ANSWER.data)])
+    stranger = decode_status(1, foreign.data[: -len(ANSWER.data)])
     assert stranger is not None and stranger.id != 1
     (noisy,) = spoilt(Fault.GARBAGE)
     assert noisy.data.endswith(ANSWER.data) and len(noisy.data) > len(ANSWER.data)

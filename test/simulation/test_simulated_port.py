@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import serial
 from simulated_device import OnAnswers
-from simulated_packets import InstructionPacket, InstructionPacket2, StatusPacket
+from simulated_packets import InstructionPacket, InstructionPacket2
 from waiting import PATIENCE, wait_for
 
 from head_tracking.dynamixel.models import servo_model
@@ -19,9 +19,10 @@ from head_tracking.simulation import (
     SimulatedServo,
     SimulationError,
 )
+from head_tracking.simulation.packets import Status, encode_status
 
 PING = InstructionPacket.ping(1).encode()
-PONG = StatusPacket(1).encode()
+PONG = encode_status(1, Status(1, 0))
 
 
 def client_of(port_name: str) -> serial.Serial:

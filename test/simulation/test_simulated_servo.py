@@ -6,23 +6,18 @@ from operator import attrgetter
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated_packets import (
-    InstructionPacket,
-    InstructionPacket2,
-    StatusPacket,
-    StatusPacket2,
-    write,
-)
+from simulated_packets import InstructionPacket, InstructionPacket2, write
 
 from head_tracking.dynamixel import ServoModel, servo_model
 from head_tracking.dynamixel.models import all_models
 from head_tracking.dynamixel.protocol import ErrorBits, StatusCode
 from head_tracking.simulation import SimulatedBus, SimulatedServo
+from head_tracking.simulation.packets import Status
 
 Packet, Packet2 = InstructionPacket, InstructionPacket2
 MS = 1_000_000
 SECOND = 1000 * MS
-RANGE = StatusPacket(1, ErrorBits.RANGE)
+RANGE = Status(1, ErrorBits.RANGE)
 XM430 = servo_model("XM430-W350")
 
 
@@ -115,7 +110,7 @@ def test_error_codes_of_refused_packets(packet: InstructionPacket2, code: Status
     s = servo()
     s.set_register("Torque Enable", 1)
     before = s.register("Return Delay Time")
-    assert s.execute(packet, 0) == StatusPacket2(1, code)
+    assert s.execute(packet, 0) == Status(1, code)
     assert s.register("Return Delay Time") == before
 
 
@@ -128,8 +123,8 @@ def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
     s = servo(servo_model("XL330-M288"), firmware=firmware)
     status = s.execute(Packet2.read(1, 168 + 2 * (last - 1), 2), 0)  # it stands for its own data
     assert status is not None and status.data == bytes((data + last - 1, 0))
-    assert s.execute(Packet2.write(1, data + last - 1, b"\1"), 0) == StatusPacket2(1)
-    assert s.execute(Packet2.read(1, data + last, 1), 0) == StatusPacket2(1, StatusCode.ACCESS)
+    assert s.execute(Packet2.write(1, data + last - 1, b"\1"), 0) == Status(1, 0)
+    assert s.execute(Packet2.read(1, data + last, 1), 0) == Status(1, StatusCode.ACCESS)
     reported = s.execute(Packet2.ping(1), 0)
     assert reported is not None and reported.data[2] == (firmware or 50)
 

@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from head_tracking.dynamixel import servo_model
 from head_tracking.simulation import SimulatedServo
-from head_tracking.simulation.packets import (
-    BROADCAST,
-    Instruction,
-    Packet,
-    Status,
-    decode_status,
-    encode,
-    encode_status,
-)
+from head_tracking.simulation.packets import BROADCAST, Instruction, Packet, encode
+from head_tracking.simulation.packets import decode_status as decode_status
 
 if TYPE_CHECKING:
     from typing import Self
@@ -55,29 +48,6 @@ class InstructionPacket2(InstructionPacket):
     @classmethod
     def sync_read(cls, address: int, length: int, ids: Sequence[int]) -> Self:
         return cls(BROADCAST, Instruction.SYNC_READ, cls.words(address, length) + bytes(ids))
-
-
-class StatusPacket(Status):
-    """What a servo answers in protocol 1.0."""
-
-    PROTOCOL: ClassVar = 1
-
-    def __new__(cls, servo_id: int, error: int = 0, data: bytes = b"") -> Self:
-        return super().__new__(cls, servo_id, int(error), data)
-
-    def encode(self) -> bytes:
-        return encode_status(self.PROTOCOL, self)
-
-    @classmethod
-    def decode(cls, packet: bytes) -> Self | None:
-        found = decode_status(cls.PROTOCOL, packet)
-        return None if found is None else cls(*found)
-
-
-class StatusPacket2(StatusPacket):
-    """What a servo answers in protocol 2.0."""
-
-    PROTOCOL: ClassVar = 2
 
 
 def write(servo: SimulatedServo, name: str, value: int, now: int = 0) -> int:

@@ -7,11 +7,10 @@ import select
 import signal
 import sys
 import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_for
 
 
 class Terminal:
@@ -41,10 +40,10 @@ class Terminal:
 
     def waits_for(self, pattern: str) -> str:
         """What is shown up to and with a pattern, which is then done with."""
-        deadline = time.monotonic() + PATIENCE
-        while (found := re.search(pattern, self.shown, re.DOTALL)) is None:
-            assert time.monotonic() < deadline, f"{pattern!r} is not in {self.shown}"
-            time.sleep(0.02)
+        found = wait_for(
+            lambda: re.search(pattern, self.shown, re.DOTALL),
+            why=lambda: f"{pattern!r} is not in {self.shown}",
+        )
         text, self.shown = self.shown[: found.end()], self.shown[found.end() :]
         return text
 
