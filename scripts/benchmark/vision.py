@@ -8,21 +8,16 @@ from typing import Any
 import numpy as np
 from frame import table
 from image_encodings import raw
-from rendered_frames import KINECT, SMALL, View, watch
+from rendered_frames import KINECT, SMALL, View, drawn, make_tracker, watch
 from visual_pursuit import pursue, tutorial_law
 
-from head_tracking.scene import make_scene
 from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 from head_tracking.vision import (
-    DETECTORS,
-    DistanceParameters,
     FaceParameters,
     Frame,
-    IdentityParameters,
     MarkerParameters,
-    VisualTracker,
     annotated,
     decode_picture,
 )
@@ -54,7 +49,7 @@ def speed() -> str:
         view = _view(scene)
         follow = what.split(",")[0]
         parameters = FaceParameters(search_period=1) if "," in what else None
-        tracker = _tracker(follow, parameters)
+        tracker = make_tracker(follow, parameters)
         frames = list(view.frames(40))
         spent, wall = 0.0, 0.0
         for i, (at, frame, pose) in enumerate(frames):
@@ -68,10 +63,9 @@ def speed() -> str:
                 spent += time.process_time() - before
                 wall += time.perf_counter() - start
         count = len(frames) - 5
-        asked = "" if least is None else f"{least}"
         rows.append(
             f"| {what} | {1e3 * spent / count:.1f} ms | {count / spent:.0f} | {count / wall:.0f} | "
-            f"{asked} |"
+            f"{least} |"
         )
     return table(
         "follow | processor time an image | images a second on one core | as the clock saw it | "
@@ -91,11 +85,8 @@ def errors() -> str:
     for what, scene, name, select, _ in METHODS:
         cells = []
         for depth in ("16UC1", "32FC1", ""):
-            parameters, distances = (None, {}) if depth else sizes.get(what, (None, {}))
-            if not depth and what not in sizes:
-                cells.append("-")
-                continue
-            tracker = _tracker(what, parameters, **distances)
+            parameters, distances = (None, {}) if depth else sizes[what]
+            tracker = make_tracker(what, parameters, **distances)
             seen = watch(tracker, _view(scene, depth), name, 60, select=select, centre=not depth)
             cells.append(_millimetres(seen.misses))
         rows.append(f"| {what} | " + " | ".join(cells) + " |")
@@ -138,7 +129,7 @@ def empty_scene() -> str:
     """Count the targets detected in an empty room."""
     view = _view("empty", camera=SMALL, noise=8.0, swing=1.2)
     found = dict.fromkeys(("face", "colour", "marker"), 0)
-    trackers = {what: _tracker(what) for what in found}
+    trackers = {what: make_tracker(what) for what in found}
     for _, frame, pose in view.frames(EMPTY_FRAMES):
         for what, tracker in trackers.items():
             found[what] += tracker.step(frame, pose) is not None
@@ -152,7 +143,7 @@ def empty_scene() -> str:
 def draw_camera(file: Path) -> None:
     """Draw the image of the simulated camera with detections, and its depths."""
     view = _view("everything", swing=0.0, noise=4.0)
-    trackers = [_tracker(what) for what in ("face", "colour", "marker")]
+    trackers = [make_tracker(what) for what in ("face", "colour", "marker")]
     for _, frame, pose in view.frames(20, 12.0):
         sightings = [tracker.step(frame, pose) for tracker in trackers]
     assert frame.picture is not None and frame.depth is not None
@@ -166,14 +157,7 @@ def draw_camera(file: Path) -> None:
 
 def _view(scene: str, depth: str = "16UC1", camera: Any = KINECT, **options: Any) -> View:
     model = load_robot_model(robot_file("kinectbot"))
-    made = make_scene(scene, np.random.default_rng(5))
-    return View(made, model, camera, depth=depth, **options)
-
-
-def _tracker(what: str, parameters: Any = None, **distances: float) -> VisualTracker:
-    return VisualTracker(
-        DETECTORS[what].make(parameters), DistanceParameters(**distances), IdentityParameters()
-    )
+    return View(drawn(scene), model, camera, depth=depth, **options)
 
 
 def _millimetres(misses: list[float]) -> str:

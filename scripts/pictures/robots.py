@@ -1,17 +1,15 @@
 """Draw robots.png: every robot that comes with the package, on one sheet."""
 
-import io
 import sys
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import trimesh
-import yourdfpy
 
+from head_tracking.page.robot_shapes import RobotForBrowser
 from head_tracking.share import robot_file, robot_names
-from head_tracking.transforms import load_robot_model
+from head_tracking.transforms import Rotation, Transform, load_robot_model
 
 COLUMNS, WIDTH, HEIGHT, FINER = 6, 170, 190, 3
 """Robots in a row; size of a robot [pixels]; subpixels in a pixel."""
@@ -26,37 +24,30 @@ def view(azimuth: float, elevation: float) -> np.ndarray:
     return np.stack([right, np.cross(towards, right), towards])
 
 
-def mesh(geometry: Any) -> trimesh.Trimesh:
+def mesh(kind: str, size: list[float]) -> trimesh.Trimesh:
     """Return a box, cylinder or sphere as small triangles [m]."""
-    if geometry.box is not None:
-        solid = trimesh.creation.box(geometry.box.size)
-    elif geometry.cylinder is not None:
-        solid = trimesh.creation.cylinder(geometry.cylinder.radius, geometry.cylinder.length)
+    if kind == "box":
+        solid = trimesh.creation.box(size)
+    elif kind == "cylinder":
+        solid = trimesh.creation.cylinder(*size)
     else:
-        solid = trimesh.creation.icosphere(3, geometry.sphere.radius)
+        solid = trimesh.creation.icosphere(3, *size)
     return solid.subdivide_to_size(0.007, max_iter=20)
 
 
 def triangles(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return corners in base_link (N, 3, 3) [m] and shaded colours (N, 3) of a robot's shapes."""
     model = load_robot_model(robot_file(name))
-    urdf = yourdfpy.URDF.load(
-        io.BytesIO(model.urdf.encode()), build_scene_graph=False, load_meshes=False
-    ).robot
-    named = {material.name: material.color for material in urdf.materials if material.color}
     straight = dict.fromkeys(model.joints, 0.0)
     corners, colours = [], []
-    for link in urdf.links:
-        for visual in link.visuals:
-            pose = model.transform("base_link", link.name, straight).as_matrix()
-            pose = pose @ (np.eye(4) if visual.origin is None else visual.origin)
-            solid = mesh(visual.geometry)
-            solid.apply_transform(pose)
-            material = visual.material
-            colour = material and (material.color or named.get(material.name))
-            rgb = np.asarray(colour.rgba[:3] if colour else (0.6, 0.6, 0.6))
-            corners.append(solid.triangles)
-            colours.append((0.2 + 0.8 * rgb) * (0.72 + 0.28 * solid.face_normals @ LIGHT)[:, None])
+    for shape in RobotForBrowser(model, None, "").about["shapes"]:
+        x, y, z, *turn = shape["place"]
+        pose = model.transform("base_link", shape["link"], straight)
+        solid = mesh(shape["kind"], shape["size"])
+        solid.apply_transform((pose @ Transform((x, y, z), Rotation(*turn))).as_matrix())
+        rgb = 0.2 + 0.8 * np.array(shape["rgba"][:3])
+        corners.append(solid.triangles)
+        colours.append(rgb * (0.72 + 0.28 * solid.face_normals @ LIGHT)[:, None])
     return np.concatenate(corners), np.clip(np.concatenate(colours), 0, 1)
 
 

@@ -7,13 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from head_tracking.scene import Ball, Board, Renderer, Scene, SensorNoise
+from head_tracking.scene import Ball, Board, Renderer, Scene, SensorNoise, make_scene
 from head_tracking.transforms import RobotModel, Transform, Vector3
 from head_tracking.vision import (
+    DETECTORS,
     Box,
     Camera,
     DepthImage,
+    DistanceParameters,
     Frame,
+    IdentityParameters,
     Picture,
     Sighting,
     VisualTracker,
@@ -83,6 +86,17 @@ class View:
         pixel = self.camera.pixel(self.pose(time).inverse() @ position(self.scene, name, time))
         assert pixel is not None
         return Box(pixel[0] - width / 2, pixel[1] - width / 2, width, width)
+
+
+def make_tracker(what: str, parameters: Any = None, **distances: float) -> VisualTracker:
+    """Return a tracker of what one of the detectors finds."""
+    detector = DETECTORS[what].make(parameters)
+    return VisualTracker(detector, DistanceParameters(**distances), IdentityParameters())
+
+
+def drawn(scene: str) -> Scene:
+    """Return one of the package's scenes, the same each time."""
+    return make_scene(scene, np.random.default_rng(5))
 
 
 SMALL = camera_with_view(320, 240, 1.0)

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from rendered_frames import KINECT, SMALL, View, seen_surface, watch
+from rendered_frames import KINECT, SMALL, View, drawn, make_tracker, seen_surface, watch
 
 from head_tracking.run.node_sets import TARGETS
-from head_tracking.scene import SCENES, Swing, make_scene
+from head_tracking.scene import SCENES, Swing
 from head_tracking.scene.drawings import marker
 from head_tracking.scene.room import room
 from head_tracking.scene.scenes import FACE_WIDTH, MARKER_SIZE, marker_board
@@ -27,19 +27,7 @@ from head_tracking.vision import (
 MM = 1e-3
 
 
-def tracker(what, detector_parameters=None, **distances):
-    return VisualTracker(
-        DETECTORS[what].make(detector_parameters),
-        DistanceParameters(**distances),
-        IdentityParameters(),
-    )
-
-
-def scene(name):
-    return make_scene(name, np.random.default_rng(5))
-
-
-SIZED = {"detector_parameters": MarkerParameters(marker_size=MARKER_SIZE)}
+SIZED = {"parameters": MarkerParameters(marker_size=MARKER_SIZE)}
 
 
 @pytest.mark.parametrize(
@@ -56,8 +44,8 @@ SIZED = {"detector_parameters": MarkerParameters(marker_size=MARKER_SIZE)}
     ],
 )
 def test_position_error(kinectbot, what, name, depth, worst, parameters, select):
-    view = View(scene(name), kinectbot, KINECT, depth=depth)
-    seen = watch(tracker(what, **parameters), view, name, 15, select=select, centre=not depth)
+    view = View(drawn(name), kinectbot, KINECT, depth=depth)
+    seen = watch(make_tracker(what, **parameters), view, name, 15, select=select, centre=not depth)
     assert len(seen.misses) >= 12
     assert max(seen.misses) < worst * MM, [round(miss / MM) for miss in seen.misses]
     assert len(seen.numbers) == 1
@@ -72,12 +60,9 @@ def test_one_entry_makes_a_detector_a_target_of_a_run(what):
 
 @pytest.mark.parametrize("what", ["face", "colour", "marker"])
 def test_an_empty_room_has_no_targets(kinectbot, what):
-    view = View(scene("empty"), kinectbot, SMALL, noise=6.0)
-    seen = watch(tracker(what), view, "", 15)
+    view = View(drawn("empty"), kinectbot, SMALL, noise=6.0)
+    seen = watch(make_tracker(what), view, "", 15)
     assert seen.sightings == [None] * 15
-
-
-# colour
 
 
 def still(thing, **others):
@@ -99,7 +84,7 @@ def two_markers(*dictionary):
 def test_the_marker_with_the_right_number_is_followed(kinectbot, dictionary):
     view = View(two_markers(dictionary), kinectbot, KINECT, swing=0.0)
     parameters = MarkerParameters(dictionary=dictionary, marker_id=3)
-    seen = watch(tracker("marker", parameters), view, "thing", 6)
+    seen = watch(make_tracker("marker", parameters), view, "thing", 6)
     assert len(seen.misses) == 4
     assert max(seen.misses) < 10 * MM
     assert seen.sightings[-1].candidate.label == "3"
@@ -117,7 +102,7 @@ def test_a_tag_with_a_narrow_border_and_a_wrong_module_is_found():
 
 def test_the_marker_family_can_be_changed(kinectbot):
     view = View(still(marker_board(Swing(1.2, 0.6), 3, "APRILTAG_36h11")), kinectbot, KINECT)
-    eye = tracker("marker")
+    eye = make_tracker("marker")
     assert not watch(eye, view, "thing", 5).misses
     eye.detector.parameters = MarkerParameters(dictionary="APRILTAG_36h11")
     assert watch(eye, view, "thing", 5).misses
@@ -127,9 +112,9 @@ def test_the_marker_family_can_be_changed(kinectbot):
 
 
 def test_features_are_found_again_after_they_were_out_of_sight(kinectbot):
-    here = scene("picture")
+    here = drawn("picture")
     view = View(here, kinectbot, KINECT)
-    eye = tracker("features")
+    eye = make_tracker("features")
     picture = here["picture"]
     shown = []
     for i, (time, frame, pose) in enumerate(view.frames(50)):
@@ -155,7 +140,7 @@ def test_the_search_for_a_small_object_enlarges_no_image(monkeypatch):
     monkeypatch.setattr(
         cv2, "matchTemplate", lambda image, *more: sizes.append(image.size) or compare(image, *more)
     )
-    eye = tracker("features", distance=1.0)
+    eye = make_tracker("features", distance=1.0)
     first, second = (
         Frame(i, SMALL, Picture(rng.integers(0, 255, (240, 320, 3), np.uint8))) for i in (1, 2)
     )
@@ -168,7 +153,7 @@ def test_the_search_for_a_small_object_enlarges_no_image(monkeypatch):
     "box", [Box(20, 20, 40, 40), Box(0, 0, 0, 0), Box(-50, -50, 20, 20), Box(10, 10, 3, 3)]
 )
 def test_a_rectangle_without_features_is_not_followed(box):
-    eye = tracker("features", distance=1.0)
+    eye = make_tracker("features", distance=1.0)
     for i in range(4):
         frame = Frame(i * 33_000_000, SMALL, Picture(np.full((240, 320, 3), 90, np.uint8)))
         if i == 0:
