@@ -24,12 +24,7 @@ from head_tracking.transforms import TransformBuffer
 
 @dataclass(frozen=True, slots=True)
 class Client:
-    """A node that spins in a thread.
-
-    Attributes:
-        node: the node.
-        frames: the robot's frames and joints.
-    """
+    """A node that spins in a thread, and the robot's frames and joints."""
 
     node: Node
     frames: TransformBuffer
@@ -77,13 +72,7 @@ def run_client(
     parse: Callable[[Sequence[str]], argparse.Namespace],
     work: Callable[[Client, argparse.Namespace], int | None],
 ) -> int:
-    """Run a tool with a client; return its exit code.
-
-    Args:
-        name: of the tool and its node.
-        parse: parses the command line without ROS arguments.
-        work: the tool; see `exit_code`.
-    """
+    """Run a tool with a client, by its command line without ROS arguments; see `exit_code`."""
 
     def run() -> int | None:
         options = parse(without_ros_arguments(sys.argv[1:]))

@@ -50,12 +50,13 @@ class Step(NamedTuple):
     command: tuple[str, ...]
 
 
-def udev_steps(share: Path) -> list[Step]:
+def udev_steps() -> list[Step]:
     """Return the steps for permissions and latency of USB adapters."""
+    rules = share_directory() / "machine" / _RULES.name
     return [
         Step(
             f"install the rules for USB adapters as {_RULES}",
-            _root("install", "-m", "0644", str(share / "machine" / _RULES.name), str(_RULES)),
+            _root("install", "-m", "0644", str(rules), str(_RULES)),
         ),
         Step("let udev read them", _root("udevadm", "control", "--reload")),
         Step("apply them to connected adapters", _root("udevadm", "trigger")),
@@ -66,21 +67,18 @@ def udev_steps(share: Path) -> list[Step]:
     ]
 
 
-def service_steps(share: Path, arguments: Sequence[str], folder: Path) -> list[Step]:
+def service_steps(arguments: Sequence[str], folder: Path) -> list[Step]:
     """Return the steps for a systemd service that runs `head_tracking ARGUMENTS` in this folder.
 
-    Args:
-        share: has the template of the unit.
-        arguments: checked here, because the service would be restarted after each mistake.
-        folder: of the unit until it is installed.
+    The unit is in `folder` until it is installed.
 
     Raises:
         SystemExit: an argument is wrong.
     """
-    parse_arguments(arguments)
+    parse_arguments(arguments)  # the service would be restarted after each mistake
     prefix = _workspace()
     above = prefix.parent / "setup.bash"
-    text = (share / "machine" / _UNIT.name).read_text()
+    text = (share_directory() / "machine" / _UNIT.name).read_text()
     words = {
         "@USER@": getpass.getuser(),
         "@FOLDER@": str(Path.cwd()).replace("%", "%%"),
@@ -182,9 +180,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.what in _LIBRARIES:
                 steps = library_steps(options.what)
             elif options.what == "udev":
-                steps = udev_steps(share_directory())
+                steps = udev_steps()
             else:
-                steps = service_steps(share_directory(), rest, Path(folder))
+                steps = service_steps(rest, Path(folder))
             carry_out(steps, Terminal(assume_yes=options.yes))
 
     return exit_code("head_setup", run)

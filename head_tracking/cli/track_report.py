@@ -30,9 +30,6 @@ _QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 class TrackRecording:
     """Records targets and measured joints of a running head.
 
-    Args:
-        client: receives them; its one thread calls back.
-
     Raises:
         HeadTrackingError: no robot model is published.
         RobotModelError: the robot has no such head.

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import trimesh
 
 _GREY = [0.6, 0.6, 0.62, 1.0]
-_PLACEHOLDER = {"kind": "box", "size": [0.05] * 3, "rgba": [0.9, 0.25, 0.25, 1.0]}  # m
 _LARGEST = 1e3  # m: a larger shape is a mistake
 
 
@@ -128,7 +127,7 @@ class _Shapes:
                 try:
                     self._add(link.name, visual)
                 except (TypeError, ValueError) as error:
-                    self.notices.append(f"{link.name}: a shape is invalid and left out: {error}")
+                    self.notices.append(f"{link.name}: a shape is left out: {error}")
 
     def _add(self, link: str, visual: Any) -> None:
         origin = visual.origin
@@ -145,7 +144,7 @@ class _Shapes:
         elif geometry is not None and geometry.sphere is not None:
             shape |= {"kind": "sphere", "size": [float(geometry.sphere.radius)]}
         elif geometry is not None and geometry.mesh is not None:
-            shape |= self._mesh(link, geometry.mesh)
+            shape |= self._mesh(geometry.mesh)
         else:
             raise ValueError("its kind is not supported")
         if not all(
@@ -154,12 +153,8 @@ class _Shapes:
             raise ValueError("a number of it is too large or not finite")
         self.found.append(shape)
 
-    def _mesh(self, link: str, geometry: Any) -> dict[str, Any]:
-        try:
-            mesh = self._load(geometry.filename)
-        except MeshError as error:
-            self.notices.append(f"{link}: {error}")
-            return _PLACEHOLDER
+    def _mesh(self, geometry: Any) -> dict[str, Any]:
+        mesh = self._load(geometry.filename)
         scale = 1.0 if geometry.scale is None else geometry.scale
         if not (np.abs(mesh.bounds * scale) < _LARGEST).all():
             raise ValueError(f"the mesh {geometry.filename!r} is too large or not finite")
@@ -172,7 +167,7 @@ class _Shapes:
         return {"kind": "coloured" if is_coloured else "mesh", "mesh": address}
 
     def _load(self, address: str) -> trimesh.Trimesh:
-        """Return the mesh at an address; raise MeshError if it can't be shown."""
+        """Return the mesh at an address; raise ValueError if it can't be shown."""
         if address not in self._loaded:
             import trimesh  # takes a second, and not every robot has meshes
 
@@ -182,7 +177,7 @@ class _Shapes:
                 if not len(mesh.faces):
                     raise ValueError("it has no triangles")
             except Exception as error:  # readers of mesh files raise any error
-                raise MeshError(
+                raise ValueError(
                     f"the mesh {address!r} can't be read ({error or type(error).__name__}); "
                     ".dae files need pycollada (pip install pycollada)"
                 ) from error
@@ -198,15 +193,11 @@ class _Shapes:
         return [r, g, b, a]
 
 
-class MeshError(ValueError):
-    """A mesh can't be shown."""
-
-
 def mesh_file(address: str) -> Path:
     """Return the file of a URDF mesh by its `filename`.
 
     Raises:
-        MeshError: there is none; with what to do.
+        ValueError: there is none; with what to do.
     """
     kind, separator, rest = address.partition("://")
     path: Path | None = Path(unquote(rest) if kind == "file" else address)
@@ -215,7 +206,7 @@ def mesh_file(address: str) -> Path:
         folder = find_package(package)
         path = None if folder is None else folder / inside
     if path is None or not path.is_absolute() or not path.is_file():
-        raise MeshError(
+        raise ValueError(
             f"there is no file for the mesh {address!r}: write package://<package>/<path> or "
             "file:///<path>, install or source the package, and start the viewer again"
         )

@@ -30,7 +30,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_udev_rules_set_latency_and_group() -> None:
-    install, *_ = head_setup.udev_steps(share_directory())
+    install, *_ = head_setup.udev_steps()
     source, target = install.command[-2:]
     assert target == "/etc/udev/rules.d/99-dynamixel.rules"
     rules = Path(source).read_text()
@@ -56,7 +56,7 @@ def test_the_unit_is_complete_with_the_arguments_of_the_head(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a b.yaml").touch()
     words = ["--port", "/dev/tty'1", "--params", "a b.yaml", "--mode", "point"]
-    install, *_ = head_setup.service_steps(share_directory(), words, tmp_path)
+    install, *_ = head_setup.service_steps(words, tmp_path)
     text = Path(install.command[-2]).read_text()
     unit = configparser.RawConfigParser(strict=False)
     unit.optionxform = str  # type: ignore[assignment, method-assign]

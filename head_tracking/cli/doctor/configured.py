@@ -19,13 +19,7 @@ _SLACK: Final = 0.02  # rad
 def check_configured(
     files: Sequence[Path], port_name: str = "", baud_rate: int = 0
 ) -> tuple[Finding, tuple[ConfiguredBus, ...]]:
-    """Check the parameters of servo_bus, and return its buses.
-
-    Args:
-        files: parameter files; later ones win.
-        port_name: replaces the configured port, unless empty.
-        baud_rate: replaces the configured one, unless 0.
-    """
+    """Check the parameters of servo_bus, and return its buses; see `configured_buses`."""
     try:
         buses = configured_buses(files, port_name, baud_rate)
     except HeadTrackingError as error:

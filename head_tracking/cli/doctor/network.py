@@ -45,12 +45,7 @@ class Traffic(NamedTuple):
 
 
 def check_network(arguments: Sequence[str], seconds: float) -> Iterator[Finding]:
-    """Listen for some seconds; check clocks and diagnostics.
-
-    Args:
-        arguments: ROS arguments, such as --ros-args -r __ns:=/left.
-        seconds: how long to listen.
-    """
+    """Listen for some seconds with these ROS arguments; check clocks and diagnostics."""
     try:
         received = listen(arguments, seconds)
     except HeadTrackingError as error:
