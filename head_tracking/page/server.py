@@ -117,7 +117,6 @@ class Page:
         self._limit = parameters.max_browsers
         self._browsers: dict[WebSocket, _Watcher] = {}
         self._sampled = asyncio.Event()
-        self._ending = threading.Event()
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
         self._stopping: tuple[Attempt, asyncio.Future[None]] | None = None
@@ -173,31 +172,24 @@ class Page:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
-        loop = asyncio.get_running_loop()
-        sampling = threading.Thread(target=self._sample, args=[loop], name="sample", daemon=True)
-        sampling.start()
+        sampling = asyncio.create_task(self._sample())
         yield
-        self._ending.set()
-        await loop.run_in_executor(None, sampling.join)
+        sampling.cancel()
 
-    def _sample(self, loop: asyncio.AbstractEventLoop) -> None:
+    async def _sample(self) -> None:
         """Sample the robot for all browsers; while none watches, only receive what has come."""
-        pause = 0.0
-        while not self._ending.wait(pause):
+        loop = asyncio.get_running_loop()
+        while True:
             start, watchers = time.monotonic(), list(self._browsers.values())
             if watchers:
                 topics = {one.topic for one in watchers if one.topic is not None}
-                self._live.sample(topics)
-                loop.call_soon_threadsafe(self._offer)
+                await loop.run_in_executor(None, self._live.sample, topics)
+                self._sampled.set()
+                self._sampled = asyncio.Event()
             else:
-                self._live.poll()
+                await loop.run_in_executor(None, self._live.poll)
             period = _PERIOD if watchers else _UNWATCHED
-            pause = max(start + period - time.monotonic(), 0.1 * period)
-
-    def _offer(self) -> None:
-        """Let all browsers have the latest sample."""
-        self._sampled.set()
-        self._sampled = asyncio.Event()
+            await asyncio.sleep(max(start + period - time.monotonic(), 0.1 * period))
 
     def _routes(self) -> list[BaseRoute]:
         robot, live, replays = self._robot, self._live, self._replays
