@@ -28,10 +28,6 @@ class ParameterFileError(HeadTrackingError):
     """A parameter file, or a parameter of the command line, is malformed."""
 
 
-class _FormatError(Exception):
-    """YAML, but no parameters."""
-
-
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """Reads 1e-3 as a number, as ROS does, and refuses a key twice: YAML forgets the first one."""
 
@@ -41,7 +37,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         for number, (key, _) in enumerate(node.value):
             if key.value in keys[:number]:
                 line = key.start_mark.line + 1
-                raise _FormatError(f"{key.value!r} is there twice, again in line {line}; join them")
+                raise ValueError(f"{key.value!r} is there twice, again in line {line}; join them")
         return node
 
 
@@ -94,7 +90,7 @@ def read(file: str) -> list[Given]:
         problem = str(error.strerror)
     except UnicodeDecodeError:
         problem = f"it is not text in UTF-8. {_FORMAT}"
-    except (yaml.YAMLError, _FormatError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         problem = f"{' '.join(str(error).split())}. {_FORMAT}"
     raise ParameterFileError(f"the parameter file {file} cannot be used: {problem}")
 
@@ -113,8 +109,8 @@ def read_rule(text: str) -> list[Given]:
     try:
         values = list(_flat(name, yaml.load(value, _Loader)))
         if not values:
-            raise _FormatError("it has no value")
-    except (yaml.YAMLError, _FormatError) as error:
+            raise ValueError("it has no value")
+    except (yaml.YAMLError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise ParameterFileError(f"the parameter {text} cannot be used: {reason}") from error
     return [Given(COMMAND_LINE, nodes, each, value) for each, value in values]
@@ -157,7 +153,7 @@ def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
     if content is None:
         return
     if not isinstance(content, Mapping):
-        raise _FormatError(f"{shorten(repr(content), 60)} is not a node with ros__parameters")
+        raise ValueError(f"{shorten(repr(content), 60)} is not a node with ros__parameters")
     for key, value in content.items():
         if key != _PARAMETERS:
             yield from _values(file, f"{nodes}/{str(key).strip('/')}", value)
@@ -165,7 +161,7 @@ def _values(file: str, nodes: str, content: Any) -> Iterator[Given]:
             for name, given in _flat("", value):
                 yield Given(file, nodes, name, given)
         else:
-            raise _FormatError(f"the ros__parameters of {nodes} are {shorten(repr(value), 60)}")
+            raise ValueError(f"the ros__parameters of {nodes} are {shorten(repr(value), 60)}")
 
 
 def _flat(prefix: str, content: Any) -> Iterator[tuple[str, Any]]:
@@ -177,7 +173,7 @@ def _flat(prefix: str, content: Any) -> Iterator[tuple[str, Any]]:
         if kinds == {int, float}:
             content = list(map(float, content))
         elif len(kinds) > 1 or kinds & {dict, list}:
-            raise _FormatError(f"{prefix} is {content!r}, but a list has values of one type")
+            raise ValueError(f"{prefix} is {content!r}, but a list has values of one type")
         yield prefix, content
     elif content is not None:
         yield prefix, content

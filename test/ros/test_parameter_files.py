@@ -152,6 +152,7 @@ def test_the_latest_value_wins_also_with_another_type(
         b"servo_bus:\n  ros__parameters: 2\n",
         b"/**: {ros__parameters: {rate: 30}}\n/**: {ros__parameters: {law: speed}}\n",
         b"servo_bus: {ros__parameters: {rate: 30, rate: 10}}\n",
+        b"servo_bus: {ros__parameters: {since: 2024-13-45}}\n",
         "servo_bus:\n".encode("utf-16"),
         None,  # a folder
     ],
