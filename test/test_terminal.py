@@ -5,10 +5,11 @@ import io
 import os
 import struct
 import termios
+from types import SimpleNamespace
 
 import pytest
 
-from head_tracking.run.control import execute
+from head_tracking.run.control import ControlProcess
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import RESUME, STOP, StopKey, meaning
 
@@ -34,7 +35,12 @@ def test_a_failed_stop_is_not_confirmed():
     def fail() -> dict[str, str]:
         raise RuntimeError("no bus")
 
-    shown = execute(STOP, fail, tuple)
+    stream = io.StringIO()
+    link = SimpleNamespace(send=lambda **message: None)
+    process = ControlProcess(SimpleNamespace(nodes=()), None, link, StatusLine(stream))
+    process._head = SimpleNamespace(loop=SimpleNamespace(stop=fail))
+    process._press(STOP)
+    shown = stream.getvalue()
     assert "RuntimeError: no bus" in shown
     assert "NOT confirmed" in shown
 

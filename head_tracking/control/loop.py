@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -86,9 +85,8 @@ class ControlLoop:
         self.backend: JointBackend | None = None
         self.stuck: dict[str, str] = {}
         self._complete: Completer = lambda measured: measured
-        self._observers: tuple[Observer, ...] = ()
-        self._controllers: tuple[Controller, ...] = ()
-        self._lock = threading.Lock()
+        self._observers: list[Observer] = []
+        self._controllers: list[Controller] = []
 
     @property
     def period(self) -> float:
@@ -101,13 +99,11 @@ class ControlLoop:
 
     def add(self, controller: Controller) -> None:
         """Update a controller from the next cycle on."""
-        with self._lock:
-            self._controllers += (controller,)
+        self._controllers.append(controller)
 
     def observe(self, observer: Observer) -> None:
         """Call an observer after each write, with the stamp [ns] and the complete joint states."""
-        with self._lock:
-            self._observers += (observer,)
+        self._observers.append(observer)
 
     def complete_by(self, complete: Completer) -> None:
         """Set the function that adds joint states which follow from the measured ones."""

@@ -90,7 +90,7 @@ class HeadFrames(TargetPlacer):
 
     def offer(self, target: Target, now: float) -> None:
         """Accept a target, which waits for its transforms."""
-        super().offer(self._corrected(target) if self._latency else target, now)
+        super().offer(self._corrected(target), now)
 
     def take(
         self, now: float, positions: tuple[float, float], *, latest_only: bool = False

@@ -35,7 +35,6 @@ from head_tracking.tracking import (
     Refusal,
     SpeedLimits,
     Target,
-    TargetState,
     TargetStateParameters,
     Tracker,
     TrackingLaw,
@@ -538,8 +537,7 @@ class Tracking(TargetMotion):
 
     def state(self) -> tuple[str, str]:
         """See `TargetMotion`."""
-        if self.tracker is None:
-            return TargetState.IDLE, TargetState.IDLE
+        assert self.tracker is not None
         machine = self.tracker.machine
         return machine.state, f"{machine.state}: {machine.reason}"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent import futures
 from dataclasses import asdict
 from functools import partial
@@ -246,29 +246,19 @@ class ControlProcess:
                 threading.Thread(target=self._press, args=[message["key"]], daemon=True).start()
 
     def _press(self, key: str) -> None:
-        backend = self._head.nodes["servo_bus"].backend
-        result = execute(key, self._head.loop.stop, backend.resume)
+        """Stop or resume, and print the result."""
+        head = self._head
+        try:
+            if key == STOP:
+                result = f"STOP: {stop_report(head.loop.stop())}; r resumes"
+            else:
+                result = f"resumed: {resume_report(head.nodes['servo_bus'].backend.resume())}"
+        except Exception as error:
+            failure = "STOP: NOT confirmed" if key == STOP else "not resumed"
+            result = f"{failure}: {describe(error)}"
         if key == STOP:
             self._link.send(stopped=True)  # whether or not the servos have confirmed it
         self._status.print(result)
-
-
-def execute(
-    key: str, stop: Callable[[], Mapping[str, str]], resume: Callable[[], Iterable[str]]
-) -> str:
-    """Stop or resume, and return the result as text.
-
-    Args:
-        key: STOP or RESUME.
-        stop: relaxes the servos; returns the problem of each joint; empty: it has confirmed.
-        resume: ends the STOP; returns the controllers that continue.
-    """
-    try:
-        if key == STOP:
-            return f"STOP: {stop_report(stop())}; r resumes"
-        return f"resumed: {resume_report(resume())}"
-    except Exception as error:
-        return f"{'STOP: NOT confirmed' if key == STOP else 'not resumed'}: {describe(error)}"
 
 
 def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) -> int:

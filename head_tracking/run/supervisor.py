@@ -211,10 +211,12 @@ class Supervisor:
         """
         with StopSignal() as stop:
             self._acquire(stop.wait)
-            return self._run(stop)
+            try:
+                return self._run(stop)
+            finally:
+                self._keys.release()
 
     def _run(self, stop: StopSignal) -> int:
-        """Run the processes, and return the exit code of control."""
         self._selector.register(self._control.start(), selectors.EVENT_READ, self._control)
         for node in self._plan.nodes:
             if node.process == PAGE:  # first, because it takes the longest to start
@@ -222,20 +224,17 @@ class Supervisor:
         if not self._plan.options.sim:  # now, because after a crash it would take time
             import head_tracking.dynamixel  # noqa: F401
 
-        try:
-            while self._control.channel in self._selector.get_map():
-                ready = self._selector.select(_POLL_PERIOD)
-                if stop():  # Ctrl-C ends the other processes, too, which is expected then
-                    self._end()
-                for key, _ in ready:
-                    if key.fileobj is self._keys:
-                        self._press(self._keys.read())
-                    else:
-                        self._read(key.data)
-                self._update()
-            return self._finish()
-        finally:
-            self._keys.release()
+        while self._control.channel in self._selector.get_map():
+            ready = self._selector.select(_POLL_PERIOD)
+            if stop():  # Ctrl-C ends the other processes, too, which is expected then
+                self._end()
+            for key, _ in ready:
+                if key.fileobj is self._keys:
+                    self._press(self._keys.read())
+                else:
+                    self._read(key.data)
+            self._update()
+        return self._finish()
 
     def _update(self) -> None:
         """Do what depends on time."""
