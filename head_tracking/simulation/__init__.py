@@ -1,8 +1,8 @@
 """Simulated Dynamixel and Feetech servos behind a serial port that any program can open."""
 
 from head_tracking.simulation.bus import Answer, SimulatedBus
-from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.faults import Fault, Faults
+from head_tracking.simulation.models import SimulationError
 from head_tracking.simulation.port import SimulatedPort
 from head_tracking.simulation.serial_line import (
     Overlap,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from head_tracking.simulation.exceptions import SimulationError
+from head_tracking.simulation.models import SimulationError
 from head_tracking.simulation.motion import STEP, Coupling
 from head_tracking.simulation.packets import (
     BROADCAST,

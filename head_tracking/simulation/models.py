@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final, Literal, Protocol
 
-from head_tracking.simulation.exceptions import SimulationError
+from head_tracking.exceptions import HeadTrackingError
 
 RPM: Final = 2.0 * math.pi / 60.0
 """One revolution per minute, rad/s."""
@@ -22,6 +22,10 @@ RPM: Final = 2.0 * math.pi / 60.0
 ByteOrder = Literal["little", "big"]
 
 _FACTS: Final = Path(__file__).parent / "facts"
+
+
+class SimulationError(HeadTrackingError):
+    """The simulator was set up or used in a wrong way. Bytes from the wire never raise it."""
 
 
 class Named(Protocol):

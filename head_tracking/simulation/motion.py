@@ -102,10 +102,9 @@ class Mechanics:
     stiction: float  # static friction, N m
     sliding: float  # sliding friction, N m
     scale_end: float  # half the range of the encoder, rad; inf for an encoder that counts turns
-    link_play: float  # play between encoder and link, rad from side to side
 
     @classmethod
-    def of(cls, model: SimulatedModel, link_play: float) -> Mechanics:
+    def of(cls, model: SimulatedModel) -> Mechanics:
         """Return the constants for the no-load speed and stall torque of a model."""
         counts_turns = model.control == "profile"
         stiction = _STICTION if model.control == "compliance" else _FINE * _STICTION
@@ -116,7 +115,6 @@ class Mechanics:
             stiction=stiction * model.stall_torque,
             sliding=_SLIDING * model.stall_torque,
             scale_end=math.inf if counts_turns else model.center * model.radians_per_tick,
-            link_play=link_play,
         )
 
 
@@ -177,7 +175,7 @@ class Drive:
 
     The reference follows the profile to the goal, and the control law holds the shaft to it. The
     distance between reference and shaft is limited to the range of the law, so that a blocked shaft
-    does not jump when it is released. With play, the driven part follows at the edge of the play.
+    does not jump when it is released.
 
     Args:
         mechanics: Motor and gear.
@@ -188,7 +186,6 @@ class Drive:
     Attributes:
         angle: Angle of the shaft at the encoder, rad, counter-clockwise; 0 in the middle of the
             range. The shaft has no end stops.
-        link: Angle of the link, rad, counter-clockwise.
         speed: Speed of the rotor at the shaft, rad/s.
         reference: Set-point of the angle, rad.
         reference_speed: Set-point of the speed, rad/s.
@@ -206,7 +203,7 @@ class Drive:
         settings: DriveSettings,
         start_delay: int = 0,
     ) -> None:
-        self.angle = self.reference = self.link = angle
+        self.angle = self.reference = angle
         self.speed = self.reference_speed = 0.0
         self.output = self.current = 0.0
         self.strain = 0
@@ -251,8 +248,7 @@ class Drive:
 
     def subtract_turns(self, turns: int) -> None:
         """Subtract whole turns from the angles."""
-        angle = turns * 2.0 * math.pi
-        self.angle, self.link = self.angle - angle, self.link - angle
+        self.angle -= turns * 2.0 * math.pi
         self.reference, self.reference_speed = self.angle, 0.0
 
     def push(self, torque: float) -> None:
@@ -326,14 +322,13 @@ class Drive:
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip
         scale_end = mechanics.scale_end
-        half_link = 0.5 * mechanics.link_play
         powered = torque_on and limit > 0.0
         resistance = stall / free_speed * (1.0 if powered else _VISCOSITY)
         rate = _DT / mechanics.inertia
         slowing = 1.0 + resistance * rate
         brake = mechanics.sliding * rate / slowing
         strained = _STRAIN * limit
-        angle, link, speed = self.angle, self.link, self.speed
+        angle, speed = self.angle, self.speed
         reference, pace = self.reference, self.reference_speed
         output, current, strain, done = 0.0, 0.0, self.strain, 0
         while done < steps:
@@ -397,7 +392,6 @@ class Drive:
                 else:
                     speed = moved - brake if moved > 0.0 else moved + brake
                 angle += speed * _DT
-                link = max(angle - half_link, min(angle + half_link, link)) if half_link else angle
             if powered:
                 current = output * voltage - speed / free_speed
                 strain = strain + STEP if abs(current) >= strained else 0
@@ -411,8 +405,7 @@ class Drive:
             ):
                 self.at_rest = True
                 break
-        self.angle, self.link = angle, link
-        self.speed, self.output, self.current = speed, output, current
+        self.angle, self.speed, self.output, self.current = angle, speed, output, current
         self.reference, self.reference_speed = reference, pace
         self.strain = strain if powered else 0
         return done

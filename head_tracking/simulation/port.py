@@ -11,15 +11,12 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import Final, TypeVar
 
 from head_tracking.simulation.bus import SimulatedBus
-from head_tracking.simulation.exceptions import SimulationError
+from head_tracking.simulation.models import SimulationError
 from head_tracking.simulation.serial_line import Overlap, SerialLine
 from head_tracking.simulation.servo import SimulatedServo
-
-if TYPE_CHECKING:
-    from typing import Self
 
 _T = TypeVar("_T")
 
@@ -191,7 +188,7 @@ class SimulatedPort:
                 terminal.close()
             self._line.clear()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> SimulatedPort:
         self.open()
         return self
 

@@ -6,12 +6,12 @@ from collections import deque
 from random import Random
 from typing import Final, NamedTuple
 
-from head_tracking.simulation.exceptions import SimulationError
 from head_tracking.simulation.feetech import FeetechRegisters
 from head_tracking.simulation.models import (
     Named,
     Register,
     SimulatedModel,
+    SimulationError,
     simulated_model,
     to_sign_magnitude,
 )
@@ -110,7 +110,7 @@ class Alarms:
 class SimulatedServo:
     """A servo of any model. Time is an argument: integer ns that never decrease.
 
-    `true_position` is the exact angle of the link on the shaft: rad, counter-clockwise, 0 in the
+    `true_position` is the exact angle of the shaft: rad, counter-clockwise, 0 in the
     middle of the range. `true_ticks` is the same in fractional ticks, so that
     `JointConfiguration.position(servo.true_ticks)` is the true position of the joint.
 
@@ -124,7 +124,6 @@ class SimulatedServo:
         position_noise: Standard deviation of the encoder, ticks.
         eeprom_time: Time without answers for each byte written to EEPROM, s; 6 ms were measured.
         boot_time: Time without answers after power-on and reboot, s.
-        link_play: Play between encoder and link, rad from side to side.
         random: Source of the noise.
 
     Attributes:
@@ -149,7 +148,6 @@ class SimulatedServo:
         position_noise: float = 0.0,
         eeprom_time: float = 0.0,
         boot_time: float = 0.3,
-        link_play: float = 0.0,
         random: Random | None = None,
     ) -> None:
         self.model = own = simulated_model(model)
@@ -171,7 +169,7 @@ class SimulatedServo:
         self._registers["ID"] = servo_id
         self._registers.start(ticks)
         self.drive = Drive(
-            Mechanics.of(own, link_play),
+            Mechanics.of(own),
             (ticks - own.center) * own.radians_per_tick,
             self._registers.settings(),
             round(start_delay * 1e9),
@@ -186,13 +184,13 @@ class SimulatedServo:
 
     @property
     def true_position(self) -> float:
-        """Exact angle of the link, rad, counter-clockwise, 0 in the middle of the range."""
-        return self.drive.link
+        """Exact angle of the shaft, rad, counter-clockwise, 0 in the middle of the range."""
+        return self.drive.angle
 
     @property
     def true_ticks(self) -> float:
-        """Exact angle of the link in ticks of the servo, not quantised."""
-        return self._registers.ticks(self.drive.link)
+        """Exact angle of the shaft in ticks of the servo, not quantised."""
+        return self._registers.ticks(self.drive.angle)
 
     @property
     def at_rest(self) -> bool:

@@ -278,18 +278,6 @@ def test_time_at_rest_is_skipped() -> None:
     assert b.servo.true_ticks == pytest.approx(600, abs=1.5)
 
 
-@pytest.mark.parametrize("degrees", [0.0, 2.0])
-def test_link_play_shifts_the_link_by_half_to_either_side(
-    degrees: float,
-) -> None:
-    b = bench(link_play=math.radians(degrees))
-    for goal, sign in ((600, 1.0), (430, -1.0)):
-        b.go(goal, 100)
-        b.run(2.5)
-        play = sign * (b.servo.drive.angle - b.servo.true_position)
-        assert play == pytest.approx(0.5 * math.radians(degrees), abs=1e-9)
-
-
 @pytest.mark.parametrize("volts", [9.6, 12.0])
 def test_torque_falls_with_the_supply(volts: float) -> None:
     """The heaviest load that it still lifts is in proportion to its supply."""
