@@ -247,11 +247,7 @@ def _as_given(servo: Servo, options: argparse.Namespace, name: str) -> list[int]
 
 
 def _by_hand(terminal: Terminal, servos: Sequence[Servo]) -> list[list[ServoCalibration]]:
-    """Return the calibrations of the servos of pan and of tilt, found by moving the head by hand.
-
-    Raises:
-        RefusedError: the input has ended, or both servos belong to pan.
-    """
+    """Return the calibrations of the servos of pan and of tilt, which are moved by hand."""
     relax_for_hand(terminal, servos)
     joints: list[list[ServoCalibration]] = []
     for joint in _POSES:

@@ -29,6 +29,7 @@ FICTITIOUS, VISUAL, MUX = "fictitious_target", "visual_target", "target_mux"
 CAMERA = "simulated_camera"
 CONTROLLERS = (TRACKER, POINTER)
 SENDERS = (FICTITIOUS, VISUAL, MUX, "frame_target", "detection_target")
+NODES = (*SENDERS, *CONTROLLERS)
 
 _SEND_PERIOD = 0.05  # s
 _PATIENCE = 10.0  # s
@@ -107,8 +108,7 @@ class HeadModes:
         self._parameters, self._buffer, self._stop = robot.parameters, robot.buffer, robot.stop
         self._changing = threading.Lock()
         self._wanted: tuple[Mode, str] = Mode.OFF, ""
-        nodes = (*CONTROLLERS, *SENDERS)
-        self._services.know(SetBool, *(f"{name}/enable" for name in nodes))
+        self._services.know(SetBool, *(f"{name}/enable" for name in NODES))
         self._services.know(Trigger, *(f"{name}/recenter" for name in CONTROLLERS))
         startable = (*CONTROLLERS, FICTITIOUS, VISUAL)
         self._services.know(Trigger, *(f"node_starter/{name}" for name in startable))
@@ -143,8 +143,7 @@ class HeadModes:
 
     def missing(self) -> tuple[str, ...]:
         """Return nodes that were enabled and have gone."""
-        nodes = (*CONTROLLERS, *SENDERS)
-        return tuple(n for n in nodes if self._topics.enabled(n) and not self._exists(n))
+        return tuple(n for n in NODES if self._topics.enabled(n) and not self._exists(n))
 
     def conflict(self) -> str:
         """Return which nodes send targets at the same time; empty: none."""
@@ -210,7 +209,7 @@ class HeadModes:
             raise HeadTrackingError(f"There is no frame {frame!r} to follow.")
         self._wanted = mode, frame
         if mode is Mode.OFF:
-            self._disable((*SENDERS, *CONTROLLERS))  # at once, without waiting for other changes
+            self._disable(NODES)  # at once, without waiting for other changes
         with self._changing:
             self._change(mode, frame, stops)
             if mode is Mode.FOLLOW:
@@ -249,7 +248,7 @@ class HeadModes:
             _refuse_if("" if self.can_start(name) else f"{name} is not running: start it first.")
         self.stop_sending()
         # a node that is started is enabled: nothing may turn the head before the mode is reached
-        self._disable(n for n in (*SENDERS, *CONTROLLERS) if missing or n not in nodes)
+        self._disable(n for n in NODES if missing or n not in nodes)
         for name in missing:
             self._services.trigger(f"node_starter/{name}")
             late = f"{name} was started and does not answer: try again."

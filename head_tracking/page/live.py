@@ -73,14 +73,11 @@ class Live:
         """Update the texts, and the pictures of these topics (empty: the default topic)."""
         self._attempt("robot", self._follow_model)
         self.observation = self._attempt("motion", self._robot.observe) or self.observation
-        joints = self._attempt("joints", lambda: _members(self._move()))
-        boxes = self._attempt("boxes", lambda: _members(self._boxes()))
-        self._set_text("state", joints, boxes)
+        self._set_text("state", joints=self._move, boxes=self._boxes)
         now = time.monotonic()
         if now >= self._slow_due:
             self._slow_due = now + _SLOW_PERIOD
-            slow = self._attempt("state", lambda: _members(self._slow()))
-            self._set_text("about", slow, f'"failing": {json.dumps(self.failing)}')
+            self._set_text("about", state=self._slow, failing=lambda: {"failing": self.failing})
         self._attempt("picture", lambda: self._encode_all(topics))
 
     def point_at(self, u: float, v: float, stamp: int | None, topic: str = "") -> Vector3:
@@ -132,9 +129,10 @@ class Live:
             return None
         return found
 
-    def _set_text(self, kind: str, *members: str | None) -> None:
-        """Set the JSON object of a type; None: a part that failed."""
-        self.texts[kind] = "{" + ", ".join([f'"type": "{kind}"', *filter(None, members)]) + "}"
+    def _set_text(self, kind: str, **parts: Callable[[], dict[str, Any]]) -> None:
+        """Set the JSON object of a type, with the members of its parts that do not fail."""
+        found = [self._attempt(name, partial(_members, part)) for name, part in parts.items()]
+        self.texts[kind] = "{" + ", ".join([f'"type": "{kind}"', *filter(None, found)]) + "}"
 
     def _follow_model(self) -> None:
         """Describe the robot anew when its model has changed."""
@@ -145,8 +143,8 @@ class Live:
         self._shown = None
         self._shown = RobotForBrowser(model, self._robot.head, "/head/mesh/")
         self.meshes = self._shown.meshes
-        about = {**self._shown.about, "view": self._view}
-        self._set_text("robot", _members(about))
+        about = {"type": "robot", **self._shown.about, "view": self._view}
+        self.texts["robot"] = json.dumps(about, allow_nan=False)
 
     def _move(self) -> dict[str, Any]:
         return {} if self._shown is None else self._shown.state(self.observation)
@@ -243,9 +241,9 @@ def _listed(health: Sequence[Part]) -> list[dict[str, Any]]:
     return found
 
 
-def _members(part: dict[str, Any]) -> str:
+def _members(part: Callable[[], dict[str, Any]]) -> str:
     """Return the inside of a JSON object."""
-    return json.dumps(part, allow_nan=False)[1:-1]
+    return json.dumps(part(), allow_nan=False)[1:-1]
 
 
 def _box(

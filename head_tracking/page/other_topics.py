@@ -23,7 +23,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, RegionOfInterest
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Bool, Float64
 
-from head_tracking.page.head_modes import CONTROLLERS, SENDERS
+from head_tracking.page.head_modes import CONTROLLERS, NODES
 from head_tracking.recording.recording import ERRORS
 from head_tracking.ros.kit.diagnostics import FAULT, FaultName, Level, Part, health_from_message
 from head_tracking.ros.kit.images import camera_of
@@ -134,7 +134,7 @@ class OtherTopics:
         self.own_image = node.resolve_topic_name("image")
         self._pictures: dict[str, Snapshot] = {}
         self._discovery_due = 0.0
-        for name in (*CONTROLLERS, *SENDERS):
+        for name in NODES:
             self._subscribe(node, Bool, f"{name}/enabled", LATCHED)
         for name in CONTROLLERS:
             self._subscribe(node, DiagnosticStatus, f"{name}/status", LATCHED)

@@ -24,9 +24,6 @@ _FOR_EVERYBODY = {
 _LEARNING = {field.name for field in dataclasses.fields(LearningParameters)}
 """Parameters of `head_tracker` that freeze, forget or replace learned values: on the tab Health."""
 
-_CAREFUL = {"servo_bus"}
-"""Nodes whose parameters protect the servos: the page asks before it sets them."""
-
 PRESETS: Mapping[str, Mapping[str, float]] = {
     "calm": {
         "max_joint_speed": 45.0, "max_joint_acceleration": 400.0,
@@ -136,7 +133,7 @@ def described(setting: Setting) -> dict[str, Any]:
         "choices": list(setting.choices),
         "expert": _is_expert(setting),
         "learning": _base(setting.node) == TRACKER and setting.name in _LEARNING,
-        "careful": _base(setting.node) in _CAREFUL,
+        "careful": _base(setting.node) == "servo_bus",  # it protects the servos: the page asks
     }
 
 

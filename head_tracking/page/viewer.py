@@ -37,11 +37,7 @@ class ViewerNode(ClosingNode):
         recorder = NodeParameters(self, RecorderParameters).value
         self.robot = Robot(self, head, recorder)
         self.closing.callback(self.robot.close)
-        try:
-            self.page = Page(self.robot, page, self._report)
-        except BaseException:
-            self.closing.close()
-            raise
+        self.page = Page(self.robot, page, self._report)
         self.closing.callback(self.page.close)
         self.settled = {"port": self.page.port, "token": self.page.token}
         self._log_address(page.host, local=is_loopback(page.host))

@@ -30,13 +30,10 @@ _PROMPTS = (
 def calibrate(
     session: Session, named: Sequence[tuple[str, int]], *, output: Path | None, margin: float
 ) -> None:
-    """Ask for three poses of each joint, and write the configuration.
+    """Ask for three poses of each joint, and write the configuration; without a file print it.
 
-    Args:
-        session: the terminal and the port.
-        named: name in the configuration and id of each servo.
-        output: file to write; None: print.
-        margin: distance of the limits from the lowest and highest pose [rad].
+    `named` is the name in the configuration and the id of each servo. The limits have a `margin`
+    from the lowest and highest pose [rad].
     """
     for values in zip(*named, strict=True):
         if len(set(values)) < len(values):
