@@ -128,7 +128,11 @@ class Stop:
     def _on_control(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # it is malformed
             control = control_from_message(message)
-            self._follow(control.stopped, control.epoch)
+            if self.stopped and not control.stopped and control.epoch == self._epoch:
+                self.cancel()  # somebody has resumed; a bus that was restarted has another epoch
+            with self._lock:
+                self.count += bool(control.stopped and not self.stopped)
+            self.stopped, self._epoch = control.stopped, control.epoch
             owners = control.owners.items()
             self.owners = {joint: owner.rpartition("/")[2] for joint, owner in owners}
             self.buses.add(control.node.rpartition("/")[2])
@@ -136,13 +140,6 @@ class Stop:
                 name = control.service(service)
                 if all(each.service_name != name for each in clients):
                     clients.append(self._own.node.create_client(Trigger, name))
-
-    def _follow(self, stopped: bool, epoch: int) -> None:
-        if self.stopped and not stopped and epoch == self._epoch:
-            self.cancel()  # somebody has resumed; a bus that was restarted has another epoch
-        with self._lock:
-            self.count += bool(stopped and not self.stopped)
-        self.stopped, self._epoch = stopped, epoch
 
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []

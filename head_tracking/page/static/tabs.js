@@ -213,24 +213,14 @@ export class Calibration {
   }
 }
 
-const CARDS = {
-  camera: ["picture", "boxes", "marks"],
-  robot: ["robot", "model", "view"],
-  chart: ["motion", "joints", "chart"],
-  lookat: ["state", "modes"],
-  aim: ["pad"],
-  joints: ["sliders", "torques"],
-  record: ["recordings"],
-  health: ["servos", "health", "calibration"],
-};
-
 /** Show in its card why a part can't be shown. */
 export function showFailing(failing) {
-  for (const [card, parts] of Object.entries(CARDS)) {
-    const text = parts.filter((part) => part in failing).map((part) => `${part} can't be shown: ${failing[part]}`).join("\n");
-    let note = by(card).querySelector(":scope > .failing");
+  for (const card of document.querySelectorAll("[data-parts]")) {
+    const parts = card.dataset.parts.split(" ").filter((part) => part in failing);
+    const text = parts.map((part) => `${part} can't be shown: ${failing[part]}`).join("\n");
+    let note = card.querySelector(":scope > .failing");
     if (!text) { note?.remove(); continue; }
-    note ??= element(by(card), "p", { class: "failing", role: "alert" });
+    note ??= element(card, "p", { class: "failing", role: "alert" });
     write(note, text);
   }
 }
