@@ -202,17 +202,6 @@ class DynamixelBackend(JointBackend):
             for thread, names in shares.items()
         ]
 
-    def switch_torque(
-        self, joints: Iterable[str] | None, on: bool, epoch: int | None = None
-    ) -> list[Future[None]]:
-        """Begin to switch the torque of joints (None: all), and return a future for each bus.
-
-        Torque is switched off also after a STOP; for `epoch` see `call`.
-        """
-        return self.call(
-            joints, lambda bus, names: bus.switching_torque(names, on), epoch, despite_stop=not on
-        )
-
     def resume(self) -> tuple[str, ...]:
         """End a STOP: hold the joints that were not relaxed on request; return their owners.
 

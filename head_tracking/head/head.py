@@ -765,7 +765,9 @@ class Head:
         try:
             # Ctrl-C in a method of a future could leave a lock locked, which the bus needs
             with postponed_signals():
-                switched += self._servos.switch_torque(None, True, epoch)
+                switched += self._servos.call(
+                    None, lambda bus, names: bus.switching_torque(names, True), epoch
+                )
                 for future in switched:
                     future.add_done_callback(done.put)
             for _ in switched:

@@ -15,13 +15,7 @@ from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PointingResult
 from head_tracking.gaze.head_parameters import HeadParameters
 from head_tracking.head.head_frames import HeadFrames
-from head_tracking.head.motions import (
-    Motion,
-    MotionEnd,
-    MotionResult,
-    PointMotion,
-    TargetMotion,
-)
+from head_tracking.head.motions import Motion, MotionEnd, MotionResult, TargetMotion
 from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.head.servo_memory import ServoMemory
 from head_tracking.tracking import (
@@ -312,8 +306,6 @@ class HeadControl(Controller):
                 if motion.miss < AT_GOAL or self.fastest > _FAST:
                     self.is_cautious = False
         elif desired is not None:
-            if isinstance(motion, PointMotion):
-                self.frames.target = motion.target
             stuck = self._stuck(desired, joints)
             if stuck:
                 end = MotionEnd.ABORTED

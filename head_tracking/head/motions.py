@@ -200,6 +200,7 @@ class PointMotion(Motion):
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`. After its result a motion computes its miss only."""
+        self._frames.target = self.target
         moves = self.miss is not None
         located = self._located = now if self._located is None else self._located
         try:
@@ -483,20 +484,21 @@ class Tracking(TargetMotion):
         """See `Motion`."""
         tracker, control, frames = self.tracker, self.control, self.control.frames
         assert tracker is not None
+        refused: Target | None = None
         for target, point in frames.take(now, joints.positions):
             seen = target.stamp * 1e-9 if target.stamp else now
             moving = bool(target.stamp) and frames.moves_with_head(target.frame_id)
-            verdict = tracker.target_seen(seen, point, now, moving=moving)
-            if not verdict.used:
-                self._log_refusal(target)
+            if not tracker.target_seen(seen, point, now, moving=moving).used:
+                refused = target
         refusal = frames.take_refusal()
         if refusal is not None:
             tracker.machine.refused(refusal.reason, now)
-            self._log_refusal(refusal.target)
+            refused = refusal.target
         tracker.law.at_most = control.law.at_most
         step = tracker.step(now)
-        if step.command is None:  # the pose of the head may be unknown
-            self._log_refusal(frames.target)
+        reason, refused = tracker.machine.take_refusal(), refused or frames.target
+        if reason and refused is not None:
+            control.refuse(Refusal(refused, reason))
         control.refusal = tracker.machine.refusal
         self.miss, control.held = step.error, None
         if tracker.camera.fault:
@@ -504,13 +506,6 @@ class Tracking(TargetMotion):
             control.disable(Blocked.FAULT, tracker.camera.fault)
             return None
         return step.command
-
-    def _log_refusal(self, target: Target | None) -> None:
-        """Log the refusal of a target, if there is a new one."""
-        assert self.tracker is not None
-        reason = self.tracker.machine.take_refusal()
-        if reason and target is not None:
-            self.control.refuse(Refusal(target, reason))
 
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
         """See `Motion`: the measured states of a head that moves."""

@@ -87,8 +87,8 @@ LOOK = partial(Head.look_at, point=(2.0, 2.0, 0.6))
     ("kind", "step", "command"),
     [
         (TransformBuffer, "lookup_transform", LOOK),
-        (DynamixelBackend, "switch_torque", LOOK),
-        (DynamixelBackend, "switch_torque", Head.resume),
+        (DynamixelBackend, "call", LOOK),
+        (DynamixelBackend, "call", Head.resume),
     ],
 )
 def test_a_command_is_refused_if_relax_comes_before_one_of_its_steps(

@@ -314,7 +314,7 @@ def test_resume_does_not_hold_a_joint_that_is_relaxed_at_the_same_time() -> None
     run(bus.switching_torque(None, True))
     loop.attach(backend)
     assert not any(loop.stop().values())
-    backend.switch_torque(None, False)
+    backend.call(None, lambda bus, names: bus.switching_torque(names, False), despite_stop=True)
     backend.resume()
     for _ in range(20):
         bus.requests.begin_next()
