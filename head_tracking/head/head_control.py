@@ -71,7 +71,6 @@ class HeadControl(Controller):
         law: the control law for the joints of all motions but tracking, which shares its servo
             models; set with a model.
         memory: the servo values that earlier runs have learned.
-        error: angle between the pointing axis and the target [rad]; None: there is no target.
         held: commanded pan and tilt [rad] at which the head stands; None: not known.
         is_cautious: whether the head is slow after a STOP.
         epoch: the number of STOPs before the latest measurement.
@@ -107,7 +106,6 @@ class HeadControl(Controller):
         self.refusal = ""
         self.law: PredictiveLaw
         self.memory = ServoMemory({})
-        self.error: float | None = None
         self.held: tuple[float, float] | None = None
         self.is_cautious = False
         self.lock = threading.RLock()
@@ -140,6 +138,11 @@ class HeadControl(Controller):
     def now(self) -> float:
         """The time [s]."""
         return self._clock.now(simulated=self._is_simulated())
+
+    @property
+    def error(self) -> float | None:
+        """Angle between the pointing axis and the target [rad]; None: there is no target."""
+        return self.motion.miss if self.trouble is None else None
 
     # Ownership
 
@@ -244,9 +247,8 @@ class HeadControl(Controller):
             is_owner = self._check_owners()
             joints = self._measure()
             if joints is None:
-                self.error = None
-            elif not is_owner:
-                self.error = None
+                return
+            if not is_owner:
                 self.frames.forget()
             elif self._is_due(joints.stamp, self._clock.checked):
                 self._advance(joints, self._clock.checked)
@@ -313,7 +315,6 @@ class HeadControl(Controller):
                     end, stuck = MotionEnd.MISSED, f"{PointingResult(False, motion.miss)} ({stuck})"
                 motion.end(end, stuck, TrajectoryCode.PATH_TOLERANCE_VIOLATED)
                 command, self.held = self.law.stop(joints), None
-        self.error = motion.miss
         if motion.result is not None:
             self._close(motion)
         self.send(command)
@@ -440,7 +441,7 @@ class HeadControl(Controller):
         self.warn(f"target in {target.frame_id}", f"target {target} refused: {self.refusal}")
 
     def _restart_targets(self) -> None:
-        self.error, self.refusal = None, ""
+        self.refusal = ""
         self.frames.forget()
         self.targets.restart()
 
@@ -527,14 +528,13 @@ class HeadControl(Controller):
             self._log.warning(f"{motion.title}: {result}")
 
     def _end_motion(self, end: MotionEnd, reason: str) -> None:
-        """End the motion because of something else."""
         motion = self.motion
         if motion is not self.targets:
             motion.end(end, reason)
             self._close(motion)
 
     def _close(self, motion: Motion) -> None:
-        self.motion, self.error = self.targets, None
+        self.motion = self.targets
         self.conclude(motion)
         self._restart_targets()
 

@@ -248,7 +248,6 @@ class _Session:
         return bool(self._end)
 
     def _discover(self) -> None:
-        """Subscribe to new topics."""
         existing = dict(self._node.get_topic_names_and_types())
         for name, kinds in existing.items():
             if name in self._topics or name in self._left_out or not self._is_wanted(name):
@@ -293,7 +292,6 @@ class _Session:
             self._writer.add_message(topic.channel, stamp, data, about["source_timestamp"], number)
 
     def _channel(self, topic: _Topic) -> int:
-        """Register the channel of a topic; return its number."""
         name, kind = topic.name, topic.kind
         metadata = {
             "offered_qos_profiles": yaml.dump(topic.offers, Dumper=_Dumper, sort_keys=False)

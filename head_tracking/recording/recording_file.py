@@ -127,7 +127,6 @@ class _Contents:
     models: dict[str, Message] = field(default_factory=dict)
 
     def add(self, record: Any) -> None:
-        """Note a record of the file."""
         match record:
             case Schema():
                 self.schemas[record.id] = record
@@ -238,7 +237,6 @@ class _Reading:
         return lambda data: handle(decode(data))
 
     def add(self, message: Message) -> None:
-        """Handle the next message."""
         if self._first is None:
             self._first = self._now = self._due = message.log_time
         if self._due <= self._now < message.log_time:
@@ -376,7 +374,6 @@ class _Reading:
             self._picture_bytes = sum(len(picture) for _, picture in self._pictures)
 
     def _mark(self, text: str) -> None:
-        """Note an event."""
         start = self._seen[0].stamp if self._seen else self._now
         if len(self._moments) < _MOST_MOMENTS and self._now - start > _START:
             self._moments.append((self._now, text))

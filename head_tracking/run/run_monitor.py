@@ -62,7 +62,6 @@ class RunMonitor:
     def _judge_head(
         self, control: HeadControl, head: PanTiltHead, positions: tuple[float, float]
     ) -> None:
-        """Judge pan and tilt, and the targets since the last call."""
         if self._judge is None or self._judge.head is not head:
             self._judge = TrackingJudge(head, _SETTLING_TIME, statistics=self._statistics)
         before = self._statistics.count

@@ -237,7 +237,6 @@ class Supervisor:
         return self._finish()
 
     def _update(self) -> None:
-        """Do what depends on time."""
         for other in self._others.values():
             is_due = other.start_at is not None and other.start_at <= time.monotonic()
             if is_due and not self._ending:
