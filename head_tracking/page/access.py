@@ -43,8 +43,7 @@ class Access:
 
     def __init__(self, app: ASGIApp, host: str, token: str = "") -> None:
         self._app = app
-        self._is_local = is_loopback(host)
-        self.token = "" if self._is_local else token or secrets.token_urlsafe(12)
+        self.token = "" if is_loopback(host) else token or secrets.token_urlsafe(12)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a request, or let the app answer it."""
@@ -71,7 +70,7 @@ class Access:
     def _refusal(self, request: HTTPConnection) -> str:
         """Return why a request is refused; empty if it is allowed."""
         host, origin = _host(request), request.headers.get("origin")
-        if self._is_local and not is_loopback(_name(host)):
+        if not self.token and not is_loopback(_name(host)):
             return f"The page is served on this machine only, not as {host!r}: see `host`.\n"
         if origin is not None and origin.partition("://")[2].lower() != host:
             return f"Pages of {origin} must not steer this robot.\n"

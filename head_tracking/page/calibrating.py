@@ -61,11 +61,8 @@ class CameraCalibration:
             topic: of the pictures; empty: the default topic.
 
         Raises:
-            ValueError: the size is out of range.
             HeadTrackingError: the head is stopped, or cannot be calibrated now.
         """
-        if not 0.005 <= marker_size <= 2.0:
-            raise ValueError(f"The marker's edge is {marker_size} m; allowed are 0.005 to 2 m.")
         self._robot.stop.permit()
         if self._robot.head is None:
             raise HeadTrackingError("The model has no head.")

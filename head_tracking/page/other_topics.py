@@ -130,7 +130,6 @@ class OtherTopics:
         self._diagnostics: dict[str, dict[str, Received]] = {}
         self.warnings: tuple[str, ...] = ()
         self._topics: dict[str, set[str]] = {kind: set() for kind in _CAMERA_KINDS}
-        self._images: tuple[str, ...] = ()
         self.own_image = node.resolve_topic_name("image")
         self._pictures: dict[str, Snapshot] = {}
         self._discovery_due = 0.0
@@ -238,13 +237,12 @@ class OtherTopics:
                 }
                 for kind in _CAMERA_KINDS
             }
-            compressed = {
-                name.removesuffix(_COMPRESSED)
-                for name in self._topics[_COMPRESSED_IMAGE]
-                if name.endswith(_COMPRESSED)
-            }
-            self._images = tuple(sorted(self._topics[_IMAGE] | compressed))
-        return self._images
+        compressed = {
+            name.removesuffix(_COMPRESSED)
+            for name in self._topics[_COMPRESSED_IMAGE]
+            if name.endswith(_COMPRESSED)
+        }
+        return tuple(sorted(self._topics[_IMAGE] | compressed))
 
     def picture(self, topic: str, *, exact: bool = False) -> Snapshot | None:
         """Return the latest image of a topic; None without one.

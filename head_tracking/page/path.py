@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.transforms import RobotModel, Rotation, Vector3
+from head_tracking.transforms import RobotModel, Vector3
 
 _STEPS = 72  # a multiple of 8, so that the square's corners are points
 _DISTANCE = 1.0  # m: from the camera to a path
@@ -18,11 +18,12 @@ class ClosedPath:
     """A closed polygon.
 
     Args:
-        points: two different ones or more, in one frame [m].
+        points: two different ones or more, in one frame [m], shape (points, 3).
     """
 
-    def __init__(self, points: Sequence[Vector3]) -> None:
-        self._closed = np.array([*points, points[0]], float)
+    def __init__(self, points: npt.ArrayLike) -> None:
+        around = np.asarray(points, float)
+        self._closed = np.vstack([around, around[:1]])
         steps = np.linalg.norm(np.diff(self._closed, axis=0), axis=1)
         self._lengths = np.concatenate([[0.0], steps.cumsum()])
 
@@ -36,11 +37,12 @@ class ClosedPath:
 SHAPES = ("circle", "square", "figure of eight")
 
 
-def _place(shape: str, angle: float) -> tuple[float, float]:
-    """Return the place on a shape of half width 1, by the angle around its centre [rad]."""
-    x, y = math.cos(angle), math.sin(angle)
+def _outline(shape: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return x and y of the points of a shape of half width 1."""
+    angles = np.linspace(0.0, math.tau, _STEPS, endpoint=False)
+    x, y = np.cos(angles), np.sin(angles)
     if shape == "square":
-        largest = max(abs(x), abs(y))
+        largest = np.maximum(abs(x), abs(y))
         return x / largest, y / largest
     return x, x * y if shape == "figure of eight" else y  # Gerono's lemniscate is half as high
 
@@ -62,11 +64,8 @@ def path_ahead(model: RobotModel, head: PanTiltHead, shape: str, size: float) ->
     at_zero = dict.fromkeys(model.independent_joints, 0.0)
     camera = model.transform(model.root, head.pointing_frame, at_zero)
     ahead: Vector3 = camera.rotation @ head.pointing_axis
-    turn = Rotation.from_rpy(0.0, 0.0, math.atan2(ahead[1], ahead[0]))
-    cx, cy, cz = (c + _DISTANCE * a for c, a in zip(camera.translation, ahead, strict=True))
-    points = []
-    for step in range(_STEPS):
-        right, up = _place(shape, math.tau * step / _STEPS)
-        x, y, z = turn @ (0.0, -size * right, size * up)
-        points.append((cx + x, cy + y, cz + z))
-    return ClosedPath(points)
+    heading = math.atan2(ahead[1], ahead[0])
+    right, up = (math.sin(heading), -math.cos(heading), 0.0), (0.0, 0.0, 1.0)
+    centre = np.array(camera.translation) + _DISTANCE * np.array(ahead)
+    x, y = _outline(shape)
+    return ClosedPath(centre + size * (np.outer(x, right) + np.outer(y, up)))

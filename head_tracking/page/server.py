@@ -104,6 +104,10 @@ class Page:
     awaits its end. NiceGUI's wheel contains Starlette, three.js and the fonts; nothing else of it
     is used.
 
+    Attributes:
+        port: that the page listens on.
+        token: that a browser on another machine must present; empty: none.
+
     Raises:
         ParameterError: the address can't be listened on.
     """
@@ -131,6 +135,7 @@ class Page:
             exception_handlers=dict.fromkeys(_REFUSED, _refuse),
         )
         self._access = Access(app, parameters.host, parameters.token)
+        self.port, self.token = int(self._socket.getsockname()[1]), self._access.token
         self._server = uvicorn.Server(
             uvicorn.Config(
                 self._answer,
@@ -147,16 +152,6 @@ class Page:
             target=self._server.run, args=([self._socket],), name="page", daemon=True
         )
         self._thread.start()
-
-    @property
-    def port(self) -> int:
-        """The port that the page listens on."""
-        return int(self._socket.getsockname()[1])
-
-    @property
-    def token(self) -> str:
-        """The token that a browser on another machine must present; empty: none."""
-        return self._access.token
 
     @property
     def browsers(self) -> int:

@@ -26,7 +26,6 @@ class ViewerNode(ClosingNode):
     def __init__(self, **options: Any) -> None:
         if not installed():
             raise HeadTrackingError(MISSING)
-        from head_tracking.page.access import is_loopback
         from head_tracking.page.robot import Robot
         from head_tracking.page.server import Page, PageParameters
         from head_tracking.recording.recorder import RecorderParameters
@@ -40,7 +39,7 @@ class ViewerNode(ClosingNode):
         self.page = Page(self.robot, page, self._report)
         self.closing.callback(self.page.close)
         self.settled = {"port": self.page.port, "token": self.page.token}
-        self._log_address(page.host, local=is_loopback(page.host))
+        self._log_address(page.host)
 
     @property
     def late_stops(self) -> int:
@@ -75,11 +74,11 @@ class ViewerNode(ClosingNode):
     def _report(self, text: str) -> None:
         self.get_logger().error(f"page: {text}", throttle_duration_sec=5.0)
 
-    def _log_address(self, host: str, *, local: bool) -> None:
+    def _log_address(self, host: str) -> None:
         token = f"/?token={self.page.token}" if self.page.token else ""
         name = "localhost" if host in ("0.0.0.0", "127.0.0.1") else host
         self.get_logger().info(f"the robot is at http://{name}:{self.page.port}{token}")
-        if not local:
+        if token:
             self.get_logger().warning(
                 f"the page listens on {host}: everybody who reaches this machine there and knows "
                 "the token can steer the robot; the connection is not encrypted"

@@ -12,7 +12,7 @@ from waiting import wait_for
 
 from head_tracking.calibration import Calibration, gathering
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.page.calibrating import CameraCalibration
+from head_tracking.page.calibrating import CameraCalibration, _PointedHead
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.other_topics import image_of
 from head_tracking.page.path import ClosedPath
@@ -225,10 +225,11 @@ def ended(calibration: CameraCalibration) -> bool:
 def test_what_is_wrong_is_refused_before_the_head_moves(seen, calibration, tmp_path, monkeypatch):
     """A marker without a size, a file that cannot be written, a model that is calibrated."""
     moved = []
-    monkeypatch.setattr(gathering, "calibrate_camera", moved.append)
+    monkeypatch.setattr(_PointedHead, "hold", moved.append)
     for size in (0.0, float("nan")):
-        with pytest.raises(ValueError, match="allowed"):
-            calibration.begin(size, "")
+        calibration.begin(size, "")
+        wait_for(lambda: ended(calibration))
+        assert "marker_size" in calibration.progress.text
     (tmp_path / "head_tracking" / "calibration" / "kinectbot.yaml").mkdir(parents=True)
     calibration.begin(0.16, "")
     wait_for(lambda: ended(calibration))

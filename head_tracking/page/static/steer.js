@@ -100,7 +100,7 @@ export class Steering {
     };
     pad.onpointerdown = (event) => { this.pressed = !event.button; pad.setPointerCapture(event.pointerId); steer(event); };
     pad.onpointermove = steer;
-    pad.onpointerup = pad.onpointercancel = () => this.release();
+    pad.onpointerup = pad.onpointercancel = () => { this.pressed = false; };
     pad.onkeydown = (event) => {
       const step = { ArrowLeft: [-0.05, 0], ArrowRight: [0.05, 0], ArrowUp: [0, -0.05], ArrowDown: [0, 0.05] }[event.key];
       if (!step) return;
@@ -109,12 +109,9 @@ export class Steering {
     };
   }
 
-  /** End a drag. */
-  release() { this.pressed = false; }
-
   /** End a drag, and do not send what waits. */
   giveUp() {
-    this.release();
+    this.pressed = false;
     this.joints = {};
     this.send.giveUp();
   }

@@ -254,7 +254,7 @@ export function showHealth(state) {
 }
 
 export class Recordings {
-  /** @param {(opened: object, name: string) => void} replay receives an open recording. */
+  /** @param {(opened: object) => void} replay receives an open recording. */
   constructor(replay) {
     this.replay = replay;
     by("recorder").onclick = async () => { by("recorder").blur(); const outcome = await command("record", { on: !this.runs }); if (outcome.done) toast(outcome.text); };
@@ -270,7 +270,7 @@ export class Recordings {
     const opened = await send(path, body);
     if (!opened.key) return;
     toast(opened.notice || `${name}: ${opened.duration.toFixed(1)} s`);
-    this.replay(opened, name);
+    this.replay(opened);
   }
 
   show(state) {
