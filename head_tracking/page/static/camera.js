@@ -4,10 +4,7 @@ import { button, by, element, write } from "./dom.js";
 const DRAG = 6, MOST_CROPPED = 1.35, DECODING = 1000, OLD = 3000; // pixels, ratio, ms: a picture that is replaced may never be decoded
 
 export class CameraPicture {
-  /**
-   * @param {(u: number, v: number, stamp: string) => void} look receives a place in the picture, in fractions.
-   * @param {(person: object) => void} follow receives the box of a person; see `mark`.
-   */
+  /** `look` receives a place in the picture (u, v in fractions, and its stamp), `follow` the box of a person; see `mark`. */
   constructor(look, follow) {
     this.image = by("picture");
     this.look = look;

@@ -4,11 +4,7 @@ import { by, element, get, latestOnly, offer, refuse, write } from "./dom.js";
 const PERIOD = 66, MOST_MARKS = 200; // ms
 
 export class Replay {
-  /**
-   * @param {(state: object) => void} show receives the recorded state.
-   * @param {(blob: Blob | null) => void} showPicture receives the recorded picture.
-   * @param {(robot: object | null) => void} change receives the recorded robot; null: the live one again.
-   */
+  /** The functions receive a recorded state, picture (null: none) and robot (null: the live one again). */
   constructor(show, showPicture, change) {
     Object.assign(this, { show, showPicture, change, opened: null, speed: 1 });
     this.load = latestOnly(() => this.request());
