@@ -166,11 +166,6 @@ class HeadControl(Controller):
         return " and ".join(sorted(owners))
 
     @property
-    def is_stopped(self) -> bool:
-        """Whether there was a STOP and no `resume`."""
-        return self._owners.stopped
-
-    @property
     def obstacle(self) -> Obstacle | None:
         """Why a motion that begins now would not move the head; None: it would."""
         off, other = self.off, self._owners.elsewhere(self.joints)
@@ -257,7 +252,7 @@ class HeadControl(Controller):
     def publish(self) -> None:
         """Notify the observers, after the goals were written."""
         with self.lock:
-            self.motion.report()
+            self.motion.notify(self.motion)
         error, self._is_fresh = self.error if self._is_fresh else None, False
         self._observer(error)
 

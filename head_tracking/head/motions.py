@@ -105,6 +105,7 @@ class Motion(ABC):
         result: how it ended; None while it is in progress.
         miss: angle between the pointing axis and the target [rad]; None: there is no target.
         is_streamed: whether nobody waits for its result.
+        notify: as given; it does nothing if that is None.
     """
 
     title = ""
@@ -113,7 +114,7 @@ class Motion(ABC):
         self.result: MotionResult | None = None
         self.miss: float | None = None
         self.is_streamed = notify is None
-        self._notify = notify or (lambda _: None)
+        self.notify = notify or (lambda _: None)
 
     @abstractmethod
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
@@ -123,18 +124,13 @@ class Motion(ABC):
     def desired(self, time: float) -> tuple[JointPoint, JointPoint] | None:
         """Return the desired states of pan and tilt at a time [s]; None: there are none."""
 
-    def report(self) -> None:
-        """Notify of the progress."""
-        if self.result is None:
-            self._notify(self)
-
     def end(
         self, end: MotionEnd, reason: str, code: TrajectoryCode = TrajectoryCode.INVALID_GOAL
     ) -> None:
         """Set the result, unless there is one."""
         if self.result is None:
             self.result = MotionResult(end, reason, code)
-            self._notify(self)
+            self.notify(self)
 
 
 class PointMotion(Motion):

@@ -94,7 +94,7 @@ def test_a_restarted_bus_without_short_names_is_stopped_again(threads):
     threads.start(tracker)
     threads.start(bus)
     bus.own("", True, 1)
-    wait_for(lambda: tracker.control.is_stopped)
+    wait_for(lambda: tracker.control.off == Obstacle(Blocked.STOPPED))
     bus.own("", False, 0)
     wait_for(lambda: bus.calls == ["~/stop"])
     bus.own("", True, 1)

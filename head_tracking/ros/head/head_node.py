@@ -156,10 +156,11 @@ class HeadNode(ClosingNode):
         with control.lock:
             off, trouble, (state, text) = control.off, control.trouble, control.state()
             obstacle, detail = off or trouble, text.removeprefix(f"{state}: ")
+            is_stopped = off is not None and off.reason is Blocked.STOPPED
             fields = {
                 "state": state,
                 "enabled": "true" if off is None else "false",
-                "stopped": "true" if control.is_stopped else "false",
+                "stopped": "true" if is_stopped else "false",
                 "slow": "true" if control.is_cautious else "false",
                 "target": "false" if control.targets.miss is None else "true",
                 "reason": "" if obstacle is None else obstacle.reason.value,
