@@ -22,9 +22,6 @@ class SimulatedJoints(SimulatedLine):
     """Simulated servos for configured joints, in place of a serial device of this process.
 
     Joints start at position 0. Two servos of one joint are coupled.
-
-    Args:
-        joints: The joints.
     """
 
     adapter = Adapter()

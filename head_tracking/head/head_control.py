@@ -51,10 +51,8 @@ class HeadControl(Controller):
     Args:
         loop: the control loop; its buffer has the robot's frames.
         name: its name as an owner of joints.
-        parameters: of the head.
         targets: what the head does with its targets.
-        clock: of the stamps.
-        is_simulated: returns whether that clock may run at any speed.
+        is_simulated: returns whether the clock may run at any speed.
         period: minimum time between two updates [s].
         log: the logger; that of a ROS node has the same methods.
         observer: called after the goals of each cycle were written, with the present `error`;

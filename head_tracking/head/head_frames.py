@@ -26,10 +26,6 @@ class HeadFrames(TargetPlacer):
     Targets are transformed into the frame `fixed_frame`, which stands still, with the joints at
     the stamp of each target. A target waits up to `transform_timeout` for its transforms.
 
-    Args:
-        buffer: the robot's frames.
-        parameters: of the head.
-
     Attributes:
         head: the head of the model; None: no model is known.
         base: where the head's base is in `fixed_frame`; None: they are the same frame.

@@ -143,13 +143,10 @@ class PointMotion(Motion):
     within 0.2 s, while the motion to the point begins.
 
     Args:
-        control: of the head.
-        target: the point.
         p: how to turn. With `clamp_to_limits` the head turns as far as the joints go to a point
             out of reach; else that ends the motion. It has arrived when the miss was less than
             `success_angle_threshold` for `settle_time`, or very small for 0.1 s; and missed when
             the joints have stood still for `settle_time` and the point does not move.
-        notify: see `Motion`.
         head: the head, pointing another frame; None: the usual one.
         min_duration: minimum duration [s].
         fixed: where the point stays in `fixed_frame`, shape (3,) [m]; None: see `target`.
@@ -328,11 +325,6 @@ class TrajectoryMotion(Motion):
     """A trajectory of both joints, until the measured joints are at its end.
 
     After a STOP its time passes as slowly as the speed limit requires.
-
-    Args:
-        trajectory: of both joints.
-        law: the control law for the joints.
-        notify: see `Motion`.
     """
 
     title = "following a trajectory"
@@ -429,9 +421,6 @@ class TrackingSettings:
 
 class Tracking(TargetMotion):
     """Keeps the head on a moving target.
-
-    Args:
-        settings: until `tune`.
 
     Attributes:
         tracker: of the head; None: no model is known.
@@ -534,11 +523,7 @@ class Tracking(TargetMotion):
 
 
 class Pointing(TargetMotion):
-    """Turns the head to each new target once, and holds.
-
-    Args:
-        parameters: returns the present parameters.
-    """
+    """Turns the head to each new target once, and holds."""
 
     title = "pointing"
 

@@ -134,17 +134,7 @@ def _new_file(directory: Path) -> Path:
 
 
 class _Topic:
-    """A subscription that is polled.
-
-    Args:
-        node: subscribes.
-        name: of the topic.
-        kind: the name of its type.
-        endpoints: its publishers.
-
-    Raises:
-        LookupError: the package of its type is not installed.
-    """
+    """A subscription that is polled."""
 
     def __init__(self, node: Node, name: str, kind: str, endpoints: list[Any]) -> None:
         self.name, self.kind = name, kind

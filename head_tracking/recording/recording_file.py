@@ -114,13 +114,7 @@ def _decompressed(chunk: Chunk) -> Chunk:
 
 @dataclass
 class _Contents:
-    """The channels of a file, and its robot models.
-
-    Attributes:
-        channels: by number.
-        schemas: by number.
-        models: the first robot description of each topic.
-    """
+    """Channels and schemas of a file by number, and the first robot description of each topic."""
 
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -175,9 +169,6 @@ class _Reading:
     """Makes observations from a file's messages.
 
     Times are those of the recording, which one clock has measured.
-
-    Args:
-        contents: of the file.
     """
 
     def __init__(self, contents: _Contents) -> None:

@@ -49,12 +49,9 @@ class Composition:
     """The nodes of a run, which run together in this process.
 
     Args:
-        plan: the run.
-        threads: spins the nodes.
         stop: ends the start between two nodes.
         start_elsewhere: starts the nodes of other processes; None: all nodes run in this process.
         on_servos: is called once `servo_bus` runs, before anything is commanded.
-        owners: of the joints; None: new ones.
 
     Raises:
         EndRequestedError: `stop` was set.
@@ -128,14 +125,7 @@ class Composition:
 
 
 class ControlProcess:
-    """The run as the control process sees it: nodes, keys, status line.
-
-    Args:
-        plan: the run.
-        stop: ends it.
-        link: to the supervisor.
-        status: shows the state.
-    """
+    """The run as the control process sees it: nodes, keys, status line."""
 
     def __init__(
         self, plan: Run, stop: StopSignal, link: SupervisorLink, status: StatusLine
@@ -262,13 +252,7 @@ class ControlProcess:
 
 
 def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink) -> int:
-    """Run the control process until `stop`; return the exit code.
-
-    Args:
-        arguments: the command line of the run.
-        stop: ends the process.
-        link: to the supervisor.
-    """
+    """Run the control process of a command line until `stop`; return the exit code."""
     parse_in_child_process()
     status = StatusLine()
     try:

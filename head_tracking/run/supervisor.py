@@ -69,8 +69,6 @@ class ChildProcess:
     """A process of the run, the nodes that it shall run, and the supervisor's end of its channel.
 
     Args:
-        name: control, vision or page.
-        arguments: of its program.
         descriptors: file descriptors that it inherits.
 
     Attributes:
@@ -182,11 +180,7 @@ class ChildProcess:
 
 
 class Supervisor:
-    """Runs the processes of a run until control has ended.
-
-    Args:
-        plan: the run.
-    """
+    """Runs the processes of a run until control has ended."""
 
     def __init__(self, plan: Run) -> None:
         self._plan = plan
