@@ -121,10 +121,6 @@ def unknown_parameters(values: Collection[Given], known: Collection[str]) -> Ite
 
     Values of a file for nodes of any name (`/**`) may be for another one, and those of a servo
     that the node does not use are no mistake.
-
-    Args:
-        values: for the node.
-        known: the parameters of the node.
     """
     names = {given.name for given in values}
     meant = {given.name: given for given in values if given.node or given.file == COMMAND_LINE}

@@ -136,9 +136,6 @@ def changed(
 def verified(values: P) -> P:
     """Return parameters whose values are allowed; a constructor does not check them.
 
-    Args:
-        values: as for `changed`.
-
     Raises:
         ParameterError: values are not allowed; the message has all of them.
     """

@@ -40,15 +40,7 @@ P = TypeVar("P")
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredBus:
-    """The configured servos of one port.
-
-    Attributes:
-        port_name: device.
-        baud_rate: bits per second.
-        update_rate: cycles per second.
-        joints: the joints.
-        temperature: the temperatures at which a servo is reported.
-    """
+    """The configured servos of one port; baud_rate in bits, update_rate in cycles per second."""
 
     port_name: str
     baud_rate: int
@@ -93,11 +85,7 @@ def configured_head(files: Sequence[Path]) -> ConfiguredHead:
 
 
 def head_parameters(node: str, files: Sequence[Path]) -> HeadParameters:
-    """Return the parameters of the head that a node has with parameter files.
-
-    Args:
-        node: point_head or head_tracker.
-        files: parameter files; later ones win.
+    """Return the parameters of the head that point_head or head_tracker has with parameter files.
 
     Raises:
         ParameterFileError: a file cannot be read.

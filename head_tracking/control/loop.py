@@ -139,13 +139,7 @@ class ControlLoop:
                     controller.failure = error
 
     def publish(self, joints: Iterable[str], stamp: int, states: Mapping[str, JointSample]) -> None:
-        """Notify observers and controllers, after the write.
-
-        Args:
-            joints: the joints that were measured.
-            stamp: when [ns].
-            states: the result of `joints_read`.
-        """
+        """Notify observers and controllers, after the write, of joints measured at `stamp` [ns]."""
         if states:
             for observer in self._observers:
                 observer(stamp, states)

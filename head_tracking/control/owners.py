@@ -92,11 +92,6 @@ class JointOwners:
     def check(self, owner: str, joints: Iterable[str], epoch: int | None = None) -> int:
         """Return the epoch of a command for joints; raise what `claim` would raise.
 
-        Args:
-            owner: the sender.
-            joints: their names.
-            epoch: in which the command was made; None: not known.
-
         Raises:
             OwnershipError: one belongs to another owner.
             StoppedError: the head is stopped, or was after the command was made.

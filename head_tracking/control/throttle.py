@@ -9,11 +9,7 @@ _MOST = 100  # subjects; anybody may send targets in frames of any name
 
 
 class Throttle:
-    """Decides which messages are logged: one for each subject within a period.
-
-    Args:
-        period: minimum time between two messages of one subject [s].
-    """
+    """Decides which messages are logged: one for each subject within a period [s]."""
 
     def __init__(self, period: float) -> None:
         self._period = period

@@ -8,9 +8,9 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -572,10 +572,13 @@ class Head:
             if stopped and epoch == owners.epoch.value:
                 self._loop.stop()
             raise
-        with self._control.lock, self._refused_if_stopped():
-            owners.resume(epoch)
-            self._control.enable(cautious=self._stopped_as is HeadState.STOPPED)
-            self._stopped_as = HeadState.STOPPED
+        try:
+            with self._control.lock:
+                owners.resume(epoch)
+                self._control.enable(cautious=self._stopped_as is HeadState.STOPPED)
+                self._stopped_as = HeadState.STOPPED
+        except StoppedError:
+            raise RefusedCommandError(self._stopped_as) from None
 
     def close(self) -> None:
         """Brake and relax the servos and close the port; may be called twice.
@@ -748,13 +751,8 @@ class Head:
         """Return the epoch of a command that is given now; refuse one of an earlier epoch."""
         if (refusing := self._refusing) is not None:
             raise RefusedCommandError(refusing)
-        with self._refused_if_stopped():
-            return self._owners.permit(epoch)
-
-    @contextmanager
-    def _refused_if_stopped(self) -> Iterator[None]:
         try:
-            yield
+            return self._owners.permit(epoch)
         except StoppedError:
             raise RefusedCommandError(self._stopped_as) from None
 

@@ -247,14 +247,7 @@ class PointMotion(Motion):
     def _aim(
         self, point: Vector3, stamp: float | None, present: tuple[float, float], now: float
     ) -> Gaze:
-        """Set the present point and return the gaze at it, or the nearest possible one.
-
-        Args:
-            point: shape (3,) [m], in the head's base frame.
-            stamp: when it was there [s]; None: it does not move.
-            present: measured positions of the joints [rad].
-            now: the time [s].
-        """
+        """Set the point that was there at `stamp`; return the gaze at it, or the nearest one."""
         gaze = self._head.gaze(point, *self._goal)
         positions = gaze.pan, gaze.tilt
         if self.miss is None:
@@ -404,11 +397,7 @@ class TrackingSettings:
 
     Attributes:
         law: a name in `LAWS`.
-        limits: of all laws.
         law_parameters: of this law, of its class `Parameters`.
-        estimator: of the target's motion.
-        state: what to do without a target.
-        learning: of the servo models, and of the timing of a camera on the head.
     """
 
     law: str = "predictive"

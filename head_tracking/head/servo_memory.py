@@ -22,7 +22,6 @@ class ServoMemory:
 
     Args:
         servos: what identifies the servo of each joint; empty: not known, nothing is kept.
-        folder: of the files.
     """
 
     def __init__(self, servos: Mapping[str, str], folder: Path | None = None) -> None:

@@ -68,14 +68,7 @@ def observed(
     The controller's status has whether there is a target. Without that, an old one is left out, and
     so is one that `point_head` refuses: it keeps the target before.
 
-    Args:
-        now: the moment [ns].
-        buffer: has the robot's frames.
-        model: of the robot.
-        target: the latest one; None: none.
-        error: angle by which the head misses the target [rad].
-        controller: the node that controls the head; empty: none.
-        status: the fields of its `~/status`.
+    For the arguments see `Observation`; `status` has the fields of the controller's `~/status`.
     """
     is_recent = target is not None and abs(now - target.stamp) <= _TARGET_AGE
     has_target = status.get("target", "true" if is_recent else "false") == "true"

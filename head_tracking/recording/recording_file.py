@@ -247,10 +247,7 @@ class _Reading:
             self._unread[channel.topic] = f"{type(error).__name__}: {error}"
 
     def recording(self, why: str) -> Recording:
-        """Return the recording.
-
-        Args:
-            why: the reason for which the file ended too early; empty if it did not.
+        """Return the recording of a file that ended too early for a reason; empty: it did not.
 
         Raises:
             RecordingError: there is no observation.

@@ -62,7 +62,6 @@ class SupervisorLink(Channel):
     """The channel to the supervisor.
 
     Args:
-        descriptor: file descriptor of this process's end of the channel.
         stop: is set when the supervisor has closed its end, or was killed.
 
     Attributes:

@@ -19,9 +19,7 @@ class RunMonitor:
 
     Args:
         head: the controller of the head; None: the run has none.
-        buses: the servo buses.
         true_position: returns the true position of a joint [rad]; None: only measured ones exist.
-        clock: returns steady time [s].
     """
 
     def __init__(
