@@ -165,6 +165,12 @@ class Registers:
             self.after_write(before, drive)
         return before
 
+    @property
+    def first_measured(self) -> int:
+        """Address of the first register that holds a measurement."""
+        own = (r for r in self.table.values() if r.name.startswith(("Present", "Realtime Tick")))
+        return min(register.address for register in own)
+
     def ticks(self, angle: float) -> float:
         """Return the position that the servo counts at an angle of the shaft, rad."""
         turned = self._direction * angle / self.model.radians_per_tick

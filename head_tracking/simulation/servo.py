@@ -168,6 +168,7 @@ class SimulatedServo:
             self._registers = kind(own, firmware or _FIRMWARE[own.protocol])
         self._registers["ID"] = servo_id
         self._registers.start(ticks)
+        self._measured = self._registers.first_measured
         self.drive = Drive(
             Mechanics.of(own),
             (ticks - own.center) * own.radians_per_tick,
@@ -423,7 +424,8 @@ class SimulatedServo:
         return number + bytes((self._registers["Firmware Version"],))
 
     def _read(self, address: int, length: int) -> tuple[Denial | None, bytes]:
-        self._measure()
+        if address + length > self._measured:
+            self._measure()
         data = self._registers.read(address, length)
         return (Denial.ACCESS, b"") if data is None else (None, data)
 
