@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from closed_loop import Conditions, ax12
 from plant import Deaf, PlainServo, Streamed
-from runs import BESIDE, ON_HEAD, Watched, around, circle, run, sine, swing, tracker
+from runs import BESIDE, ON_HEAD, Watched, around, circle, run, sine, stop_and_go, swing, tracker
 
 from head_tracking.gaze import HeadCommand
 from head_tracking.tracking import (
@@ -22,11 +22,6 @@ from head_tracking.tracking import (
 def drift(speed):
     """To and fro; the law `position` has 1.9 to 7.6 mrad."""
     return lambda t: around(speed * abs((t + 2.0) % 16.0 - 8.0))
-
-
-def stop_and_go(t):
-    phase = t % 4.0
-    return around(0.4 * (min(phase, 1.0) - min(max(phase - 2.0, 0.0), 1.0)))
 
 
 def walked_up(t):

@@ -317,13 +317,7 @@ def test_bus_starts_without_a_servo_if_it_may() -> None:
     assert "head_tilt_joint" in rig.step().states
 
 
-# Commands and torque: what reaches the wire, and what never does
-
-
-TICK = PAN.resolution
-
-
-# Torque
+# Torque: what reaches the wire, and what never does
 
 
 def test_the_first_command_holds_the_servo_where_it_stands_before_it_moves() -> None:
@@ -442,8 +436,8 @@ def test_bad_command_is_refused_and_nothing_moves(goals: dict[str, Goal], clamp:
     [
         (9.0, 800, True),
         (-9.0, 300, True),
-        (TILT.upper + 1.01 * TICK, 800, True),
-        (TILT.upper + 0.99 * TICK, 800, False),  # one tick counts as on the limit
+        (TILT.upper + 1.01 * PAN.resolution, 800, True),
+        (TILT.upper + 0.99 * PAN.resolution, 800, False),  # one tick counts as on the limit
     ],
 )
 def test_a_position_outside_the_limits_is_clamped_and_that_is_reported_or_refused(

@@ -275,7 +275,6 @@ def test_servos_hold_where_they_stand_without_a_bus(left: Bench) -> None:
     assert left.torque == [1, 1, 1, 0]
     stood = {servo.id: servo.true_ticks for servo in left.bus}
     left.pass_time(3.0)
-    left.bus.advance(left.now())
     for servo in left.bus:
         assert servo.true_ticks == pytest.approx(stood[servo.id], abs=servo.model.ticks / 100)
 

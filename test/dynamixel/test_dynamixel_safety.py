@@ -219,7 +219,6 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
     assert rig.bus.close() == ()
     for _ in range(100):
         rig.bench.pass_time(PERIOD)
-        rig.bench.bus.advance(rig.bench.now())
     assert rig.torque == [0]
     assert abs(servo.true_position - before) < 0.35  # 20 degrees; 141 without braking
 
@@ -323,7 +322,6 @@ def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> N
     for happens in (servos[0].power_off, servos[0].power_on):  # while the bus stands still
         happens()
         rig.bench.pass_time(0.5)
-        rig.bench.bus.advance(rig.bench.now())
     rig.step(3)
     assert rig.bus.joint("j1").torque is Torque.OFF_UNTIL_COMMANDED
 
@@ -360,7 +358,6 @@ def test_a_pause_of_the_process_within_a_cycle_is_noticed_at_once(where: str) ->
     def late(*arguments: object) -> object:
         if pauses:
             rig.bench.pass_time(pauses.pop())
-            rig.bench.bus.advance(rig.bench.now())
         return original(*arguments)
 
     setattr(line, where, late)
@@ -398,7 +395,6 @@ def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
     ):
         happens()
         rig.bench.pass_time(pause / 3)
-        rig.bench.bus.advance(rig.bench.now())
     left_at = servo.true_position
     rig.step(30)
     assert rig.torque == [0]

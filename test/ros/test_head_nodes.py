@@ -65,11 +65,6 @@ class Tracked:
     def _on_status(self, message: DiagnosticStatus) -> None:
         self.fields = {each.key: each.value for each in message.values}
 
-    def stop_and_resume(self) -> None:
-        owners = self.world.loop.owners
-        owners.stop(dict)
-        owners.resume(owners.epoch.value)
-
     def _publish(self) -> None:
         if self.path is not None:
             self.node.control.accept(self.target(self.path(self.world.seconds)))
@@ -89,7 +84,7 @@ def track(kinectbot: RobotModel, threads: Any) -> Callable[..., Tracked]:
 
 def test_a_resumed_head_stays_slow_over_jumps_and_while_there_is_no_target(track):
     tracked = track()
-    tracked.stop_and_resume()
+    tracked.world.stop_and_resume()
     tracked.path = lambda now: AWAY
     assert 0.1 < max(tracked.world.speeds(0.3)) < 0.35
     tracked.path = None
@@ -132,7 +127,7 @@ def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
 
 def test_a_resumed_head_keeps_max_joint_speed(track):
     tracked = track(max_joint_speed=0.1)
-    tracked.stop_and_resume()
+    tracked.world.stop_and_resume()
     tracked.path = lambda now: AWAY
     assert 0.05 < max(tracked.world.speeds(3.0)) < 0.12
 

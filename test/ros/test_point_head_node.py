@@ -30,11 +30,6 @@ class PointedHead:
         world.run(0.1)
 
     @property
-    def true(self):
-        """Where pan and tilt really are [rad]."""
-        return tuple(self.world.true_position(joint) for joint in JOINTS)
-
-    @property
     def said(self):
         """Its latest state."""
         return self._states[-1][1].data if self._states else ""
@@ -67,11 +62,11 @@ def test_random_goals_report_the_miss_of_the_true_angles(pointed):
     rnd = random.Random(1)
     ends = {"succeeded": 0, "aborted": 0}
     for _ in range(30):
-        point, before = random_point(rnd), pointed.true
+        point, before = random_point(rnd), pointed.world.true
         goal = pointed.look_at(point)
         pointed.world.run(0.02)
         ends[goal.status] += 1
-        truly = math.degrees(pointed.head.miss(point, *pointed.true))
+        truly = math.degrees(pointed.head.miss(point, *pointed.world.true))
         if goal.status == "succeeded":
             assert pointed.head.gaze(point, *before).reached
             reported = float(pointed.said.split()[-2])
@@ -81,7 +76,7 @@ def test_random_goals_report_the_miss_of_the_true_angles(pointed):
         else:
             assert not pointed.head.gaze(point, *before).reached
             assert pointed.said.startswith("aborted: the target is ")
-            assert pointed.true == pytest.approx(before, abs=0.006)
+            assert pointed.world.true == pytest.approx(before, abs=0.006)
     assert min(ends.values()) > 2
 
 
@@ -122,7 +117,7 @@ def test_any_frame_and_axis_of_the_head_can_be_pointed(pointed, kinectbot, frame
     assert held.status == "succeeded"
     assert not pointed.node.actions.point_refusal(held.request)
     head = PanTiltHead(kinectbot, *JOINTS, frame.removeprefix("/"), meant)
-    assert head.miss(point, *pointed.true) < math.radians(1.0)
+    assert head.miss(point, *pointed.world.true) < math.radians(1.0)
 
 
 @pytest.mark.parametrize("kind", ["point", "follow"])
@@ -145,11 +140,9 @@ def test_a_goal_that_replaces_a_moving_target_does_not_stop_the_head(pointed, ki
 
 
 def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
-    world, owners = pointed.world, pointed.world.loop.owners
+    world = pointed.world
     world.run(0.5)
-    owners.stop(dict)
-    world.run(0.5)
-    owners.resume()
+    world.stop_and_resume(0.5)
     held = HeldGoal(
         following(
             (0.8, (0.6, 0.3), (0.5, 0.0)),
@@ -160,7 +153,7 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     pointed.node.actions.follow(held)
     speeds = world.speeds(30.0, lambda: held.status)
     assert (held.status, held.answer.error_code) == ("succeeded", 0), held.answer.error_string
-    assert pointed.true == pytest.approx((-0.3, 0.0), abs=0.03)
+    assert pointed.world.true == pytest.approx((-0.3, 0.0), abs=0.03)
     assert max(speeds) < 0.4  # rad/s
 
 
@@ -227,17 +220,14 @@ def test_a_blocked_joint_aborts_the_goal(pointed, kind):
         assert goal.answer.error_code == -4
         assert "head_pan_joint" in goal.answer.error_string
     head.world.impede("head_pan_joint", 0.0)
-    stood = head.true
+    stood = head.world.true
     head.world.run(1.0)
-    assert head.true == pytest.approx(stood, abs=0.05)  # nobody takes it on
+    assert head.world.true == pytest.approx(stood, abs=0.05)  # nobody takes it on
     assert head.look_at((2.0, 0.5, 0.1)).status == "succeeded"
 
 
 def stop_and_resume(pointed):
-    owners = pointed.world.loop.owners
-    owners.stop(dict)
-    pointed.world.run(0.03)
-    owners.resume()
+    pointed.world.stop_and_resume(0.03)
 
 
 def disable(pointed):
@@ -249,13 +239,15 @@ def take_over(pointed):
 
 
 @pytest.mark.parametrize("kind", ["point", "follow"])
-@pytest.mark.parametrize("end", [stop_and_resume, disable, take_over])
+@pytest.mark.parametrize(
+    "end", [lambda pointed: pointed.world.stop_and_resume(0.03), disable, take_over]
+)
 def test_a_goal_is_aborted_when_the_head_is_stopped_disabled_or_taken_over(pointed, kind, end):
     goal = begun(pointed, kind)
     end(pointed)
     pointed.world.run(0.1)
     assert goal.status == "aborted"
     pointed.world.run(1.0)  # the servos reach the goals that they have
-    stood = pointed.true
+    stood = pointed.world.true
     pointed.world.run(1.0)
-    assert pointed.true == pytest.approx(stood, abs=0.005)
+    assert pointed.world.true == pytest.approx(stood, abs=0.005)

@@ -79,9 +79,6 @@ def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model: str)
     assert servo.true_ticks == pytest.approx(goal, abs=6)
 
 
-# MX
-
-
 # Protocol 2.0
 
 

@@ -159,6 +159,17 @@ class World:
         servo.advance(self.now)
         return joint.position(servo.true_ticks)
 
+    @property
+    def true(self) -> tuple[float, float]:
+        """Where pan and tilt really are [rad]."""
+        return self.true_position(PAN.joint_name), self.true_position(TILT.joint_name)
+
+    def stop_and_resume(self, pause: float = 0.0) -> None:
+        """STOP the head, and resume it after a while [s]."""
+        self.loop.owners.stop(dict)
+        self.run(pause)
+        self.loop.owners.resume()
+
     def impede(self, joint_name: str, share: float) -> None:
         """Brakes a joint by this share of its servo's torque until the next call."""
         _, servo = self._servos[joint_name]

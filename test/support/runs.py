@@ -42,6 +42,12 @@ def still(t: float) -> Vector3:
     return around(0.3)
 
 
+def stop_and_go(t: float) -> Vector3:
+    """Move for 1 s at 0.4 rad/s, stand for 1 s, and back."""
+    phase = t % 4.0
+    return around(0.4 * (min(phase, 1.0) - min(max(phase - 2.0, 0.0), 1.0)))
+
+
 def circle(t: float) -> Vector3:
     return around(0.4 * math.sin(1.5 * t), 0.2 + 0.2 * math.cos(1.5 * t))
 

@@ -130,6 +130,7 @@ class Bench:
 
     def pass_time(self, seconds: float) -> None:
         self.clock.now += round(seconds * 1e9)
+        self.bus.advance(self.clock.now)
 
     @property
     def torque(self) -> list[int]:
@@ -140,7 +141,6 @@ class Bench:
         self.bus.advance(self.clock.now)
         self.bus[servo_id].lead(tick, 0.5, 2.0)
         self.pass_time(2.0)
-        self.bus.advance(self.clock.now)
 
 
 class Rig:

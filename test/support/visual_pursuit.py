@@ -65,12 +65,8 @@ def pursue(
     world.make(HeadTrackerNode, tracker, loop=world.loop)
     seen = eye.scene
 
-    def joints() -> tuple[float, float]:
-        return world.true_position(PAN.joint_name), world.true_position(TILT.joint_name)
-
     def exposed() -> None:
-        pan, tilt = joints()
-        positions = {PAN.joint_name: pan, TILT.joint_name: tilt}
+        positions = dict(zip((PAN.joint_name, TILT.joint_name), world.true, strict=True))
         poses[world.now] = model.transform("base_link", CAMERA, positions)
 
     def taken() -> None:
@@ -88,7 +84,7 @@ def pursue(
     def judge() -> None:
         if world.seconds >= SETTLING:
             point = T_head_scene @ position(seen, followed, world.now * 1e-9)
-            result.errors.add(head.miss(point, *joints()))
+            result.errors.add(head.miss(point, *world.true))
 
     world.every(round(1e9 * world.period), exposed)
     world.every(round(1e9 / RATE), taken)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from random import Random
 
 from plant import in_base
-from runs import around, sine, still
+from runs import around, sine, still, stop_and_go
 
 Point = tuple[float, float, float]
 Path = Callable[[float], Point]
@@ -47,12 +47,6 @@ def as_turtlebot_sees(t: float) -> Point:
 def drifting(speed: float) -> Path:
     """Go to and fro, 8 s each way [rad/s]."""
     return lambda t: around(speed * abs(t % 16.0 - 8.0))
-
-
-def stop_and_go(t: float) -> Point:
-    """Move for 1 s at 0.4 rad/s, stand for 1 s, and back."""
-    phase = t % 4.0
-    return around(0.4 * (min(phase, 1.0) - min(max(phase - 2.0, 0.0), 1.0)))
 
 
 def passing(distance: float, speed: float = 1.0) -> Path:
