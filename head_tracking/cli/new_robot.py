@@ -8,7 +8,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Final
 
@@ -334,13 +334,9 @@ def _check_and_write(files: Sequence[Path], texts: Sequence[str]) -> None:
         head = configured_head(drafts[1:])
         names = [servo.joint_name for servo in head.servos]
         PanTiltHead(load_robot_model(drafts[0]), names[0], names[1], head.pointing_frame)
-    made: list[Path] = []
-    try:
+    with ExitStack() as undo:  # both files or none
         for path, text in zip(files, texts, strict=True):
             with path.open("x", encoding="utf-8") as file:
-                made.append(path)
+                undo.callback(path.unlink, missing_ok=True)
                 file.write(text)
-    except BaseException:  # both files or none
-        for path in made:
-            path.unlink(missing_ok=True)
-        raise
+        undo.pop_all()

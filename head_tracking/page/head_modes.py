@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -335,10 +336,9 @@ class HeadModes:
 
         def latest() -> Target | None:
             self._poll()
-            try:
+            with suppress(StaleFrameError, TransformException):
                 return follower.newest(self._node.get_clock().now().nanoseconds)
-            except (StaleFrameError, TransformException):
-                return None
+            return None
 
         return latest
 

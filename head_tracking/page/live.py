@@ -34,7 +34,7 @@ _ORDER = {Level.ERROR: 0, Level.STALE: 1, Level.WARN: 2, Level.OK: 3}
 
 
 class Live:
-    """Samples the robot; for one thread, except `point_at`.
+    """Samples the robot, one call at a time; `point_at` is for any thread.
 
     Args:
         robot: is sampled.

@@ -309,8 +309,7 @@ class Page:
         finally:
             del self._browsers[browser]
             sending.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sending
+            await asyncio.gather(sending, return_exceptions=True)
 
     async def _send(self, browser: WebSocket, watcher: _Watcher) -> None:
         live, texts, sent = self._live, {"robot": ""}, None
@@ -378,17 +377,14 @@ async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:
         ValueError: the next part does not come.
     """
     size, parts = 0, aiter(request.stream())
-    while True:
-        try:
-            chunk = await asyncio.wait_for(anext(parts), _SILENT)
-        except StopAsyncIteration:
-            return
-        except asyncio.TimeoutError:
-            raise ValueError(f"Nothing has come for {_SILENT:g} s.") from None
-        size += len(chunk)
-        if size > limit:
-            raise _TooLargeError(f"At most {limit} bytes are allowed.")
-        yield chunk
+    try:
+        while chunk := await asyncio.wait_for(anext(parts, b""), _SILENT):
+            size += len(chunk)
+            if size > limit:
+                raise _TooLargeError(f"At most {limit} bytes are allowed.")
+            yield chunk
+    except asyncio.TimeoutError:
+        raise ValueError(f"Nothing has come for {_SILENT:g} s.") from None
 
 
 async def _fields(request: Request) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
 from head_tracking.cli.terminal import Terminal
@@ -61,12 +61,10 @@ class Session:
         """
         port = self.make_port(self.port_name, self.baud_rate if baud_rate is None else baud_rate)
         port.open()
-        try:
+        with closing(port):
             if port.adapter.advice:
                 self.terminal.print(f"note: {port.adapter.advice}")
             yield port
-        finally:
-            port.close()
 
 
 def answers(port: DynamixelPort, servo_id: int, protocol: int, attempts: int = _ATTEMPTS) -> bool:
