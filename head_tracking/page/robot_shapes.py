@@ -6,8 +6,9 @@ import io
 import logging
 import math
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -18,9 +19,6 @@ from head_tracking.recording.recording import Observation
 from head_tracking.share import PACKAGE, share_directory
 from head_tracking.transforms import RobotModel, Transform
 from head_tracking.transforms.urdf import import_yourdfpy
-
-if TYPE_CHECKING:
-    import trimesh
 
 _GREY = [0.6, 0.6, 0.62, 1.0]
 _LARGEST = 1e3  # m: a larger shape is a mistake
@@ -121,7 +119,7 @@ class _Shapes:
         self.notices: list[str] = []
         self._meshes_at = meshes_at
         self._materials = {material.name: material for material in robot.materials}
-        self._loaded: dict[str, trimesh.Trimesh] = {}
+        self._loaded = cache(_load)
         for link in robot.links:
             for visual in link.visuals:
                 try:
@@ -154,35 +152,15 @@ class _Shapes:
         self.found.append(shape)
 
     def _mesh(self, geometry: Any) -> dict[str, Any]:
-        mesh = self._load(geometry.filename)
+        mesh = self._loaded(geometry.filename).copy()
         scale = 1.0 if geometry.scale is None else geometry.scale
         if not (np.abs(mesh.bounds * scale) < _LARGEST).all():
             raise ValueError(f"the mesh {geometry.filename!r} is too large or not finite")
-        if geometry.scale is not None:
-            mesh = mesh.copy()
-            mesh.apply_scale(scale)
+        mesh.apply_scale(scale)
         is_coloured = mesh.visual.kind == "texture" or bool(mesh.visual.defined)
         self.meshes.append(bytes(mesh.export(file_type="glb" if is_coloured else "stl")))
         address = f"{self._meshes_at}{len(self.meshes) - 1}"
         return {"kind": "coloured" if is_coloured else "mesh", "mesh": address}
-
-    def _load(self, address: str) -> trimesh.Trimesh:
-        """Return the mesh at an address; raise ValueError if it can't be shown."""
-        if address not in self._loaded:
-            import trimesh  # takes a second, and not every robot has meshes
-
-            file = mesh_file(address)
-            try:
-                mesh = trimesh.load(file, force="mesh")
-                if not len(mesh.faces):
-                    raise ValueError("it has no triangles")
-            except Exception as error:  # readers of mesh files raise any error
-                raise ValueError(
-                    f"the mesh {address!r} can't be read ({error or type(error).__name__}); "
-                    ".dae files need pycollada (pip install pycollada)"
-                ) from error
-            self._loaded[address] = mesh
-        return self._loaded[address]
 
     def _colour(self, material: Any) -> list[float]:
         if material is not None and material.color is None:
@@ -191,6 +169,23 @@ class _Shapes:
             return _GREY
         r, g, b, a = (min(max(float(value), 0.0), 1.0) for value in material.color.rgba)
         return [r, g, b, a]
+
+
+def _load(address: str) -> Any:
+    """Return the mesh at an address; raise ValueError if it can't be shown."""
+    import trimesh  # takes a second, and not every robot has meshes
+
+    file = mesh_file(address)
+    try:
+        mesh = trimesh.load(file, force="mesh")
+        if not len(mesh.faces):
+            raise ValueError("it has no triangles")
+    except Exception as error:  # readers of mesh files raise any error
+        raise ValueError(
+            f"the mesh {address!r} can't be read ({error or type(error).__name__}); "
+            ".dae files need pycollada (pip install pycollada)"
+        ) from error
+    return mesh
 
 
 def mesh_file(address: str) -> Path:

@@ -14,7 +14,6 @@ import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
-from starlette.types import Message, Receive, Scope, Send
+from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from head_tracking.exceptions import HeadTrackingError
@@ -222,8 +221,9 @@ class Page:
             Route("/head/stop", self._stop, methods=["POST"]),
             self._route("POST", "resume", lambda _: robot.stop.resume(), self._resuming),
             Mount("/head/static", StaticFiles(directory=_STATIC)),
-            Mount("/head/three", StaticFiles(directory=_wheel() / "elements" / "scene" / "dist")),
-            Mount("/head/font", StaticFiles(directory=_wheel() / "static")),
+            # without importing nicegui, which would take a second
+            Mount("/head/three", StaticFiles(packages=[("nicegui", "elements/scene/dist")])),
+            Mount("/head/font", StaticFiles(packages=[("nicegui", "static")])),
             Route("/", lambda _: FileResponse(_STATIC / "page.html")),
             *(self._route("GET", *one, self._working) for one in get.items()),
             *(self._route("POST", *one, self._working) for one in post.items()),
@@ -251,22 +251,14 @@ class Page:
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request; a flood of others leaves the processor to STOP."""
-
-        async def send_last(message: Message) -> None:
-            """Send a message; the connection ends after it, and with it what is waiting there."""
-            if message["type"] == "http.response.start":
-                headers = [*message.get("headers", ()), (b"connection", b"close")]
-                message = {**message, "headers": headers}
-            await send(message)
-
-        is_last = False
         if scope["type"] != "lifespan" and scope["path"] not in _AT_ONCE:
             now = time.monotonic()
             self._next_turn = max(self._next_turn + _PACE, now - _BURST)
             self._requests += 1
-            is_last = self._requests % _LAST == 0
+            if self._requests % _LAST == 0:  # uvicorn ends the connection, with what waits there
+                scope["headers"] = [*scope["headers"], (b"connection", b"close")]
             await asyncio.sleep(self._next_turn - now)
-        await self._access(scope, receive, send_last if is_last else send)
+        await self._access(scope, receive, send)
 
     def _recording(self, name: str) -> Path:
         """Return one of the listed recordings by its name.
@@ -356,13 +348,6 @@ class _Watcher:
         elif text == "blind":
             self.topic = None
         return self._due <= now
-
-
-def _wheel() -> Path:
-    """Return the folder of NiceGUI without importing it, which would take a second."""
-    spec = find_spec("nicegui")
-    assert spec is not None and spec.submodule_search_locations is not None
-    return Path(spec.submodule_search_locations[0])
 
 
 class _TooLargeError(ValueError):

@@ -63,38 +63,32 @@ export function kept(name, value) {
   try { if (value) localStorage.setItem(name, value); return localStorage.getItem(name); } catch { return null; }
 }
 
-const pending = new Set();
+let pending = new AbortController();
 
 /** Give up the requests that wait: a browser has six connections to a server, and STOP needs one. */
-export function abort() { for (const request of pending) request.abort(); }
+export function abort() { pending.abort(); pending = new AbortController(); }
 
 const NO_ANSWER = "The page's server does not answer. Use the power switch of the servos if they must stop.";
 
 /** Send a request to the server; resolve with its answer, or {done: false}. A refusal is shown, and that no answer has come within `patience` [ms; 0: wait]. */
 export async function send(path, body = {}, method = "POST", patience = 0) {
-  const request = new AbortController();
+  const { signal } = pending;
   const timer = patience && setTimeout(() => toast(NO_ANSWER, 12), patience); // it may still arrive
-  pending.add(request);
   try {
-    const answer = await fetch(path, { method, signal: request.signal, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
+    const answer = await fetch(path, { method, signal, headers: { "X-Head-Tracking": "page" }, ...(method === "POST" && { body: body instanceof Blob ? body : JSON.stringify(body) }) });
     const isJson = (answer.headers.get("Content-Type") ?? "").includes("json");
     const outcome = isJson ? await answer.json() : { done: false, text: await answer.text() };
     if (outcome.done === false) toast(outcome.text, 12);
     return outcome;
   } catch {
-    if (!request.signal.aborted) toast(NO_ANSWER, 12);
+    if (!signal.aborted) toast(NO_ANSWER, 12);
     return { done: false, text: "" };
-  } finally {
-    clearTimeout(timer);
-    pending.delete(request);
-  }
+  } finally { clearTimeout(timer); }
 }
 
 /** Return why the server refuses this browser, such as an old token; empty: it does not, or does not answer within a second. */
 export async function refusalOf(path) {
-  const request = new AbortController();
-  setTimeout(() => request.abort(), 1000);
-  return fetch(path, { signal: request.signal, cache: "no-store" }).then((answer) => (answer.ok ? "" : answer.text()), () => "");
+  return fetch(path, { signal: AbortSignal.timeout(1000), cache: "no-store" }).then((answer) => (answer.ok ? "" : answer.text()), () => "");
 }
 export const get = (path) => send(path, null, "GET");
 
