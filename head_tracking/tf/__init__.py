@@ -7,6 +7,8 @@ from head_tracking.tf.broadcaster import (
 )
 from head_tracking.tf.buffer import Buffer, BufferCore, BufferInterface
 from head_tracking.tf.do_transform import (
+    TransformRegistration,
+    TypeException,
     do_transform_point,
     do_transform_pose,
     do_transform_pose_stamped,
@@ -20,10 +22,6 @@ from head_tracking.tf.listener import (
     TransformListener,
     listening_buffer,
     prefix_of,
-)
-from head_tracking.tf.registration import (
-    TransformRegistration,
-    TypeException,
 )
 from head_tracking.transforms.exceptions import (
     ConnectivityException,

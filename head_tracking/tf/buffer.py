@@ -19,9 +19,8 @@ from rclpy.task import Future
 from rclpy.time import Time
 
 from head_tracking.tf.conversions import seconds, stamp_to_ns
-from head_tracking.tf.do_transform import MAKERS
+from head_tracking.tf.do_transform import MAKERS, TransformRegistration
 from head_tracking.tf.messages import FrameGraph, read, transform_stamped
-from head_tracking.tf.registration import TransformRegistration
 from head_tracking.transforms import TransformBuffer, TransformException
 from head_tracking.transforms.history import DEFAULT_CACHE_TIME
 
@@ -205,52 +204,13 @@ class Buffer:
             ),
         )
 
-    def wait_for_transform_async(
-        self, target_frame: str, source_frame: str, time: AnyTime
-    ) -> Future:
-        """Return a future of `lookup_transform`, which is done when the lookup succeeds."""
-        return self._future(lambda: self.lookup_transform(target_frame, source_frame, time))
-
-    def wait_for_transform_full_async(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-    ) -> Future:
-        """Return a future of `lookup_transform_full`; see `wait_for_transform_async`."""
-        return self._future(
-            lambda: self.lookup_transform_full(
-                target_frame, target_time, source_frame, source_time, fixed_frame
-            )
-        )
-
-    async def lookup_transform_async(
-        self, target_frame: str, source_frame: str, time: AnyTime
-    ) -> TransformStamped:
-        """Await the transform; see `lookup_transform`."""
-        return await self.wait_for_transform_async(target_frame, source_frame, time)
-
-    async def lookup_transform_full_async(
-        self,
-        target_frame: str,
-        target_time: AnyTime,
-        source_frame: str,
-        source_time: AnyTime,
-        fixed_frame: str,
-    ) -> TransformStamped:
-        """Await the transform; see `lookup_transform_full`."""
-        return await self.wait_for_transform_full_async(
-            target_frame, target_time, source_frame, source_time, fixed_frame
-        )
-
-    def _future(self, lookup: Callable[[], TransformStamped]) -> Future:
+    def _future(self, lookup: Callable[..., TransformStamped], *where: Any, **named: Any) -> Future:
+        """Return a future of a lookup, which is done when the lookup succeeds."""
         future, found = Future(), []
 
         def possible() -> bool:
             try:
-                found.append(lookup())
+                found.append(lookup(self, *where, **named))
             except TransformException:
                 return False
             return True
@@ -258,6 +218,18 @@ class Buffer:
         request = self.core.when(possible, lambda: future.set_result(found[-1]))
         future.add_done_callback(lambda _: self.core.withdraw(request))  # also if it is cancelled
         return future
+
+    async def _awaited(
+        self, lookup: Callable[..., TransformStamped], *where: Any, **named: Any
+    ) -> TransformStamped:
+        """Await a lookup."""
+        return await self._future(lookup, *where, **named)
+
+    # with the arguments of the lookup that they are named after, but no timeout
+    wait_for_transform_async = partialmethod(_future, lookup_transform)
+    wait_for_transform_full_async = partialmethod(_future, lookup_transform_full)
+    lookup_transform_async = partialmethod(_awaited, lookup_transform)
+    lookup_transform_full_async = partialmethod(_awaited, lookup_transform_full)
 
     def time_jump_callback(self, _: TimeJump) -> None:
         """Clear the buffer."""

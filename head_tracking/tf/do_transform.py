@@ -1,4 +1,4 @@
-"""Transforming messages: the functions of tf2_geometry_msgs."""
+"""Transforming messages: tf2_ros's registration, and the functions of tf2_geometry_msgs."""
 
 from __future__ import annotations
 
@@ -21,14 +21,46 @@ from geometry_msgs.msg import (
 
 from head_tracking.tf.conversions import rotation, stamp_to_ns, transform, vector
 from head_tracking.tf.messages import pose, stamped, xyz
-from head_tracking.tf.registration import DoTransform, TransformRegistration
 from head_tracking.transforms import Rotation, StampedTransform, Transform
+
+DoTransform: TypeAlias = Callable[[Any, TransformStamped], Any]
 
 Maker: TypeAlias = Callable[[Any, StampedTransform], Any]
 """Transforms a message by the result of a lookup."""
 
 MAKERS: dict[DoTransform, Maker] = {}
 """The same functions for lookups of this process, without a TransformStamped in between."""
+
+
+class TypeException(Exception):
+    """A message cannot be transformed."""
+
+    def __init__(self, errstr: str) -> None:
+        super().__init__(errstr)
+        self.errstr = errstr
+
+
+class TransformRegistration:
+    """The function that transforms each type of message; one table for the whole program."""
+
+    _callbacks: dict[type, DoTransform] = {}  # noqa: RUF012 it is shared, as tf2's is
+
+    def add(self, key: type, callback: DoTransform) -> None:
+        """Transform messages of this type by `callback(message, transform_stamped)`."""
+        self._callbacks[key] = callback
+
+    def get(self, key: type) -> DoTransform:
+        """Return the function for messages of this type.
+
+        Raises:
+            TypeException: none is registered.
+        """
+        if key not in self._callbacks:
+            known = ", ".join(kind.__name__ for kind in self._callbacks)
+            raise TypeException(
+                f"a {key.__name__} cannot be transformed; types that can be: {known}"
+            )
+        return self._callbacks[key]
 
 
 def do_transform_pose(pose: Pose, transform_stamped: TransformStamped) -> Pose:
