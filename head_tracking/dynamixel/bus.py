@@ -450,7 +450,7 @@ class ServoBus:
             if joint.stopped:
                 for servo in joint.servos:
                     servo.lose(0)
-                joint.set_stopped(False)
+                joint.stopped = False
         yield from self._until(chosen, lambda joint: joint.complete, _STARTING)
 
     def writing_eeprom(

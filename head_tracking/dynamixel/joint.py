@@ -30,11 +30,10 @@ class BusJoint:
         watchdog: float = 0.0,
         version: Version | None = None,
     ) -> None:
-        self._version = version or Version()
         self.configuration = configuration
         self.name = configuration.joint_name
         self.servos = tuple(
-            Servo(port, each.id, each.model, each, watchdog, self._version)
+            Servo(port, each.id, each.model, each, watchdog, version)
             for each in configuration.calibrations
         )
         self.relaxed = False  # on request, until torque is switched on
@@ -156,11 +155,6 @@ class BusJoint:
         return ServoState(first.stamp, first.position, first.velocity, goal)
 
     # Thread that owns the bus
-
-    def set_stopped(self, stopped: bool) -> None:
-        """Take it out of the cycle, or back."""
-        self.stopped = stopped
-        self._version.number += 1
 
     def aim(self, position: float, speed: float | None, now: int | None) -> None:
         """Set the goal, moved into the limits; `now` is monotonic, ns, or None: no command."""

@@ -166,7 +166,8 @@ class Procedures:
             self.requests.drop_goals(joint.name)
             joint.drop_goal()
             if stop:
-                joint.set_stopped(True)
+                joint.stopped = True
+                self.version.number += 1
         servos = [servo for joint in joints for servo in joint.servos]
         try:
             found = yield from relaxing(self.port, servos, disarm=disarm, sure=sure)

@@ -140,13 +140,10 @@ class SimulatedPort:
         on_failure: Callable[[], object] = lambda: None,
     ) -> None:
         self.failure: BaseException | None = None
-        self._bus = bus if isinstance(bus, SimulatedBus) else SimulatedBus(bus)
         self._needs_rate = paced or match_baud_rate
+        self._bus = bus if isinstance(bus, SimulatedBus) else SimulatedBus(bus)
         self._line = SerialLine(
-            self._bus,
-            paced=paced,
-            latency=round(latency * 1e9),
-            match_baud_rate=match_baud_rate,
+            self._bus, paced=paced, latency=latency, match_baud_rate=match_baud_rate
         )
         self._on_failure = on_failure
         self._link = None if link is None else os.path.abspath(os.fspath(link))

@@ -71,7 +71,7 @@ class SerialLine:
         bus: The servos.
         paced: Whether bytes take the time of the baud rate. If not, answers arrive when the servo
             starts to send, and only servos with the same id can collide.
-        latency: Latency timer of the adapter, ns; 0: none. The default of FTDI chips is 16 ms.
+        latency: Latency timer of the adapter, s; 0: none. The default of FTDI chips is 16 ms.
         match_baud_rate: Whether only servos with the baud rate of the master receive it.
 
     Attributes:
@@ -84,12 +84,13 @@ class SerialLine:
         bus: SimulatedBus,
         *,
         paced: bool = False,
-        latency: int = 0,
+        latency: float = 0.0,
         match_baud_rate: bool = False,
     ) -> None:
         self.bus = bus
         self.overlaps: Counter[Overlap] = Counter()
-        self._paced, self._latency, self._match = paced, latency, match_baud_rate
+        self._paced, self._match = paced, match_baud_rate
+        self._latency = round(latency * 1e9)
         self._sent = 0  # end of the last byte of the master
         self._pending: list[_Transmission] = []
 
@@ -214,16 +215,14 @@ class SteadyClock:
             time.sleep(left * 1e-9)
 
 
-class SimulatedLine:
+class SimulatedLine(SerialLine):
     """A serial device in this process; in simulated time waiting advances the clock.
 
     Args:
         bus: The servos.
         clock: The time.
         baud_rate: Bits per second.
-        paced: See `SerialLine`.
-        latency: Latency timer of the adapter, s.
-        match_baud_rate: See `SerialLine`.
+        paced: See `SerialLine`; also for the other arguments.
 
     Attributes:
         plugged: False: all methods raise OSError, as for a removed device.
@@ -240,45 +239,38 @@ class SimulatedLine:
         match_baud_rate: bool = False,
     ) -> None:
         self.plugged = True
-        self._line = SerialLine(
-            bus, paced=paced, latency=round(latency * 1e9), match_baud_rate=match_baud_rate
-        )
+        super().__init__(bus, paced=paced, latency=latency, match_baud_rate=match_baud_rate)
         self._clock, self._baud_rate = clock, baud_rate
         self._received = b""
         self._lock = threading.Lock()
 
-    @property
-    def overlaps(self) -> Counter[Overlap]:
-        """Number of collisions."""
-        return self._line.overlaps
-
     def discard_input(self) -> None:
         """Discard received bytes."""
         self._check()
-        self._line.receive(self._clock.now)
+        self.receive(self._clock.now)
         self._received = b""
 
     def write(self, data: bytes) -> None:
         """Write all bytes, without waiting."""
         self._check()
         with self._lock:
-            self._line.send(data, self._clock.now, self._baud_rate)
+            self.send(data, self._clock.now, self._baud_rate)
 
     def read(self, limit: int, deadline: float) -> bytes:
         """Return at most `limit` bytes; wait for the first one until the deadline, s."""
         self._check()
         if not self._received:
-            due, end = self._line.due, round(deadline * 1e9)
+            due, end = self.due, round(deadline * 1e9)
             self._clock.pass_until(end if due is None else min(due, end))
-            self._received = self._line.receive(self._clock.now)
+            self._received = self.receive(self._clock.now)
         data, self._received = self._received[:limit], self._received[limit:]
         return data
 
     def use(self, function: Callable[[SimulatedBus], _T]) -> _T:
         """Call a function with the bus, simulated up to the present; for any thread."""
         with self._lock:
-            self._line.bus.advance(self._clock.now)
-            return function(self._line.bus)
+            self.bus.advance(self._clock.now)
+            return function(self.bus)
 
     def close(self) -> None:
         """Do nothing."""

@@ -143,12 +143,14 @@ class World:
 
     def _worker(self, name: str, work: Callable[[Any], object]) -> Any:
         """A thread's work is done at once, and what it does later, later."""
-        return SimpleNamespace(
-            offer=work,
-            do=lambda task: task(),
-            later=lambda delay, task: self.at(self.now + round(delay * 1e9), task),
-            close=lambda: None,
-        )
+
+        def do(task: Callable[[], object], delay: float = 0.0) -> None:
+            if delay > 0.0:
+                self.at(self.now + round(delay * 1e9), task)
+            else:
+                task()
+
+        return SimpleNamespace(offer=work, do=do, close=lambda: None)
 
     def _clock_watch(self, clock: Callable[[], float]) -> ClockWatch:
         return ClockWatch(clock, lambda: self.now * 1e-9)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import queue
 import signal
 from contextlib import suppress
-from types import FrameType
 from typing import Any, Final
 
 ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
@@ -33,15 +32,12 @@ class StopSignal:
         for number in ENDING:
             if number == signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
                 continue  # started by nohup, to outlive its terminal
-            self._previous[number] = signal.signal(number, self._on_signal)
+            self._previous[number] = signal.signal(number, lambda *_: self.set())
         return self
 
     def __exit__(self, *_: object) -> None:
         for number, handler in self._previous.items():
             signal.signal(number, signal.SIG_IGN if self._asked else handler)
-
-    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self.set()
 
     def __call__(self) -> bool:
         """Return whether the program has been asked to end."""

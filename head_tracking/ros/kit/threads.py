@@ -6,9 +6,10 @@ import atexit
 import threading
 import time
 import traceback
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from heapq import heappop, heappush
+from itertools import count
 from typing import Any, Generic, TypeVar
 
 from rclpy.exceptions import InvalidHandle
@@ -275,8 +276,8 @@ class Worker(Generic[T]):
         self._work = work
         self._changed = threading.Condition()
         self._latest: list[T] = []
-        self._tasks: deque[Callable[[], object]] = deque()
-        self._later: deque[tuple[float, Callable[[], object]]] = deque()
+        self._tasks: list[tuple[float, int, Callable[[], object]]] = []  # a heap
+        self._order = count()
         self._error: Exception | None = None
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -294,16 +295,11 @@ class Worker(Generic[T]):
             self._latest = [item]
             self._changed.notify()
 
-    def do(self, task: Callable[[], object]) -> None:
-        """Call a task before the next item; tasks keep their order."""
+    def do(self, task: Callable[[], object], delay: float = 0.0) -> None:
+        """Call a task after `delay` [s], before the next item; equal delays keep their order."""
         with self._changed:
-            self._tasks.append(task)
-            self._changed.notify()
-
-    def later(self, delay: float, task: Callable[[], object]) -> None:
-        """Call a task after `delay` [s]; these tasks keep their order, too."""
-        with self._changed:
-            self._later.append((time.monotonic() + delay, task))
+            due = time.monotonic() + delay
+            heappush(self._tasks, (due, next(self._order), task))
             self._changed.notify()
 
     def close(self) -> None:
@@ -324,11 +320,9 @@ class Worker(Generic[T]):
         """Wait for the next work and return it; None at the end."""
         with self._changed:
             while not self._closed:
-                wait = self._later[0][0] - time.monotonic() if self._later else None
+                wait = self._tasks[0][0] - time.monotonic() if self._tasks else None
                 if wait is not None and wait <= 0.0:
-                    return self._later.popleft()[1]
-                if self._tasks:
-                    return self._tasks.popleft()
+                    return heappop(self._tasks)[2]
                 if self._latest:
                     item = self._latest.pop()
                     return lambda: self._work(item)

@@ -186,7 +186,7 @@ class SimulatedCameraNode(ClosingNode):
             for one in wanted:
                 messages.append((one, image if one is self._image else compressed_message(image)))
         taken = (self._now - exposure.stamp) * 1e-9
-        self._worker.later(p.delay - min(p.delay, max(0.0, taken)), lambda: _publish(messages))
+        self._worker.do(lambda: _publish(messages), p.delay - min(p.delay, max(0.0, taken)))
 
 
 def _publish(messages: list[tuple[Publisher, Any]]) -> None:
