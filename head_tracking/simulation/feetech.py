@@ -21,7 +21,6 @@ from head_tracking.simulation.models import (
     Register,
     SimulatedModel,
     from_sign_magnitude,
-    to_sign_magnitude,
 )
 from head_tracking.simulation.motion import (
     ControlLaw,
@@ -51,6 +50,7 @@ class FeetechRegisters(Registers):
     """
 
     ignores_gaps = True
+    speed_sign = 15
 
     def __init__(self, model: SimulatedModel, firmware: int) -> None:
         super().__init__(model, firmware)
@@ -77,7 +77,7 @@ class FeetechRegisters(Registers):
         has_positions = self.get("Operating Mode") == _POSITION and not is_motor
         return DriveSettings(
             torque=self["Torque Enable"] == 1 and has_positions,
-            goal=(self._goal() - self._offset - self.model.center) * self.model.radians_per_tick,
+            goal=self.angle(self._goal()),
             profile=Profile(speed, self.get("Acceleration") * _ACCELERATION),
             law=self._law(),
         )
@@ -110,15 +110,6 @@ class FeetechRegisters(Registers):
         else:
             for name in before:
                 self._unsaved.pop(name, None)
-
-    def measure(self, drive: Drive, noise: float) -> None:
-        """Set the measured registers; `noise` is that of the encoder, ticks."""
-        model = self.model
-        self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
-        speed = round(drive.speed / model.speed_unit)
-        self["Present Speed"] = to_sign_magnitude(speed, 15)
-        self["Present Load"] = to_sign_magnitude(round(drive.output * model.load_maximum), 10)
-        self["Moving"] = int(drive.moving)
 
     @property
     def _offset(self) -> int:

@@ -72,11 +72,13 @@ class Registers:
 
     Attributes:
         speed_register: Name of the register of the goal speed, in counts.
+        speed_sign: Bit of the sign of Present Speed.
         ignores_gaps: Whether bytes between registers may be written, without effect.
     """
 
     ignores_gaps = False
     speed_register = "Moving Speed"
+    speed_sign = _SIGN
 
     def __init__(self, model: SimulatedModel, firmware: int) -> None:
         self.model = model
@@ -176,6 +178,11 @@ class Registers:
         turned = self._direction * angle / self.model.radians_per_tick
         return self.model.center + turned + self._offset
 
+    def angle(self, ticks: float) -> float:
+        """Return the angle of the shaft, rad, at which the servo counts a position."""
+        turned = ticks - self.model.center - self._offset
+        return self._direction * turned * self.model.radians_per_tick
+
     def shut_down(self) -> bool:
         """Shut down because of an error; return whether torque was available before."""
         name = "Torque Enable" if "Hardware Error Status" in self else "Torque Limit"
@@ -201,6 +208,17 @@ class Registers:
     def enables_torque(self, names: Collection[str]) -> bool:
         """Return whether a write of these registers enables torque."""
         raise NotImplementedError
+
+    def measure(self, drive: Drive, noise: float) -> None:
+        """Set the measured registers; `noise` is that of the encoder, ticks."""
+        model, sign = self.model, self._direction
+        speed = round(sign * drive.speed / model.speed_unit)
+        self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
+        self["Present Speed"] = to_sign_magnitude(speed, self.speed_sign)
+        self["Present Load"] = to_sign_magnitude(
+            round(sign * drive.output * model.load_maximum), _SIGN
+        )
+        self["Moving"] = int(drive.moving)
 
     def reset_turns(self, drive: Drive) -> None:
         """Reset the count of turns, if the model has one."""
@@ -235,7 +253,7 @@ class JointRegisters(Registers):
         ramp = self.get("Goal Acceleration") * MX_ACCELERATION
         return DriveSettings(
             torque=bool(self["Torque Enable"]),
-            goal=self._angle(self["Goal Position"]),
+            goal=self.angle(self["Goal Position"]),
             profile=Profile(abs(speed) * self.model.speed_unit, ramp),
             law=self._law(),
             governed=True,
@@ -263,25 +281,11 @@ class JointRegisters(Registers):
         """Return whether a goal or a speed is written (reported by users)."""
         return "Goal Position" in names or "Moving Speed" in names
 
-    def measure(self, drive: Drive, noise: float) -> None:
-        """Set the measured registers; `noise` is that of the encoder, ticks."""
-        model, sign = self.model, self._direction
-        speed = round(sign * drive.speed / model.speed_unit)
-        self["Present Position"] = self._in_range(self.ticks(drive.measured) + noise)
-        self["Present Speed"] = to_sign_magnitude(speed, _SIGN)
-        self["Present Load"] = to_sign_magnitude(
-            round(sign * drive.output * model.load_maximum), _SIGN
-        )
-        self["Moving"] = int(drive.moving)
-
     @property
     def _is_wheel(self) -> bool:
         if "Control Mode" in self:
             return self["Control Mode"] == 1
         return self["CW Angle Limit"] == self["CCW Angle Limit"] == 0
-
-    def _angle(self, ticks: int) -> float:
-        return self._direction * (ticks - self.model.center) * self.model.radians_per_tick
 
     def _law(self) -> ControlLaw:
         punch, limit = self["Punch"] / 1023.0, self["Torque Limit"] / 1023.0
@@ -312,7 +316,6 @@ class XRegisters(Registers):
 
     def settings(self) -> DriveSettings:
         """Return the settings of the control loop."""
-        turned = self["Goal Position"] - self.model.center - self._offset
         limit = min(self["PWM Limit"], abs(self["Goal PWM"])) / _FULL_PWM
         gain = self["Position P Gain"] / _X_GAIN
         slope = _FULL_PWM / gain * self.model.radians_per_tick if gain else math.inf
@@ -321,7 +324,7 @@ class XRegisters(Registers):
         fastest, speed = self["Velocity Limit"], self["Profile Velocity"]
         return DriveSettings(
             torque=bool(self["Torque Enable"]) and has_positions and in_rpm,
-            goal=self._direction * turned * self.model.radians_per_tick,
+            goal=self.angle(self["Goal Position"]),
             profile=Profile(
                 min(fastest, speed) * X_SPEED, self["Profile Acceleration"] * X_ACCELERATION
             ),

@@ -246,9 +246,7 @@ class SimulatedServo:
             duration: Duration of the motion, s, from the last `advance` on.
             strength: Highest torque of the hand, N m.
         """
-        ticks_per_radian = self._registers.ticks(1.0) - self._registers.ticks(0.0)
-        angle = self.true_position + (ticks - self.true_ticks) / ticks_per_radian
-        self.drive.lead(angle, duration, strength)
+        self.drive.lead(self._registers.angle(ticks), duration, strength)
 
     def overload(self) -> None:
         """Cause an overload error."""
