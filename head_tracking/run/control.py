@@ -61,7 +61,7 @@ class Composition:
         nodes: by name.
         buffer: the transforms that they use together.
         loop: the control loop in the cycle of the servo bus.
-        simulated: the servos, if they are simulated in this process.
+        simulated: the servos of each joint, if they are simulated in this process.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Composition:
         self.nodes: dict[str, Any] = {}
         self.buffer = Buffer()
         self.loop = ControlLoop(self.buffer.core, owners)
-        self.simulated: SimulatedJoints | None = None
+        self.simulated: dict[str, SimulatedJoints] = {}
         self._threads, self._start_elsewhere = threads, start_elsewhere
         self._starting = threading.Lock()
         self._available: dict[str, Any] = {
@@ -120,8 +120,9 @@ class Composition:
         services.start()
 
     def _simulate(self, joints: Sequence[JointConfiguration]) -> Callable[[str, int], Any]:
-        self.simulated = SimulatedJoints(joints)
-        return self.simulated.open
+        simulated = SimulatedJoints(joints)
+        self.simulated |= {joint.joint_name: simulated for joint in joints}
+        return simulated.open
 
 
 class ControlProcess:
@@ -159,7 +160,7 @@ class ControlProcess:
         monitor = RunMonitor(
             head_node.control if head_node else None,
             head.nodes["servo_bus"].backend.threads,
-            None if head.simulated is None else head.simulated.true_position,
+            (lambda joint: head.simulated[joint].true_position(joint)) if head.simulated else None,
         )
 
         def update() -> None:

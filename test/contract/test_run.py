@@ -82,6 +82,13 @@ def test_a_servo_bus_has_joints_at_two_ports(bench):
         wait_for(lambda: names <= {s.name for message in diagnostics for s in message.status})
 
 
+def test_a_simulated_head_may_have_two_ports(bench):
+    text = "servo_bus: {ros__parameters: {head_tilt_controller: {port_name: /dev/ttyOTHER}}}\n"
+    run = bench.start("head_tracking", "--sim", "--params", params(bench, text))
+    run.read_until("° tilt")  # in the status line
+    assert run.end(signal.SIGINT) == 0, run.output
+
+
 def own_model(bench, kinectbot):
     """Return the options of a run with a file of the user."""
     file = bench.folder / "mine.urdf"

@@ -39,7 +39,7 @@ class Robot(Talker):
         self.threads = resources.enter_context(closing(NodeThreads()))
         resources.enter_context(failing_waits(self.threads))
         self.composition = Composition(plan, self.threads, StopSignal())
-        self.simulated = self.composition.simulated
+        self.simulated = next(iter(self.composition.simulated.values()), None)
         super().__init__(rclpy.create_node("person"))
         self.threads.start(self.node)
 
