@@ -9,7 +9,7 @@ import sys
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.share import check_writable
@@ -68,15 +68,8 @@ servo_id = between(0, 253, "as a servo id", int)
 """Converts the id of a servo."""
 
 
-class PointInFrame(NamedTuple):
-    """A point [m] and its frame."""
-
-    point: tuple[float, float, float]
-    frame_id: str
-
-
-def point_in_frame(text: str) -> PointInFrame:
-    """Convert a point in metres with its frame, such as 1,0.5,0@base_link; @frame: its origin."""
+def point_in_frame(text: str) -> tuple[tuple[float, float, float], str]:
+    """Convert a point [m] and its frame, such as 1,0.5,0@base_link; @frame: its origin."""
     numbers, _, frame_id = text.strip().partition("@")
     try:
         x, y, z = (float(number) for number in (numbers or "0,0,0").split(","))
@@ -87,7 +80,7 @@ def point_in_frame(text: str) -> PointInFrame:
             f"{text!r} is not a point; give three numbers in metres and a frame, such as "
             "1,0.5,0@base_link"
         )
-    return PointInFrame((x, y, z), frame_id)
+    return (x, y, z), frame_id
 
 
 def with_negative_values(arguments: Sequence[str]) -> list[str]:

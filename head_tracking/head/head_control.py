@@ -62,13 +62,11 @@ class HeadControl(Controller):
         joints: pan and tilt.
         frames: the head's model, and the transforms of its targets.
         motion: what controls the head now; `targets`, unless it is something else.
-        readings: measured positions of the joints.
         trouble: why the head cannot be controlled now; None: it can.
         result: of the latest motion, which may have been rejected; None: there was none yet.
         refusal: why the latest target is not used; empty: it is used, or there is none.
         law: the control law for the joints of all motions but tracking, which shares its servo
             models; set with a model.
-        memory: the servo values that earlier runs have learned.
         held: commanded pan and tilt [rad] at which the head stands; None: not known.
         is_cautious: whether the head is slow after a STOP.
         epoch: the number of STOPs before the latest measurement.
