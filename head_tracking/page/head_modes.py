@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
@@ -86,12 +87,12 @@ class _Sending(NamedTuple):
 
     Attributes:
         mode: what they are sent for; for POINT only once.
-        target: returns the next one; None: none is sent now.
+        targets: the next ones; None: none is sent now.
         stops: number of STOPs when that began; another one ends it.
     """
 
     mode: Mode
-    target: Callable[[], Target | None]
+    targets: Iterator[Target | None]
     stops: int
 
 
@@ -166,7 +167,7 @@ class HeadModes:
             if mode is not Mode.POINT and model is not None:  # it is sent again and again
                 in_root = self._buffer.transform_point(point, model.root, frame)
                 target = Target(0, model.root, in_root)
-            self._begin_sending(mode, lambda: target, stops)
+            self._begin_sending(mode, repeat(target), stops)
         except TransformException as error:
             raise HeadTrackingError(f"The target is refused: {error}") from error
         finally:
@@ -214,7 +215,7 @@ class HeadModes:
         with self._changing:
             self._change(mode, frame, stops)
             if mode is Mode.FOLLOW:
-                self._begin_sending(mode, self._frame_target(frame), stops)
+                self._begin_sending(mode, self._frame_targets(frame), stops)
 
     def follow_path(self, path: ClosedPath, speed: float) -> None:
         """Let the tracker follow a path in the model's root at a speed [m/s]."""
@@ -222,7 +223,7 @@ class HeadModes:
         self._wanted = Mode.PATH, ""
         with self._changing:
             self._change(Mode.PATH, "", stops)
-            self._begin_sending(Mode.PATH, self._path_target(path, speed), stops)
+            self._begin_sending(Mode.PATH, self._path_targets(path, speed), stops)
 
     def _take_over(self, stops: int) -> Mode:
         """Let the page alone send targets; return the mode for that."""
@@ -320,43 +321,35 @@ class HeadModes:
         """Set a parameter of a node of this robot."""
         self._parameters.set(f"{self._graph.namespace.rstrip('/')}/{node}", name, value)
 
-    def _begin_sending(self, mode: Mode, target: Callable[[], Target | None], stops: int) -> None:
+    def _begin_sending(self, mode: Mode, targets: Iterator[Target | None], stops: int) -> None:
         """Send targets, the first one at once or when the next one is due: never more often."""
         with self._send_lock:
-            is_idle, self._sending = self._timer.is_canceled(), _Sending(mode, target, stops)
+            is_idle, self._sending = self._timer.is_canceled(), _Sending(mode, targets, stops)
             if is_idle:
                 self._timer.reset()
         if is_idle:
             self._send_next()
 
-    def _frame_target(self, frame: str) -> Callable[[], Target | None]:
-        """Return a function that returns a frame as a target; None while it is not measured."""
+    def _frame_targets(self, frame: str) -> Iterator[Target | None]:
+        """Yield a frame as the target; None while it is not measured."""
         root = self._buffer.model.root if self._buffer.model is not None else frame
         follower = FrameTarget(self._buffer, FrameTargetParameters(frame, reference_frame=root))
-
-        def latest() -> Target | None:
+        while True:
             self._poll()
+            target = None
             with suppress(StaleFrameError, TransformException):
-                return follower.newest(self._node.get_clock().now().nanoseconds)
-            return None
+                target = follower.newest(self._node.get_clock().now().nanoseconds)
+            yield target
 
-        return latest
-
-    def _path_target(self, path: ClosedPath, speed: float) -> Callable[[], Target | None]:
-        """Return a function that returns the present point of a path."""
+    def _path_targets(self, path: ClosedPath, speed: float) -> Iterator[Target | None]:
+        """Yield the present point of a path."""
         distance, before = 0.0, time.monotonic()
-
-        def present() -> Target | None:
-            nonlocal distance, before
+        while True:
             now, model = time.monotonic(), self._buffer.model
             distance += speed * min(now - before, 2.0 * _SEND_PERIOD)
             before = now
-            if model is None:
-                return None
             stamp = self._node.get_clock().now().nanoseconds
-            return Target(stamp, model.root, path.at(distance))
-
-        return present
+            yield None if model is None else Target(stamp, model.root, path.at(distance))
 
     def _send_next(self) -> None:
         """Send the next target, unless a STOP, another mode or another sender has ended that."""
@@ -367,7 +360,7 @@ class HeadModes:
                 self._sending = None
                 self._timer.cancel()
                 return
-            target = sending.target()
+            target = next(sending.targets)
             if target is not None:
                 self._targets.publish(target_message(target))
             if sending.mode is Mode.POINT:

@@ -153,12 +153,11 @@ export class Tuning {
       input = element(row, "input", { id, type: "text" });
       input.onchange = () => { set(input, input.value); input.blur(); };
     }
-    const follow = known.follow ?? (() => {});
     known.show = (value, force = false) => {
       if (!force && isHeld(input)) return;
       if (input.type === "checkbox") input.checked = value;
       else input.value = typeof value === "number" ? Number(value.toPrecision(6)) : value;
-      follow(value);
+      known.follow?.(value);
     };
     this.inputs.set(key, known);
     return known;
