@@ -49,7 +49,6 @@ class FeetechRegisters(Registers):
         firmware: Major version of its firmware.
     """
 
-    ignores_gaps = True
     speed_sign = 15
 
     def __init__(self, model: SimulatedModel, firmware: int) -> None:

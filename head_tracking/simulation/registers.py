@@ -73,10 +73,8 @@ class Registers:
     Attributes:
         speed_register: Name of the register of the goal speed, in counts.
         speed_sign: Bit of the sign of Present Speed.
-        ignores_gaps: Whether bytes between registers may be written, without effect.
     """
 
-    ignores_gaps = False
     speed_register = "Moving Speed"
     speed_sign = _SIGN
 
@@ -85,7 +83,6 @@ class Registers:
         table = registers_of(model.name, firmware)
         self.table = {register.name: register for register in table}
         size = table[-1].end
-        self._whole = model.protocol == 2  # protocol 2.0 does not write parts of registers
         self._bytes = bytearray(size)
         self._values = {register.name: 0 for register in table}
         self._places = {r.name: (r.address, r.end, r.size, r.signed, r.order) for r in table}
@@ -128,24 +125,16 @@ class Registers:
     def changes(self, address: int, data: bytes) -> dict[str, int] | Denial:
         """Return the register values that a write would set, or the reason for refusing it."""
         if not data:
-            return Denial.LENGTH if self._whole else Denial.ACCESS
+            return Denial.LENGTH
         changes: dict[str, int] = {}
         place, end = address, address + len(data)
         while place < end:
             register = self._owners[place] if place < len(self._owners) else None
-            if register is None and self.ignores_gaps:
-                place += 1
-                continue
             if register is None or not register.writable:
                 return Denial.ACCESS
             share = data[place - address : register.end - address]
             if len(share) < register.size:
-                if self._whole:
-                    return Denial.LENGTH
-                whole = self._bytes[register.address : register.end]
-                at = place - register.address
-                whole[at : at + len(share)] = share
-                share = bytes(whole)
+                return Denial.LENGTH
             value = register.decode(share)
             allowed = register.lowest <= value <= register.highest
             refusal = self.refusal(register, value) if allowed else Denial.RANGE
