@@ -77,10 +77,6 @@ MODULES = {
 """The syntax nodes of every file."""
 
 
-def package_of(path: str) -> str:
-    return path.partition("/")[0].removesuffix(".py")
-
-
 def imported(path: str) -> Iterator[str]:
     for node in MODULES[path]:
         if isinstance(node, ast.Import):
@@ -91,14 +87,9 @@ def imported(path: str) -> Iterator[str]:
             yield node.module
 
 
-def is_ros(module: str) -> bool:
-    top = module.split(".")[0]
-    return top in ROS or top.endswith("_msgs")
-
-
 def test_a_module_imports_only_what_its_package_may():
     for path in MODULES:
-        here = package_of(path)
+        here = path.partition("/")[0].removesuffix(".py")
         for module in imported(path):
             parts = module.split(".")
             if here == "__init__":
@@ -107,7 +98,8 @@ def test_a_module_imports_only_what_its_package_may():
                 allowed = ALLOWED[here] | {here, "exceptions", "compatibility"}
                 assert parts[1] in allowed, f"{path} imports {module}"
             if here in CORE:
-                assert not is_ros(module), f"{path} is core and imports {module}"
+                assert parts[0] not in ROS, f"{path} is core and imports {module}"
+                assert not parts[0].endswith("_msgs"), f"{path} is core and imports {module}"
 
 
 @pytest.mark.parametrize("library", ONLY_IN)

@@ -16,11 +16,9 @@ from rig import child
 from simulated_run import (
     command,
     descendants,
-    file_descriptors,
     memory,
     processor_time,
     run_with_page,
-    threads,
 )
 
 SAMPLES = 8
@@ -115,18 +113,20 @@ def left_open(minutes: float) -> str:
             now = sample()
             debugger.send("HeapProfiler.collectGarbage")
             heap, nodes = _page_memory(debugger)
+            renderers = [
+                pid for pid in descendants(os.getpid()) if b"--type=renderer" in command(pid)
+            ]
             seconds = now.at - before.at
             rates = map(int, re.findall(r"\| bus (\d+) Hz", run.output[before.told :]))
             rows.append(
                 row(
                     f"{(now.at - start) / 60:.1f}",
                     f"{memory(viewer):.1f}",
-                    threads(viewer),
-                    file_descriptors(viewer),
+                    *(len(os.listdir(f"/proc/{viewer}/{name}")) for name in ("task", "fd")),
                     f"{100 * (now.viewer - before.viewer) / seconds:.1f} % of a core",
                     f"{heap:.1f}",
                     nodes,
-                    f"{_renderers():.0f}",
+                    f"{sum(map(memory, renderers)):.0f}",
                     f"{memory(control):.1f}",
                     f"{statistics.fmean(rates):.1f}",
                 )
@@ -143,10 +143,3 @@ def _page_memory(debugger: Any) -> tuple[float, int]:
     metrics = debugger.send("Performance.getMetrics")["metrics"]
     found = {one["name"]: one["value"] for one in metrics}
     return found["JSHeapUsedSize"] / 1e6, int(found["Nodes"])
-
-
-def _renderers() -> float:
-    """Return the resident memory of the browser's renderer processes [MB]."""
-    return sum(
-        memory(pid) for pid in descendants(os.getpid()) if b"--type=renderer" in command(pid)
-    )

@@ -55,13 +55,3 @@ def memory(pid: int) -> float:
     """Return the resident memory of a process [MB]."""
     text = Path(f"/proc/{pid}/status").read_text()
     return int(text.split("VmRSS:")[1].split()[0]) / 1024.0
-
-
-def threads(pid: int) -> int:
-    """Return the number of threads of a process."""
-    return len(os.listdir(f"/proc/{pid}/task"))
-
-
-def file_descriptors(pid: int) -> int:
-    """Return the number of open file descriptors of a process."""
-    return len(os.listdir(f"/proc/{pid}/fd"))

@@ -53,10 +53,6 @@ def running(request, tmp_path_factory):
         yield bench
 
 
-def profile(info):
-    return info.qos_profile.reliability.name, info.qos_profile.durability.name
-
-
 def test_topics_have_their_types_and_qos(running):
     person, head = running.robot, running.head
     published = {
@@ -72,7 +68,10 @@ def test_topics_have_their_types_and_qos(running):
 
     def differences():
         found = {
-            topic: {(i.topic_type, profile(i)) for i in publishers(person.name(topic))}
+            topic: {
+                (i.topic_type, (i.qos_profile.reliability.name, i.qos_profile.durability.name))
+                for i in publishers(person.name(topic))
+            }
             for topic in published
         }
         wrong = {

@@ -265,10 +265,6 @@ def test_what_else_is_seen_is_published_and_can_be_selected(world, look):
         assert abs(others[-1][1].poses[0].position.x) < 0.05
 
 
-def simulated_camera(world, **parameters):
-    return world.make(SimulatedCameraNode, {**parameters, **SMALL}, buffer=world.buffer)
-
-
 def test_the_simulated_camera_shows_the_scene_that_was_chosen_last(world):
     first = Parameter("scene", value="ball")
     eye = SimulatedCameraNode(buffer=world.buffer, parameter_overrides=[first])
@@ -282,7 +278,7 @@ def test_the_simulated_camera_shows_the_scene_that_was_chosen_last(world):
 
 @pytest.mark.parametrize("wanted", [(), ("/depth",), ("/image", "/camera_info")])
 def test_the_simulated_camera_publishes_only_what_is_subscribed_to(world, wanted, monkeypatch):
-    simulated_camera(world, scene="ball")
+    world.make(SimulatedCameraNode, {"scene": "ball", **SMALL}, buffer=world.buffer)
     published = []
     monkeypatch.setattr(
         world, "publish", lambda topic, message: published.append((topic, message.header.stamp))

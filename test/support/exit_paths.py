@@ -14,10 +14,6 @@ from rclpy.time import Time
 from head_tracking.tf import Buffer, TransformListener
 
 
-def interrupt_soon() -> None:
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-
-
 def main(way: str) -> None:
     rclpy.init()
     buffer = Buffer()
@@ -44,7 +40,7 @@ def main(way: str) -> None:
         ask = (lambda: buffer.lookup_transform("a", "b", Time(), Duration(seconds=60)),)
         threading.Thread(target=ask[0], daemon=True).start()
     if "interrupt" in way:
-        interrupt_soon()
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
         if "sleeping" in way:
             time.sleep(30)
         rclpy.spin(Node("other"))

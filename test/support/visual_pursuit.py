@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -95,14 +96,10 @@ def pursue(
         shown = dict(seen)
         walls = {name: thing for name, thing in shown.items() if isinstance(thing, Wall)}
         for when, things in zip(hide, (walls, shown), strict=True):
-            world.at(world.now + round(when * 1e9), lambda things=things: _show(eye, things))
+            # the truth about what the camera does not see stays known
+            world.at(world.now + round(when * 1e9), partial(setattr, eye, "scene", things))
     try:
         world.run(duration)
     finally:
         rclpy.try_shutdown()
     return result
-
-
-def _show(eye: SimulatedCameraNode, things: dict[str, Any]) -> None:
-    """Lets the camera see only these; the truth about the others stays known."""
-    eye.scene = things

@@ -29,12 +29,6 @@ def failing_waits(threads: _Failing) -> Iterator[None]:
         _watched.remove(threads)
 
 
-def _raise_failure() -> None:
-    for threads in _watched:
-        if threads.failure is not None:
-            raise threads.failure
-
-
 def join(*threads: threading.Thread) -> None:
     """Wait until threads have ended."""
     for thread in threads:
@@ -70,7 +64,8 @@ def wait_for(
     """Polls until `what` gives something true; what it gave. `why` may say more of a failure."""
     deadline = time.monotonic() + patience
     while not (found := what()):
-        _raise_failure()
+        for failure in filter(None, (threads.failure for threads in _watched)):
+            raise failure
         if time.monotonic() > deadline:
             raise AssertionError(f"waited {patience} s in vain; last answer: {found!r} {why()}")
         time.sleep(interval)

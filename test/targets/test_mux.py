@@ -21,12 +21,6 @@ def mux():
     return TargetMux(SOURCES, MuxParameters(take_over_time=0.3))
 
 
-def feed(mux, name, start, end, period=0.1):
-    """The choice after each target."""
-    steps = round((end - start) / period)
-    return [mux.offer(name, start + i * period) for i in range(steps + 1)]
-
-
 def test_a_source_that_publishes_once_takes_over_until_its_timeout():
     click = SourceParameters(priority=5, timeout=2.0, repeat=True)
     mux = TargetMux({**SOURCES, "click": click}, MuxParameters(take_over_time=0.3))
@@ -57,7 +51,8 @@ def test_whatever_is_chosen_has_a_target_and_it_is_never_nothing_if_there_is_one
 
 
 def test_a_clock_that_jumps_back_leaves_no_source_fresh(mux):
-    feed(mux, "high", 1_000.0, 1_001.0)
+    for k in range(11):
+        mux.offer("high", 1_000.0 + 0.1 * k)
     assert mux.select(5.0) is None
     assert mux.offer("low", 5.1) == "low"
 
@@ -65,16 +60,12 @@ def test_a_clock_that_jumps_back_leaves_no_source_fresh(mux):
 CENTRE = (0.1, 0.0, 0.5)
 
 
-def ways(start, end, steps=50):
-    return [between(start, end, i / steps, CENTRE) for i in range(steps + 1)]
-
-
 @pytest.mark.parametrize(
     ("start", "end"),
     [((-0.5, 1, 0.5), (-0.5, -1, 0.2)), ((2, 0, 0), (0.5, 0.1, 1.5))],
 )
 def test_the_way_is_smooth_and_stays_away_from_the_head(start, end):
-    points = ways(start, end)
+    points = [between(start, end, i / 50, CENTRE) for i in range(51)]
     assert points[0] == pytest.approx(start)
     assert points[-1] == pytest.approx(end)
     nearest = min(math.dist(start, CENTRE), math.dist(end, CENTRE))

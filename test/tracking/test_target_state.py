@@ -99,19 +99,11 @@ def test_why_targets_are_refused_stands_behind_the_reason_until_one_is_taken(mak
     assert life.reason == "a new target has come"
 
 
-def walk(sweep, steps, start=(0.0, 0.0)):
-    """A head that jumps to wherever it is sent."""
-    position, corners = start, []
-    for _ in range(steps):
-        goal = sweep.goal(position)
-        if not corners or corners[-1] != goal:
-            corners.append(goal)
-        position = goal
-    return corners
-
-
 def test_the_whole_field_is_swept_row_by_row(head):
-    corners = walk(Sweep(head), 40)
+    sweep, corners = Sweep(head), [(0.0, 0.0)]
+    for _ in range(40):  # it jumps to wherever it is sent
+        corners.append(sweep.goal(corners[-1]))
+    del corners[0]
     pans, tilts = {pan for pan, _ in corners}, {tilt for _, tilt in corners}
     assert pans == {head.pan_limits.lower, head.pan_limits.upper}
     rows = sorted(tilts)

@@ -310,14 +310,10 @@ def test_the_tree_has_a_line_for_each_frame_with_joints_rates_and_ages(kinectbot
 # Waiting for what is not known yet, from other threads
 
 
-def later(work, *arguments) -> threading.Timer:
-    timer = threading.Timer(0.05, work, arguments)
-    timer.start()
-    return timer
-
-
 def test_a_wait_may_be_without_end(buffer):
-    timer = later(buffer.set_transform, SECOND, "map", "base", Transform.identity())
+    sample = SECOND, "map", "base", Transform.identity()
+    timer = threading.Timer(0.05, buffer.set_transform, sample)
+    timer.start()
     assert buffer.can_transform("map", "base", timeout=math.inf)
     join(timer)
 

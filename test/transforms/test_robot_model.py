@@ -12,7 +12,6 @@ from head_tracking.transforms import (
     JointState,
     JointStates,
     LookupException,
-    RobotModel,
     Transform,
     TransformBuffer,
     parse_robot_model,
@@ -59,14 +58,10 @@ def _numbers(rnd: random.Random, size: float) -> str:
     return " ".join(f"{rnd.uniform(-size, size):.6f}" for _ in range(3))
 
 
-def yourdfpy_model(model: RobotModel) -> yourdfpy.URDF:
-    return yourdfpy.URDF.load(io.BytesIO(model.urdf.encode()), load_meshes=False)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_forward_kinematics_of_random_trees_agree_with_yourdfpy(seed):
     rnd, model = random.Random(seed), parse_robot_model(random_urdf(seed))
-    reference = yourdfpy_model(model)
+    reference = yourdfpy.URDF.load(io.BytesIO(model.urdf.encode()), load_meshes=False)
     for _ in range(5):
         positions = {name: rnd.uniform(-3, 3) for name in model.independent_joints}
         reference.update_cfg(positions)

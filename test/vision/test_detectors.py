@@ -72,17 +72,11 @@ def still(thing, **others):
 # markers
 
 
-def two_markers(*dictionary):
-    """Show the markers 3 and 5 beside each other."""
-    return still(
-        marker_board(Swing(1.2, 0.6, middle=0.2), 3, *dictionary),
-        other=marker_board(Swing(1.0, 0.6, middle=-0.2), 5, *dictionary),
-    )
-
-
 @pytest.mark.parametrize("dictionary", ["4X4_50", "APRILTAG_36h11"])
 def test_the_marker_with_the_right_number_is_followed(kinectbot, dictionary):
-    view = View(two_markers(dictionary), kinectbot, KINECT, swing=0.0)
+    three = marker_board(Swing(1.2, 0.6, middle=0.2), 3, dictionary)
+    five = marker_board(Swing(1.0, 0.6, middle=-0.2), 5, dictionary)
+    view = View(still(three, other=five), kinectbot, KINECT, swing=0.0)
     parameters = MarkerParameters(dictionary=dictionary, marker_id=3)
     seen = watch(make_tracker("marker", parameters), view, "thing", 6)
     assert len(seen.misses) == 4

@@ -21,12 +21,6 @@ def turned(pan: float, tilt: float) -> Transform:
     return Transform(LEVEL.translation, Rotation.from_rpy(0.0, tilt, pan) @ LEVEL.rotation)
 
 
-def plain(colour=(10, 200, 60)):
-    texture = np.full((64, 64, 4), 255, np.uint8)
-    texture[..., :3] = colour
-    return texture
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_a_room_fills_every_picture_with_colours_and_depths(name):
     renderer = Renderer(make_scene(name, np.random.default_rng(1)), SMALL)
@@ -40,7 +34,8 @@ def test_a_room_fills_every_picture_with_colours_and_depths(name):
 
 
 def test_the_nearer_one_hides_the_other_whatever_the_order():
-    near, far = Ball(0.1, (0, 0, 255), Swing(1.0, 0.6)), Board(plain(), 0.5, Swing(2.0, 0.6))
+    plain = np.full((64, 64, 4), (10, 200, 60, 255), np.uint8)
+    near, far = Ball(0.1, (0, 0, 255), Swing(1.0, 0.6)), Board(plain, 0.5, Swing(2.0, 0.6))
     for things in ({"a": near, "b": far}, {"b": far, "a": near}):
         seen = Renderer(things, SMALL).render(LEVEL, 0.0)
         assert seen.depth[120, 160] == pytest.approx(0.9, abs=0.01)
