@@ -261,9 +261,10 @@ def _slow(watch: _Watch) -> Found:
 def _stuck(watch: _Watch) -> Found:
     """Find that it stands away from its goal; its load shows whether it is blocked or idle.
 
-    It stands if it has not moved a short distance in the time that this takes at the goal speed,
-    with 0.1 s to accelerate, and 0.1 s more to turn round. A servo that holds a weight stands a
-    little off, with load. A late cycle counts as 0.02 s, because the goal may have come late.
+    It stands if it has not moved a short distance in the time that this and a tick of noise take at
+    the goal speed, with 0.1 s to accelerate, and 0.1 s more to turn round. A servo that holds a
+    weight stands a little off, with load. A late cycle counts as 0.02 s, because the goal may have
+    come late.
     """
     error, off, load = watch.error, abs(watch.error), abs(watch.servo.load)
     way = max(0.012, 2.5 * watch.tick)
@@ -272,7 +273,7 @@ def _stuck(watch: _Watch) -> Found:
     if turns or abs(watch.position - watch.rest_position) >= way:
         watch.rest_position = watch.position
         watch.owed = -0.1 if turns else 0.0
-    patience = max(0.12, 0.1 + 1.3 * way / max(watch.asked, 1e-3))
+    patience = max(0.12, 0.1 + (1.3 * way + watch.tick) / max(watch.asked, 1e-3))
     if off > 0.12 or (off > 0.06 and not _DRIVES <= load <= 0.6):
         watch.owed += min(abs(watch.elapsed), 0.02)  # below 0: the clock was set back
         if watch.owed < patience:
