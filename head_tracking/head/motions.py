@@ -166,10 +166,9 @@ class PointMotion(Motion):
         self._frames = control.frames
         head = head or self._frames.head
         assert head is not None
-        self.title = f"turning {head.pointing_frame} to {target}"
+        self._head, self._p, self._min_duration = head, p, min_duration
         self.retarget(target, fixed)
         self._held = control.held_positions()
-        self._head, self._p, self._min_duration = head, p, min_duration
         self._speed = min(p.max_velocity, control.fastest)
         self._law = control.law
         pan, tilt = control.present()
@@ -189,6 +188,7 @@ class PointMotion(Motion):
 
     def retarget(self, target: Target, fixed: Vector3 | None) -> None:
         """Turn to another point; see `PointMotion`."""
+        self.title = f"turning {self._head.pointing_frame} to {target}"
         self.target, self._fixed = target, fixed
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:

@@ -107,6 +107,14 @@ def test_short_pauses_of_the_target_are_not_logged(track, capfd):
     assert capfd.readouterr().err.count("tracking: ") == 1
 
 
+def test_the_log_names_the_target_at_which_a_turn_ends(track, capfd):
+    tracked = track(PointHeadNode)
+    tracked.see(AWAY, 0.2)
+    latest = tracked.target(-AWAY)
+    tracked.see(-AWAY, 4.0)
+    assert f"to {latest}: arrived" in capfd.readouterr().err
+
+
 def test_every_refused_target_is_logged_with_its_own_reason(track, monkeypatch):
     """The state keeps the first reason for a second."""
     tracked = track()
