@@ -15,7 +15,7 @@ from head_tracking.page.other_topics import Snapshot
 from head_tracking.page.robot import Robot
 from head_tracking.ros.kit.images import picture_of
 from head_tracking.share import check_writable, state_folder
-from head_tracking.transforms import TransformBuffer, Vector3
+from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Camera
 from head_tracking.vision.images import ImageError, Pixels
 from head_tracking.vision.markers import MarkerParameters
@@ -126,16 +126,11 @@ class _PointedHead:
     """A `TurningHead` that is commanded by topics."""
 
     def __init__(self, robot: Robot, picture: Callable[[], Snapshot | None]) -> None:
-        self._robot, self._picture = robot, picture
+        self._robot, self._picture, self.frames = robot, picture, robot.buffer
         self._stops = robot.stop.count
         self._normal_speed: Any = None  # until `hold`
         assert robot.head is not None  # `begin` has checked it
         self._joint_names = robot.head.pan_joint, robot.head.tilt_joint
-
-    @property
-    def frames(self) -> TransformBuffer:
-        """The robot's frames."""
-        return self._robot.buffer
 
     @property
     def joints(self) -> Mapping[str, float]:

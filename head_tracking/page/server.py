@@ -106,6 +106,7 @@ class Page:
     Attributes:
         port: that the page listens on.
         token: that a browser on another machine must present; empty: none.
+        browsers: that watch now, each with what it wants to be sent.
 
     Raises:
         ParameterError: the address can't be listened on.
@@ -118,7 +119,7 @@ class Page:
         self._live = Live(robot, parameters.horizontal_view, report)
         self._replays = Replays(robot)
         self._limit = parameters.max_browsers
-        self._browsers: dict[WebSocket, _Watcher] = {}
+        self.browsers: dict[WebSocket, _Watcher] = {}
         self._sampled = asyncio.Event()
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
@@ -152,11 +153,6 @@ class Page:
         )
         self._thread.start()
 
-    @property
-    def browsers(self) -> int:
-        """How many browsers watch now."""
-        return len(self._browsers)
-
     def close(self) -> None:
         """End the page; the robot goes on."""
         self._server.should_exit = True
@@ -174,7 +170,7 @@ class Page:
         """Sample the robot for all browsers; while none watches, only receive what has come."""
         loop = asyncio.get_running_loop()
         while True:
-            start, watchers = time.monotonic(), list(self._browsers.values())
+            start, watchers = time.monotonic(), list(self.browsers.values())
             if watchers:
                 topics = {one.topic for one in watchers if one.topic is not None}
                 await loop.run_in_executor(None, self._live.sample, topics)
@@ -287,10 +283,10 @@ class Page:
         Else they would queue before the answer to its STOP, and show what was long ago.
         """
         await browser.accept()
-        if len(self._browsers) >= self._limit:
+        if len(self.browsers) >= self._limit:
             await browser.close(4008, "too many browsers watch this robot (max_browsers)")
             return
-        watcher = self._browsers[browser] = _Watcher()
+        watcher = self.browsers[browser] = _Watcher()
         sending = asyncio.create_task(self._send(browser, watcher))
         try:
             while watcher.receive(await browser.receive_text()):
@@ -299,7 +295,7 @@ class Page:
         except (WebSocketDisconnect, KeyError, RuntimeError):
             pass
         finally:
-            del self._browsers[browser]
+            del self.browsers[browser]
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 

@@ -277,7 +277,7 @@ def test_each_card_says_why_its_part_cannot_be_shown_and_the_rest_is(
 
 
 def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> None:
-    wait_for(lambda: page.browsers == 0)
+    wait_for(lambda: not page.browsers)
     with watch(page) as first, watch(page) as second:
         until(first, "state")
         until(second, "state")
@@ -285,7 +285,7 @@ def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> No
             third.recv(timeout=PATIENCE)
         assert refused.value.rcvd is not None
         assert refused.value.rcvd.code == 4008
-    wait_for(lambda: page.browsers == 0)
+    wait_for(lambda: not page.browsers)
     with watch(page) as opened:
         until(opened, "state")
 
@@ -307,7 +307,7 @@ def test_a_slow_browser_is_sent_the_next_state_when_it_has_shown_the_last(page: 
 
 
 def test_a_browser_that_sends_too_many_messages_is_refused(page: Page) -> None:
-    wait_for(lambda: page.browsers == 0)
+    wait_for(lambda: not page.browsers)
     with watch(page) as flooding, watch(page) as other:
         with pytest.raises(ConnectionClosed) as refused:
             while True:

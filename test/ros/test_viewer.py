@@ -591,9 +591,9 @@ def test_a_relaxed_joint_is_moved_by_hand_and_torque_is_switched_for_one_servo_a
 def test_browsers_see_what_the_robot_does_and_closing_one_changes_nothing(
     robot, viewer, visit, page
 ):
-    wait_for(lambda: viewer.page.browsers == 1)
+    wait_for(lambda: len(viewer.page.browsers) == 1)
     second = visit()
-    wait_for(lambda: viewer.page.browsers == 2)
+    wait_for(lambda: len(viewer.page.browsers) == 2)
     open_tab(page, "live")
     choose_mode(page, "point")
     fill(page, "x", 0.9)
@@ -610,7 +610,7 @@ def test_browsers_see_what_the_robot_does_and_closing_one_changes_nothing(
     assert [page.locator(f"#{name}").input_value() for name in "xyz"] == own
     before, mode = robot.at_rest(), viewer.robot.modes.mode()
     second.close()
-    wait_for(lambda: viewer.page.browsers == 1)
+    wait_for(lambda: len(viewer.page.browsers) == 1)
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
     assert viewer.robot.modes.mode() is mode
     assert viewer.robot.observe().target == pytest.approx((1.0, -0.5, 0.5325))
