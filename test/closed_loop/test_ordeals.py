@@ -111,16 +111,16 @@ def stop_and_go(t):
     return 0.0, 0.0, 0.6 * turns + way - 0.9
 
 
-def moving_error(base, fixed_frame="odom", duration=3.6, start=1.2):
+def moving_error(base, fixed_frame="odom"):
     """Return the error while the base moves [rad rms]."""
     conditions = Conditions(
-        duration=duration, points=25.0, delay=0.06, on_head=True, base=base, start=(0.4, 0.0),
+        duration=3.6, points=25.0, delay=0.06, on_head=True, base=base, start=(0.4, 0.0),
         field=(6.3, 3.1), servos=PlainServo(), fixed_frame=fixed_frame,
     )  # fmt: skip
     loop = ClosedLoop(lambda t: WORLD, conditions)
     base = HeadBase(loop.buffer, "odom", HEAD.base_frame) if fixed_frame == "odom" else None
     steered = Tracker(HEAD, LAWS["predictive"](HEAD, 0.02), base=base)
-    recording = loop.run(steered).recording.between(start)
+    recording = loop.run(steered).recording.between(1.2)
     assert steered.state is TargetState.TRACKING
     return recording.rms
 

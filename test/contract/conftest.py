@@ -44,6 +44,14 @@ def module_bench(tmp_path_factory) -> Iterator[Bench]:
         yield bench
 
 
+@pytest.fixture(scope="module")
+def running(request, module_bench) -> Bench:
+    """The same beside a program, with the options of the file."""
+    module_bench.run(*request.module.RUN)
+    module_bench.person.wait_for_joints()
+    return module_bench
+
+
 @pytest.fixture
 def servos(tmp_path) -> Iterator[Servos]:
     with closing(Servos(tmp_path / "servos")) as servos:

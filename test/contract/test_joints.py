@@ -10,15 +10,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from waiting import wait_for
 
+RUN = ("--without", "head")
 PAN, TILT = "head_pan_controller", "head_tilt_controller"
-
-
-@pytest.fixture(scope="module")
-def running(module_bench):
-    bench = module_bench
-    bench.run("--without", "head")
-    bench.person.wait_for_joints()
-    return bench
 
 
 @pytest.fixture

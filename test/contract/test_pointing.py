@@ -10,22 +10,15 @@ from rig import DEGREE, JOINTS, bearing
 from std_msgs.msg import Float64
 from waiting import wait_for
 
+RUN = ("--mode", "point")
 ROUGH = 2 * DEGREE
-
-
-@pytest.fixture(scope="module")
-def running(module_bench):
-    bench = module_bench
-    bench.run("--mode", "point")
-    bench.person.wait_for_joints()
-    bench.person.wait_for_node("point_head")
-    return bench
 
 
 @pytest.fixture
 def bench(running):
     """The head looks ahead."""
     person = running.person
+    person.wait_for_node("point_head")
     running.servos.port.use(lambda bus: bus[1].drive.push(0.0))
     person.until_done("torque_enable", True)
     assert person.set("point_head", "max_velocity", 5.0).successful

@@ -9,6 +9,7 @@ from rig import DEGREE, JOINTS, LATCHED, bearing
 from std_msgs.msg import Bool, Float64, String
 from waiting import wait_for
 
+RUN = ("--target", "none")
 STATES = {
     "idle", "acquiring", "tracking", "coasting", "holding", "searching", "recentering",
     "at the limit", "stalled", "cautious", "disabled",
@@ -17,20 +18,16 @@ TUNED = ("max_joint_speed", "recenter_timeout", "enable_target_search", "law")
 
 
 @pytest.fixture(scope="module")
-def running(module_bench):
-    bench = module_bench
-    bench.run("--target", "none")
-    bench.person.wait_for_joints()
-    bench.usual = {name: bench.person.get("head_tracker", name) for name in TUNED}
-    return bench
+def usual(running):
+    return {name: running.person.get("head_tracker", name) for name in TUNED}
 
 
 @pytest.fixture
-def bench(running):
+def bench(running, usual):
     """The head looks ahead and waits for a target."""
     person = running.person
     running.servos.port.use(lambda bus: bus[1].drive.push(0.0))
-    for name, value in running.usual.items():
+    for name, value in usual.items():
         assert person.set("head_tracker", name, value).successful
     person.until_done("torque_enable", True)
     assert person.call("head_tracker/enable", True).success

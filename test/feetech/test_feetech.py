@@ -187,7 +187,6 @@ def test_a_brown_out_is_named_and_nothing_moves_until_a_command() -> None:
     servo = SimulatedServo(1, STS, boot_time=0.3)
     rig = rig_of(servo)
     rig.go(0.5)
-    rig.bench.bus.advance(rig.bench.now())
     servo.power_off()
     servo.power_on()
     servo.lead(2048, 1.0)  # it falls meanwhile

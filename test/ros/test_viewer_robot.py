@@ -58,8 +58,8 @@ def camera(robot) -> None:
     robot.threads.start(CAMERA.make({"buffer": robot.composition.buffer}))
 
 
-def head_is_at(robot: Robot, pan: float, tolerance: float = 2 * DEGREE) -> bool:
-    return abs(robot.true("head_pan_joint") - pan) < tolerance
+def head_is_at(robot: Robot, pan: float) -> bool:
+    return abs(robot.true("head_pan_joint") - pan) < 2 * DEGREE
 
 
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):

@@ -2,7 +2,6 @@
 
 import os
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -35,21 +34,14 @@ def ask(client: serial.Serial, data: bytes, length: int) -> bytes:
     return client.read(length)
 
 
-@pytest.fixture
-def port() -> Iterator[SimulatedPort]:
-    with SimulatedPort([SimulatedServo(1), SimulatedServo(2)]) as opened:
-        yield opened
-
-
-def test_unread_answers_do_not_block_the_bus(port: SimulatedPort) -> None:
-    client = client_of(port.port_name)
-    read = InstructionPacket.read(1, 0, 50).encode()
-    for _ in range(500):  # 28 kB of answers that nobody reads
-        client.write(read)
-    led = InstructionPacket.write(2, 25, b"\x01").encode()
-    client.write(led)
-    wait_for(lambda: port.use(lambda bus: bus[2].register("LED")) == 1)
-    client.close()
+def test_unread_answers_do_not_block_the_bus() -> None:
+    servos = SimulatedServo(1), SimulatedServo(2)
+    with SimulatedPort(servos) as port, client_of(port.port_name) as client:
+        read = InstructionPacket.read(1, 0, 50).encode()
+        for _ in range(500):  # 28 kB of answers that nobody reads
+            client.write(read)
+        client.write(InstructionPacket.write(2, 25, b"\x01").encode())
+        wait_for(lambda: port.use(lambda bus: bus[2].register("LED")) == 1)
 
 
 @pytest.mark.parametrize("stale", [None, "/dev/pts/does-not-exist"])

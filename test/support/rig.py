@@ -281,8 +281,8 @@ class Talker:
         where = self._namespace or "/"
         wait_for(lambda: (name, where) in names())
 
-    def looks_at(self, pan: float, tilt: float, tolerance: float = 1.5 * DEGREE) -> bool:
-        return abs(self.pan - pan) < tolerance and abs(self.tilt - tilt) < tolerance
+    def looks_at(self, pan: float, tilt: float) -> bool:
+        return max(abs(self.pan - pan), abs(self.tilt - tilt)) < 1.5 * DEGREE
 
     def hear(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
         """Return the messages of a topic from the first call on; a list that grows."""

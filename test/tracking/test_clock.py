@@ -22,23 +22,16 @@ class Clocks:
         self.now, self.steady = self.now + speed * seconds, self.steady + seconds
 
 
-@pytest.fixture
-def clocks():
-    return Clocks()
-
-
-@pytest.fixture
-def watch(clocks):
-    return ClockWatch(lambda: clocks.now, lambda: clocks.steady)
-
-
-def test_a_clock_that_is_being_slewed_has_not_jumped(clocks, watch):
+def test_a_clock_that_is_being_slewed_has_not_jumped():
+    clocks = Clocks()
+    watch = ClockWatch(lambda: clocks.now, lambda: clocks.steady)
     for _ in range(1000):
         clocks.go(DT, speed=1.0005)
         assert watch.check(simulated=False) == ""
 
 
-def test_a_thread_that_is_interrupted_between_two_looks_has_seen_no_jump(clocks):
+def test_a_thread_that_is_interrupted_between_two_looks_has_seen_no_jump():
+    clocks = Clocks()
     pauses = iter([0.0, 0.0, 0.3, 0.0, 0.0] + [0.0] * 10)
 
     def clock():

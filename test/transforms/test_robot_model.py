@@ -138,12 +138,7 @@ def is_same(one, other):
     return astuple(one) == pytest.approx(astuple(other), nan_ok=True)
 
 
-@pytest.fixture
-def model():
-    return parse_robot_model(CHAIN)
-
-
-def test_a_stated_default_stands_until_it_is_measured(model):
-    states = JointStates(model, {"first": 0.25})
+def test_a_stated_default_stands_until_it_is_measured():
+    states = JointStates(parse_robot_model(CHAIN), {"first": 0.25})
     assert is_same(states.complete({})["third"], JointState(2.5))
     assert is_same(states.complete({"first": JointState(0.5)})["first"], JointState(0.5))

@@ -49,9 +49,9 @@ def drifting(speed: float) -> Path:
     return lambda t: around(speed * abs(t % 16.0 - 8.0))
 
 
-def passing(distance: float, speed: float = 1.0) -> Path:
-    """Walk past on a straight line [m, m/s]."""
-    return lambda t: (distance, speed * (t - 5.0), 0.1)
+def passing(distance: float) -> Path:
+    """Walk past on a straight line [m], at 1 m/s."""
+    return lambda t: (distance, t - 5.0, 0.1)
 
 
 def coming(t: float) -> Point:
