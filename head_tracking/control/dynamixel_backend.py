@@ -127,11 +127,7 @@ class DynamixelBackend(JointBackend):
     ) -> None:
         """Set goals, within the limits, of the joints that accept goals now; see `JointBackend`.
 
-        Args:
-            owner: whose goals they are, for `report`.
-            goals: the goals; none is set if a joint is unknown.
-            epoch: in which they were made.
-            claim: see `ServoBus.command`.
+        None is set if a joint is unknown. For `claim` see `ServoBus.command`.
         """
         try:
             shares = self._by_bus(goals)

@@ -74,10 +74,7 @@ class JointOwners:
         self._observers.append(changed)
 
     def permit(self, epoch: int | None = None) -> int:
-        """Return the epoch of a request that is made now.
-
-        Args:
-            epoch: in which it was made; None: now.
+        """Return the epoch of a request that was made in `epoch`; None: now.
 
         Raises:
             StoppedError: the head is stopped, or was after the request was made.
@@ -166,11 +163,8 @@ class JointOwners:
     def resume(self, epoch: int | None = None) -> tuple[str, ...]:
         """End a STOP and return the owners that have their joints back.
 
-        Args:
-            epoch: in which this was requested; None: now.
-
         Raises:
-            StoppedError: there was another STOP since.
+            StoppedError: there was another STOP since `epoch`, in which this was requested.
         """
         with self._lock:
             if epoch not in (None, self.epoch.value):
