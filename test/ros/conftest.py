@@ -1,6 +1,7 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from typing import Any
 
 # nodes of one process only: neither other programs nor shared memory files
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
@@ -42,6 +43,17 @@ def threads() -> Iterator[NodeThreads]:
             yield threads
     finally:
         rclpy.try_shutdown()
+
+
+@pytest.fixture
+def start(threads) -> Callable[[Any], Any]:
+    """Starts to spin a node, and returns it."""
+
+    def start(node: Any) -> Any:
+        threads.start(node)
+        return node
+
+    return start
 
 
 @pytest.fixture

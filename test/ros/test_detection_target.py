@@ -157,11 +157,10 @@ def test_faces_and_bodies_of_ros4hri_are_followed_by_their_ids(scene, source):
     assert world.world.listeners(f"/humans/{source}/xyz/roi") == 0
 
 
-def test_an_id_that_no_topic_can_have_costs_that_id_only(threads):
-    robot = Node("robot")
+def test_an_id_that_no_topic_can_have_costs_that_id_only(start):
+    robot = start(Node("robot"))
     tracked = robot.create_publisher(hri.IdsList, "/humans/faces/tracked", 10)
-    threads.start(robot)
-    threads.start(DetectionTargetNode(parameter_overrides=[Parameter("source", value="faces")]))
+    start(DetectionTargetNode(parameter_overrides=[Parameter("source", value="faces")]))
 
     def hears_the_other():
         for name in ("a b", "1x", "", "3f2a-91"):

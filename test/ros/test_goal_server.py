@@ -3,7 +3,6 @@
 import threading
 
 import pytest
-import rclpy
 from action_client import ABORTED, ACCEPTED, SUCCEEDED, Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -19,7 +18,7 @@ from head_tracking.ros.kit import spinning
 actions = pytest.importorskip("control_msgs.action")
 
 
-def test_goals_end_once_from_any_thread(monkeypatch, threads):
+def test_goals_end_once_from_any_thread(monkeypatch, start):
     """With a middleware that reports no events."""
 
     class Unsupported(SingleThreadedExecutor):
@@ -27,16 +26,15 @@ def test_goals_end_once_from_any_thread(monkeypatch, threads):
             raise rclpy_implementation.RCLError("not supported")
 
     monkeypatch.setattr(spinning, "EventsExecutor", Unsupported)
-    server, asks, begun = Node("serves"), rclpy.create_node("asks"), []
+    server, begun = Node("serves"), []
 
     def refusal(goal):
         return "too fast" if goal.max_velocity > 9.0 else ""
 
     serve_goals(server, actions.PointHead, "~/goals", refusal, begun.append)
-    threads.start(server)
-    threads.start(asks)
+    start(server)
     assert type(server.executor) is SingleThreadedExecutor
-    client = Client(asks, actions.PointHead, "/serves/goals")
+    client = Client(start(Node("asks")), actions.PointHead, "/serves/goals")
     assert not client.send(actions.PointHead.Goal(max_velocity=10.0)).accepted
     result = actions.PointHead.Result()
     for end, status in (

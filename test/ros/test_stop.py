@@ -33,13 +33,11 @@ def tracking(robot):
     wait_for(lambda: tracker.control.frames.target and torque(robot) == [1, 1])
 
 
-def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(threads):
-    tracker = HeadTrackerNode()
+def test_a_stop_and_resume_that_a_node_missed_make_it_cautious(start):
     bus = BusStandIn()
     bus.own("", True, 1)
     bus.own("", False, 1)
-    threads.start(tracker)
-    threads.start(bus)
+    tracker, _ = start(HeadTrackerNode()), start(bus)
     wait_for(lambda: tracker.control.is_cautious)
     assert not tracker.control.off
 
@@ -71,12 +69,9 @@ def test_no_state_of_before_a_stop_is_published_after_it(threads):
     assert heard == [False, True]
 
 
-def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
+def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(start):
     """It took over so shortly before the STOP that the tracker had not heard of it."""
-    tracker = HeadTrackerNode()
-    bus = BusStandIn()
-    threads.start(tracker)
-    threads.start(bus)
+    tracker, bus = start(HeadTrackerNode()), start(BusStandIn())
     bus.own("", True, 1)
     wait_for(lambda: tracker.control.is_cautious)
     bus.own("/other", False, 1)
@@ -88,11 +83,8 @@ def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(threads):
     wait_for(lambda: bus.claims)
 
 
-def test_a_restarted_bus_without_short_names_is_stopped_again(threads):
-    tracker = HeadTrackerNode()
-    bus = BusStandIn(offers=("~/stop",))
-    threads.start(tracker)
-    threads.start(bus)
+def test_a_restarted_bus_without_short_names_is_stopped_again(start):
+    tracker, bus = start(HeadTrackerNode()), start(BusStandIn(offers=("~/stop",)))
     bus.own("", True, 1)
     wait_for(lambda: tracker.control.off == Obstacle(Blocked.STOPPED))
     bus.own("", False, 0)

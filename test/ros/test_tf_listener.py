@@ -34,12 +34,10 @@ def urdf() -> str:
 
 
 @pytest.fixture
-def make_node(threads):
+def make_node(start):
     def make(name: str, *, spin: bool = False, **options):
         node = rclpy.create_node(name, **options)
-        if spin:
-            threads.start(node)
-        return node
+        return start(node) if spin else node
 
     return make
 

@@ -24,15 +24,6 @@ from head_tracking.ros.kit.spinning import NodeThreads
 
 
 @pytest.fixture
-def start(threads) -> Callable[[Any], Any]:
-    def start(node: Any) -> Any:
-        threads.start(node)
-        return node
-
-    return start
-
-
-@pytest.fixture
 def page(threads) -> Callable[..., Any]:
     """Starts a page, and returns the robot as it sees it."""
     return lambda **options: view(threads, **options).robot
