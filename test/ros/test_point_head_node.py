@@ -230,17 +230,15 @@ def stop_and_resume(pointed):
     pointed.world.stop_and_resume(0.03)
 
 
-def disable(pointed):
-    pointed.node._on_enable(SetBool.Request(data=False))
-
-
-def take_over(pointed):
-    pointed.world.loop.owners.take_over("/somebody", JOINTS)
-
-
 @pytest.mark.parametrize("kind", ["point", "follow"])
 @pytest.mark.parametrize(
-    "end", [lambda pointed: pointed.world.stop_and_resume(0.03), disable, take_over]
+    "end",
+    [
+        lambda pointed: pointed.world.stop_and_resume(0.03),
+        lambda pointed: pointed.node._on_enable(SetBool.Request(data=False)),
+        lambda pointed: pointed.world.loop.owners.take_over("/somebody", JOINTS),
+    ],
+    ids=["stopped", "disabled", "taken over"],
 )
 def test_a_goal_is_aborted_when_the_head_is_stopped_disabled_or_taken_over(pointed, kind, end):
     goal = begun(pointed, kind)
