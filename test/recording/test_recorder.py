@@ -4,6 +4,7 @@ import math
 import shutil
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
@@ -28,7 +30,10 @@ from head_tracking.recording.recorder import Recorder, RecorderParameters
 from head_tracking.recording.recording import Recording, RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
+from head_tracking.ros.kit.spinning import NodeDied, NodeThreads
+from head_tracking.ros.kit.stop_signal import StopSignal
 from head_tracking.ros.kit.topics import LATCHED, MEASUREMENT
+from head_tracking.ros.robot.recorder import RecorderNode
 
 PAN = "head_pan_joint"
 
@@ -147,6 +152,15 @@ def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, states):
     with file.open("rb") as stream:
         assert read_recording(stream).seen[-1].joints[PAN] == 0.4
     recorder.start()  # the next one
+
+
+def test_the_program_ends_with_its_file(node, tmp_path, monkeypatch):
+    monkeypatch.setattr("head_tracking.recording.recorder._KEPT_FREE", math.inf)
+    folder = Parameter("record_directory", value=str(tmp_path))
+    with closing(NodeThreads()) as threads, StopSignal() as stop:
+        threads.start(RecorderNode(parameter_overrides=[folder]))
+        with pytest.raises(NodeDied, match="are free on the disk"):
+            threads.wait(stop, 20.0)
 
 
 def test_what_a_crash_leaves_can_be_read(node, recorder, states, tmp_path):

@@ -6,11 +6,10 @@ import os
 from importlib.util import find_spec
 from typing import Any
 
-from head_tracking.exceptions import HeadTrackingError
+from head_tracking.exceptions import HeadTrackingError, RefusedError
 from head_tracking.ros.kit.node_parameters import NodeParameters, check_parameters
-from head_tracking.ros.kit.spinning import ClosingNode, run_node, steady_timer
+from head_tracking.ros.kit.spinning import ClosingNode, run_node
 
-_PERIOD = 1.0  # s
 _NICENESS = 10
 
 
@@ -34,7 +33,6 @@ class RecorderNode(ClosingNode):
         parameters = NodeParameters(self, RecorderParameters).value
         self.recorder = Recorder(self, parameters)
         check_parameters([self])  # before there is a file
-        self._watch = steady_timer(self, _PERIOD, self._check)
         self.get_logger().info(self.recorder.start())
         self.closing.callback(self._end)
 
@@ -43,10 +41,10 @@ class RecorderNode(ClosingNode):
             self.recorder.stop()
             self.get_logger().info(self.recorder.status)
 
-    def _check(self) -> None:
-        if self.recorder.file is None:
-            self._watch.cancel()
-            self.get_logger().error(self.recorder.status)
+    @property
+    def failure(self) -> RefusedError | None:
+        """The error that ends the program: the file is full."""
+        return RefusedError(self.recorder.status) if self.recorder.file is None else None
 
 
 def main() -> int:
