@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -211,6 +212,16 @@ def test_an_error_of_a_worker_ends_the_node_by_its_next_offer():
 
     with closing(Worker("work", work)) as worker:
         wait_for(offered)
+
+
+def test_a_worker_keeps_the_order_of_what_is_delayed_when_the_delay_becomes_shorter():
+    done: list[int] = []
+    with closing(Worker("work", done.append)) as worker:
+        for image, delay in ((1, 0.1), (2, 0.05), (3, 0.0)):
+            worker.do(partial(done.append, image), delay)
+        worker.do(partial(done.append, 0))
+        wait_for(lambda: len(done) == 4)
+    assert done == [0, 1, 2, 3]
 
 
 def test_an_error_of_an_urgent_service_is_an_answer_without_success(threads):

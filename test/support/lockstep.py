@@ -144,8 +144,8 @@ class World:
     def _worker(self, name: str, work: Callable[[Any], object]) -> Any:
         """A thread's work is done at once, and what it does later, later."""
 
-        def do(task: Callable[[], object], delay: float = 0.0) -> None:
-            if delay > 0.0:
+        def do(task: Callable[[], object], delay: float | None = None) -> None:
+            if delay:
                 self.at(self.now + round(delay * 1e9), task)
             else:
                 task()

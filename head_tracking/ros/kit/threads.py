@@ -278,6 +278,7 @@ class Worker(Generic[T]):
         self._latest: list[T] = []
         self._tasks: list[tuple[float, int, Callable[[], object]]] = []  # a heap
         self._order = count()
+        self._latest_due = 0.0  # of delayed tasks; monotonic time [s]
         self._error: Exception | None = None
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -295,10 +296,12 @@ class Worker(Generic[T]):
             self._latest = [item]
             self._changed.notify()
 
-    def do(self, task: Callable[[], object], delay: float = 0.0) -> None:
-        """Call a task after `delay` [s], before the next item; equal delays keep their order."""
+    def do(self, task: Callable[[], object], delay: float | None = None) -> None:
+        """Call a task before the next item, or after `delay` [s]; both kinds keep their order."""
         with self._changed:
-            due = time.monotonic() + delay
+            due = time.monotonic()
+            if delay is not None:
+                due = self._latest_due = max(due + delay, self._latest_due)
             heappush(self._tasks, (due, next(self._order), task))
             self._changed.notify()
 
