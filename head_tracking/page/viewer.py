@@ -36,7 +36,11 @@ class ViewerNode(ClosingNode):
         recorder = NodeParameters(self, RecorderParameters).value
         self.robot = Robot(self, head, recorder)
         self.closing.callback(self.robot.close)
-        self.page = Page(self.robot, page, self._report)
+        try:
+            self.page = Page(self.robot, page, self._report)
+        except BaseException:  # else the nodes of the robot would stay, with their threads
+            self.closing.close()
+            raise
         self.closing.callback(self.page.close)
         self.settled = {"port": self.page.port, "token": self.page.token}
         self._log_address(page.host)

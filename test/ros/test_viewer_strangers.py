@@ -2,6 +2,7 @@
 
 import json
 import random
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ from viewing import until, view, watch
 from waiting import PATIENCE, wait_for
 
 from head_tracking.page.viewer import ViewerNode
+from head_tracking.parameters import ParameterError
 from head_tracking.ros.kit.diagnostics import Level
 from head_tracking.transforms import Rotation, Transform
 
@@ -56,6 +58,13 @@ def diagnosed(publisher: Any, robot: Any, level: int, name: str = "camera: lens"
 
     wait_for(heard)
     return heard()
+
+
+def test_a_page_that_cannot_listen_leaves_no_nodes_that_spin(threads):
+    before = set(threading.enumerate())
+    with pytest.raises(ParameterError, match="listen"):
+        ViewerNode(parameter_overrides=[Parameter("host", value="203.0.113.1")])
+    assert set(threading.enumerate()) == before
 
 
 def test_no_message_ends_the_page(threads, viewer, stranger):
