@@ -184,6 +184,7 @@ class HeadBase:
         self._latest = Transform.identity()
         self._motion: tuple[_Motion, _Motion] | None = None
         self._rotations: deque[tuple[int, float, float, float, float]] = deque()
+        self._measured = 0.0  # s; later ones were extrapolated; 0: the base never moves
 
     def update(self) -> str:
         """Update pose and motion; return the error, or an empty string."""
@@ -227,6 +228,8 @@ class HeadBase:
         known = self._rotations
         while known and known[0][0] < first:
             known.popleft()
+        while known and known[-1][0] * _STEP > self._measured > 0.0:
+            known.pop()  # it was extrapolated
         if known and known[0][0] > first:
             known.clear()
         for step in range(known[-1][0] + 1 if known else first, last + 1):
@@ -234,6 +237,7 @@ class HeadBase:
             if known and sum(a * b for a, b in zip(rotation, known[-1][1:], strict=True)) < 0.0:
                 x, y, z, w = -x, -y, -z, -w
             known.append((step, x, y, z, w))
+        self._measured = self._stamp
         steps, *columns = np.array(known).T
         return np.array([np.interp(times / _STEP, steps, column) for column in columns])
 
