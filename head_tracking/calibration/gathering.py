@@ -147,8 +147,8 @@ class _Gathering:
         if not views:
             raise CalibrationError(
                 Reason.FEW_VIEWS,
-                f"the camera does not see {self._sought}: turn the head to it, use more light, do "
-                "not move the head by hand, and check that the image is sharp and not mirrored",
+                f"the camera does not see {self._sought} at rest: turn the head to it, use more "
+                "light, move neither by hand, and check that the image is sharp and not mirrored",
             )
         middle = (self._camera.cx, self._camera.cy)
         nearest = min(views, key=lambda view: math.dist(view.corners.mean(axis=0), middle))

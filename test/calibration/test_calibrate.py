@@ -185,13 +185,13 @@ class LateHead:
             raise UnreachableError(point, frame, gaze.miss, gaze.reason)
         self.true = dict(zip(self.true, (gaze.pan, gaze.tilt), strict=True))
 
-    def film(self):
+    def film(self, scene="still marker"):
         """Return what its camera sees of a marker."""
 
         def camera(stamp):
             return self.model.transform("base_link", "camera_optical_frame", self.true)
 
-        return film("still marker", camera)
+        return film(scene, camera)
 
 
 MARKER = MarkerParameters("4X4_50", -1, 0.16)
@@ -313,6 +313,13 @@ def test_narrow_limits_are_used_and_what_they_hide_is_named(quick):
     assert found.estimates["pan play"].deviation > math.radians(0.02)
     for value, deviation, observable in found.estimates.values():
         assert not observable or abs(value) < 3.5 * deviation
+
+
+def test_a_marker_that_moves_is_not_said_to_be_out_of_sight():
+    head = LateHead(0.0)
+    with pytest.raises(CalibrationError, match=r"a marker .* at rest") as refusal:
+        calibrate_camera(head, head.film("marker"), marker=MARKER)
+    assert refusal.value.reason is Reason.FEW_VIEWS
 
 
 def repeat_now(picture):
