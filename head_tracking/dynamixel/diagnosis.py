@@ -113,7 +113,7 @@ class _Watch:
         self.goals: deque[int] = deque(maxlen=5)
         self.pace_target: tuple[int, ...] = ()
         self.usual_voltage = self.jump = self.away_speed = 0.0
-        self.pace_since, self.pace_begin, self.pace_error = 0, 0.0, 0.0
+        self.pace_since, self.pace_begin, self.pace_error, self.pace_asked = 0, 0.0, 0.0, 0.0
         self.rest_position = self.rest_error = self.owed = 0.0
 
     @property
@@ -228,7 +228,8 @@ def _away(watch: _Watch) -> Found:
 def _slow(watch: _Watch) -> Found:
     """Find less than 35 % of the goal speed for 0.16 s, after 0.1 s to accelerate.
 
-    Within 0.3 rad of a goal that changes, a tracking law may ask for more speed than it needs.
+    Within 0.3 rad of a goal that changes, a tracking law may ask for more speed than it needs. When
+    the goal speed has doubled, the servo may accelerate anew.
     """
     servo, error, now, position = watch.servo, watch.error, watch.now, watch.position
     target = watch.joint.goal_ticks
@@ -236,10 +237,12 @@ def _slow(watch: _Watch) -> Found:
         watch.pace_target = target
     near = abs(error) < _NEAR or target != watch.pace_target
     moves = servo.velocity * error > 0.0 and watch.asked >= _MOVES
-    if near or not moves or watch.pace_error * error < 0.0:
+    rises = watch.asked > 2.0 * watch.pace_asked
+    if near or not moves or rises or watch.pace_error * error < 0.0:
         watch.pace_since, watch.pace_begin, watch.pace_error = now, position, error
-        watch.pace_target = target
+        watch.pace_target, watch.pace_asked = target, watch.asked
         return None
+    watch.pace_asked = min(watch.pace_asked, watch.asked)
     seconds = (now - watch.pace_since) * 1e-9
     if seconds < 0.1:
         watch.pace_begin = position

@@ -320,18 +320,27 @@ def begin_slowly(speed: float) -> Callable[[Head], Goal]:
     return goal
 
 
+def hurry(head: Head) -> Goal:
+    """Its goal is far, and its speed rises, as when a slow search has found the target."""
+    side = 1.0 if head.time % 8.0 < 4.0 else -1.0
+    return Goal(2.0 * side, 0.3 if head.time % 1.7 < 1.4 else 4.0)
+
+
 @pytest.mark.parametrize(
     ("model", "goal", "delay"),
     [
         (AX, turn_round, 0.03),
+        (AX, hurry, 0.03),
+        (XM, hurry, 0.03),
+        (STS, hurry, 0.03),
         (AX, begin_slowly(0.05), 0.08),
         (XM, begin_slowly(0.4), 0.03),
         (STS, begin_slowly(0.05), 0.03),
         (XM, begin_slowly(0.05), 0.08),
     ],
-    ids=["turns round", "AX", "X fast", "STS", "X slow"],
+    ids=["turns round", "AX hurries", "X hurries", "STS hurries", "AX", "X fast", "STS", "X slow"],
 )
-def test_a_joint_that_begins_slowly_or_turns_round_meets_no_obstacle(
+def test_a_joint_that_begins_slowly_hurries_or_turns_round_meets_no_obstacle(
     model: ServoModel, goal: Callable[[Head], Goal], delay: float
 ) -> None:
     head = Head(model, 3, delay=delay)
