@@ -98,6 +98,7 @@ def test_a_program_reports_the_package_that_is_missing(bench, words, package, na
             1,
             "target_point",
         ),
+        ("target_mux --ros-args -p sources:=[]", 1, "sources is empty"),
         ("transforms tree --wait 0.3", 1, ""),
         ("look 1,1,0.5@base_link --wait 0.3", 1, ""),
         ("look @base_link --ros-args -p head_pan:=pan", 3, "head_pan"),

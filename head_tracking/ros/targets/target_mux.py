@@ -73,6 +73,8 @@ class TargetMuxNode(Node):
         super().__init__("target_mux", **options)
         self._wiring = NodeParameters(self, MuxWiring)
         wiring = self._wiring.value
+        if not wiring.sources:
+            raise ParameterError("sources is empty; it needs the name of one source at least")
         self._buffer = (buffer or listening_buffer(self)).core
         self._sources = {name: self._source(name, rank) for rank, name in enumerate(wiring.sources)}
         self._mux = TargetMux(
