@@ -62,6 +62,8 @@ class RunMonitor:
     ) -> None:
         if self._judge is None or self._judge.head is not head:
             self._judge = TrackingJudge(head, _SETTLING_TIME, statistics=self._statistics)
+        # the slow motion after a STOP does not count
+        self._judge.settling = math.inf if control.is_cautious else _SETTLING_TIME
         before = self._statistics.count
         if control.error is None:
             self._judge.target_lost(control.now)

@@ -41,13 +41,12 @@ class TrackingJudge:
 
     Args:
         head: the head that is judged.
-        settling: errors count from so long [s] after the first point.
+        settling: errors count from so long [s] after the first point; inf: they do not.
         trace: receives every moment, its times from 0; None: only the statistics are kept.
         statistics: receives the errors that count, beside those of earlier heads; None: new ones.
 
     Attributes:
-        head: as given.
-        statistics: as given.
+        head: as given; so are `statistics` and `settling`, which may be changed.
         error: the latest one [rad]; None before the first, and after the target was lost.
     """
 
@@ -61,7 +60,7 @@ class TrackingJudge:
         self.statistics = statistics or ErrorStatistics()
         self.error: float | None = None
         self.head = head
-        self._settling = settling
+        self.settling = settling
         self._trace = trace
         self._first: float | None = None
         self._before: tuple[float, Vector3] | None = None
@@ -119,7 +118,7 @@ class TrackingJudge:
         if time < self._first:
             return
         self.error = self.head.miss(point, *positions)
-        if time - self._first >= self._settling:
+        if time - self._first >= self.settling:
             self.statistics.add(self.error)
         if self._trace is not None:
             gaze = self.head.gaze(point, *positions)

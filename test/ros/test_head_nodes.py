@@ -263,6 +263,16 @@ def test_the_summary_judges_a_target_from_a_while_after_it_came_until_it_is_give
     assert judged.after(5.0, AWAY)[1] == pytest.approx(seconds + 5.0, abs=1.0)
 
 
+def test_the_summary_does_not_judge_the_slow_motion_after_a_stop(track):
+    judged = Judged(track())
+    before = judged.after(4.0, 0.0)
+    judged.tracked.world.stop_and_resume()
+    assert judged.after(1.5, AWAY) == pytest.approx(before, abs=0.15)
+    largest, later = judged.after(6.0, AWAY)
+    assert largest == pytest.approx(AWAY, abs=0.1)
+    assert later > before[1] + 2.0
+
+
 # models, targets, joint states and clocks that are not what they should be
 
 
