@@ -40,6 +40,7 @@ _CHUNK_PERIOD = 1.0  # s: what a crash loses at most
 _PICTURE_PERIOD = 0.1  # s
 _DEPTH = 200  # messages of a topic between two polls
 _KEPT_FREE = 200_000_000  # bytes on the disk
+_TOO_LITTLE = f"less than {_KEPT_FREE / 1e6:.0f} MB are free on the disk"
 _SHARED = {"/tf", "/tf_static", "/diagnostics", "/rosout", "/parameter_events", "/clock"}
 """Topics that all robots of a graph have in common."""
 
@@ -110,6 +111,8 @@ class Recorder:
                 raise HeadTrackingError(f"{self.file} is being recorded already.")
             try:
                 self._directory.mkdir(parents=True, exist_ok=True)
+                if _is_disk_full(self._directory):
+                    raise OSError(f"{_TOO_LITTLE} of {self._directory}")
                 file = _new_file(self._directory)
                 self._session = _Session(self._beside, file, self._limit)
             except OSError as error:
@@ -124,6 +127,10 @@ class Recorder:
             if self._session is not None:
                 self._session.close()
             return self.status
+
+
+def _is_disk_full(folder: Path) -> bool:
+    return shutil.disk_usage(folder).free < _KEPT_FREE
 
 
 def _new_file(directory: Path) -> Path:
@@ -233,8 +240,8 @@ class _Session:
     def _is_full(self) -> bool:
         if self._size >= self._limit:
             self._end = f"ended at {self._limit / 1e6:.0f} MB (record_limit)"
-        elif shutil.disk_usage(self.file.parent).free < _KEPT_FREE:
-            self._end = f"ended because less than {_KEPT_FREE / 1e6:.0f} MB are free on the disk"
+        elif _is_disk_full(self.file.parent):
+            self._end = f"ended because {_TOO_LITTLE}"
         return bool(self._end)
 
     def _discover(self) -> None:

@@ -154,11 +154,18 @@ def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, states):
     recorder.start()  # the next one
 
 
-def test_the_program_ends_with_its_file(node, tmp_path, monkeypatch):
+def test_no_file_is_begun_on_a_disk_that_is_full(recorder, tmp_path, monkeypatch):
     monkeypatch.setattr("head_tracking.recording.recorder._KEPT_FREE", math.inf)
+    with pytest.raises(HeadTrackingError, match="are free on the disk"):
+        recorder.start()
+    assert not [*tmp_path.iterdir()]
+
+
+def test_the_program_ends_with_its_file(node, tmp_path, monkeypatch):
     folder = Parameter("record_directory", value=str(tmp_path))
     with closing(NodeThreads()) as threads, StopSignal() as stop:
         threads.start(RecorderNode(parameter_overrides=[folder]))
+        monkeypatch.setattr("head_tracking.recording.recorder._KEPT_FREE", math.inf)
         with pytest.raises(NodeDied, match="are free on the disk"):
             threads.wait(stop, 20.0)
 
