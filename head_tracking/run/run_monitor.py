@@ -45,7 +45,7 @@ class RunMonitor:
                 self._judge_head(control, control.frames.head, positions)
         self._last_update = self._clock()
         target = None if control is None else control.frames.target
-        error = None if self._judge is None else self._judge.error
+        error = None if self._judge is None or positions is None else self._judge.error
         temperatures = " ".join(f"{servo.temperature:.0f}" for servo in measured)
         return [
             "error   - " if error is None else f"error {math.degrees(error):4.1f}°",

@@ -214,15 +214,16 @@ class Judged:
             timing=BusTiming(50.0, 50.0, 0.0, 0),
         )
         world = tracked.world
-        self._monitor = RunMonitor(
-            tracked.node.control, [thread], lambda joint: 0.0, clock=lambda: world.seconds
+        self.positions = dict.fromkeys(tracked.node.control.joints, 0.0)
+        self.monitor = RunMonitor(
+            tracked.node.control, [thread], self.positions.__getitem__, lambda: world.seconds
         )
-        world.every(SECOND // 10, self._monitor.update)
+        world.every(SECOND // 10, self.monitor.update)
 
     def after(self, seconds: float, bearing: float | None) -> tuple[float, float]:
         """Let time pass; return the largest error [rad] and the judged time [s] of the run."""
         self.tracked.see(bearing, seconds)
-        found = re.search(r"([\d.]+)° max .* over ([\d.]+) s", self._monitor.summary())
+        found = re.search(r"([\d.]+)° max .* over ([\d.]+) s", self.monitor.summary())
         return (math.radians(float(found[1])), float(found[2])) if found else (0.0, 0.0)
 
 
@@ -261,6 +262,16 @@ def test_the_summary_judges_a_target_from_a_while_after_it_came_until_it_is_give
     _, seconds = judged.after(5.0, None)
     assert judged.after(5.0, None)[1] == seconds
     assert judged.after(5.0, AWAY)[1] == pytest.approx(seconds + 5.0, abs=1.0)
+
+
+def test_the_status_has_no_error_of_a_head_that_is_not_measured(track):
+    judged = Judged(track())
+    judged.after(3.0, AWAY)
+    error, measured, *_ = judged.monitor.update()
+    assert "°" in error and "pan" in measured
+    judged.positions.clear()
+    error, measured, *_ = judged.monitor.update()
+    assert "°" not in error and measured == "waiting for the head"
 
 
 def test_the_summary_does_not_judge_the_slow_motion_after_a_stop(track):
