@@ -32,7 +32,6 @@ _CAUTION = 0.5  # of the mean squared error so far ahead, which shortens a predi
 _FINEST = 1e-12  # rad^2; avoids a division by 0
 _FARTHEST_AHEAD = 1.0  # rad; the field of view of a camera
 _IN_VIEW = 0.4  # rad from its axis a camera sees a target
-_SOON = 0.4  # s: the target is uncertain if its velocity is, in this time
 
 
 Bounds: TypeAlias = tuple[float, float]
@@ -150,12 +149,12 @@ class TargetEstimate:
         """Return how uncertain pan (0) or tilt (1) is at a time [s].
 
         Returns:
-            Its standard deviation [rad], that of its velocity [rad/s], and the unrest; see
-            `Reference`.
+            Its standard deviation [rad], that of its velocity [rad/s], and that of a measured
+            point [rad].
         """
         bearing, noise = self.bearings[joint], self.deviation(joint, time)
         speed_noise = math.sqrt(bearing.certainty[1])
-        return noise, speed_noise, min(noise, _SOON * speed_noise) / math.sqrt(bearing.variance)
+        return noise, speed_noise, math.sqrt(bearing.variance)
 
     def _position(self, joint: int, time: float) -> float:
         """Return pan (0) or tilt (1) [rad] at a time [s].

@@ -128,7 +128,11 @@ _AIM = 1.0  # s; averaging time of the reference at rest, and delay of small cor
 _FINE = 0.25  # of the dead band; smaller errors are not corrected
 _SLOW = 0.015  # rad/s; a slower reference may be at rest
 _UNLIKELY = 4.0  # standard deviations; at 3, noise alone would end the rest every few seconds
-_RESTFUL, _RESTLESS = 1.5, 2.0  # unrest below which a joint may rest, and above which it does not
+_UNCERTAIN = 4.0  # deviations of a point; a joint does not begin to rest at a less certain target
+_WANDERS, _WANDERS_FAR = 0.9, 0.8  # deviations of a point and dead bands: at a target that wanders
+_RESTS_AGAIN = 0.7  # by more a joint does not rest, and again below this share of the mean square
+_WANDER_MEMORY = 3.0  # s
+_WANDERS_MOST = 1.7  # times that: weight of one outlier
 _STEP = 0.004  # rad: three quarters of the step of an AX-12's encoder
 _LARGEST_CORRECTION = 0.015  # rad
 _DRIFT_MEMORY = 0.6  # s: averaging time of a reference that drifts
@@ -145,8 +149,7 @@ class Reference:
         noise: standard deviation of `position` [rad].
         speed_noise: standard deviation of `velocity` [rad/s].
         ahead: later reference positions [rad]; a goal does not lie beyond them.
-        unrest: how uncertain the target is, over the deviation of a point. Averaging makes this
-            less than 1 for a target at rest; one that moves as nobody can predict has 2 and more.
+        scatter: standard deviation of a measured position of the target [rad].
     """
 
     position: float
@@ -154,7 +157,7 @@ class Reference:
     noise: float = 0.0
     speed_noise: float = 0.0
     ahead: tuple[float, ...] = ()
-    unrest: float = 0.0
+    scatter: float = 0.0
 
 
 class Rest:
@@ -169,8 +172,10 @@ class Rest:
         self.goal: float | None = None
         self.near = False
         self._place = 0.0  # mean reference since the joint rests, or where its line is now
-        self._line = self._drift = 0.0  # [rad], [rad/s]
+        self._line: float | None = None  # [rad]
+        self._drift = 0.0  # [rad/s]
         self._drifts = False
+        self._wander = 0.0  # mean square of the distance from the line, over what noise explains
         self._calm_since: float | None = None
         self._judged = self._corrected = self._side = 0.0
 
@@ -194,14 +199,18 @@ class Rest:
         band = min(math.hypot(dead_band, _UNLIKELY * reference.noise), 4.0 * dead_band)
         slow = min(max(2.0 * reference.speed_noise, _SLOW), 4.0 * _SLOW)
         self.near = abs(reference.velocity) <= slow
+        self._average(reference, dead_band, now - self._judged)
+        self._judged = now
         if self.goal is not None:
             away = abs(reference.position - self._place)
-            moves = abs(reference.velocity) > 2.5 * slow or reference.unrest > _RESTLESS
-            if away > band or moves:
+            if away > band or abs(reference.velocity) > 2.5 * slow or self._wander > 1.0:
                 self.goal = self._calm_since = None
-                return
-            self._average(reference, now - self._judged)
-        elif not self.near or abs(off) > 0.5 * band or reference.unrest > _RESTFUL:
+        elif (
+            not self.near
+            or abs(off) > 0.5 * band
+            or self._wander > _RESTS_AGAIN
+            or reference.noise > _UNCERTAIN * reference.scatter
+        ):
             self._calm_since = None
         elif self._calm_since is None:
             self._calm_since = now
@@ -209,14 +218,16 @@ class Rest:
             self.goal, self._place = setpoint, reference.position
             self._line, self._drift, self._drifts = reference.position, 0.0, False
             self._corrected, self._side = now, 0.0
-        self._judged = now
 
-    def _average(self, reference: Reference, dt: float) -> None:
-        """Update the place after a time `dt` [s].
+    def _average(self, reference: Reference, dead_band: float, dt: float) -> None:
+        """Update the place, and how far the reference wanders, after a time `dt` [s].
 
         The line is a critically damped alpha-beta filter. It is used if its drift is larger than
-        noise explains: its position has more noise than the mean, but no lag.
+        noise explains: its position has more noise than the mean, but no lag. The reference wanders
+        if it is farther from the line than the noise of the points and the dead band explain.
         """
+        if self._line is None:
+            self._line = reference.position
         kept = math.exp(-dt / _DRIFT_MEMORY)
         self._line += self._drift * dt
         off = reference.position - self._line
@@ -227,6 +238,9 @@ class Rest:
             self._place = self._line
         else:
             self._place += min(dt / _AIM, 1.0) * (reference.position - self._place)
+        noise = math.hypot(_WANDERS_FAR * max(dead_band, _STEP), _WANDERS * reference.scatter)
+        away = min(abs(off) / noise, _WANDERS_MOST)
+        self._wander += (1.0 - math.exp(-dt / _WANDER_MEMORY)) * (away * away - self._wander)
 
     def correct(self, measured: float, stamp: float, dead_band: float) -> None:
         """Move the goal of a joint that rests beside its reference.

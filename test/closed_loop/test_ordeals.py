@@ -48,6 +48,15 @@ def test_at_rest_the_head_is_quieter_than_the_points(conditions, most):
     assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * conditions.noise
 
 
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_a_face_that_sways_near_the_head_is_followed(seed):
+    conditions = replace(
+        NOISY, points=30.0, delay=0.05, delay_jitter=0.005, outliers=0.0, seed=seed
+    )
+    recording = run(sine(0.5, 0.013), conditions).recording.between(10.0)
+    assert recording.rms < 0.006  # at rest beside it: 0.009
+
+
 @pytest.mark.parametrize(("frequency", "most"), [(0.2, 0.015), (0.3, 0.02)])
 def test_a_computer_that_is_often_late_follows_smoothly(frequency, most):
     conditions = replace(ON_HEAD, late=0.3, duration=20.0)
