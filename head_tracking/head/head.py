@@ -321,6 +321,7 @@ class Head:
         ended: SimpleQueue[MotionResult] = SimpleQueue()
         with control.lock:
             self._permit(epoch)
+            control.watch()  # the motion begins where the head is now
             motion = PointMotion(
                 control,
                 target,

@@ -80,6 +80,26 @@ def test_learned_servo_values_are_saved_for_the_next_run(servos, kinectbot, tmp_
     assert found == ["not observable", "saved", "saved", "not observable"]
 
 
+def test_a_turn_begins_where_the_head_is_now_not_where_it_was_in_the_cycle_before(
+    servos, kinectbot, monkeypatch
+):
+    permit, present, ages = Head._permit, HeadControl.present, []
+
+    def permit_late(head, *epoch):
+        time.sleep(0.2)
+        return permit(head, *epoch)
+
+    def note(control):
+        ages.append(control.now - control._clock.checked)
+        return present(control)
+
+    with Head(servos.name, kinectbot) as head:
+        monkeypatch.setattr(Head, "_permit", permit_late)
+        monkeypatch.setattr(HeadControl, "present", note)
+        assert head.look_at((2.0, 1.0, 0.6)).arrived
+    assert ages[0] < 0.1
+
+
 LOOK = partial(Head.look_at, point=(2.0, 2.0, 0.6))
 
 
