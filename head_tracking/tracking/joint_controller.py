@@ -172,12 +172,12 @@ class Rest:
         self.goal: float | None = None
         self.near = False
         self._place = 0.0  # mean reference since the joint rests, or where its line is now
-        self._line: float | None = None  # [rad]
-        self._drift = 0.0  # [rad/s]
+        self._line = self._drift = 0.0  # [rad], [rad/s]
         self._drifts = False
         self._wander = 0.0  # mean square of the distance from the line, over what noise explains
         self._calm_since: float | None = None
-        self._judged = self._corrected = self._side = 0.0
+        self._judged: float | None = None
+        self._corrected = self._side = 0.0
 
     def judge(
         self,
@@ -199,6 +199,8 @@ class Rest:
         band = min(math.hypot(dead_band, _UNLIKELY * reference.noise), 4.0 * dead_band)
         slow = min(max(2.0 * reference.speed_noise, _SLOW), 4.0 * _SLOW)
         self.near = abs(reference.velocity) <= slow
+        if self._judged is None:
+            self._line, self._judged = reference.position, now
         self._average(reference, dead_band, now - self._judged)
         self._judged = now
         if self.goal is not None:
@@ -226,8 +228,6 @@ class Rest:
         noise explains: its position has more noise than the mean, but no lag. The reference wanders
         if it is farther from the line than the noise of the points and the dead band explain.
         """
-        if self._line is None:
-            self._line = reference.position
         kept = math.exp(-dt / _DRIFT_MEMORY)
         self._line += self._drift * dt
         off = reference.position - self._line

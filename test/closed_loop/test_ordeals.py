@@ -9,7 +9,7 @@ from closed_loop import BASE_FRAME, WEBCAM, ClosedLoop, Conditions
 from plant import PlainServo
 from runs import HEAD, ON_HEAD, around, from_rest, run, sine, still, swing, tracker
 
-from head_tracking.tracking import LAWS, HeadBase, TargetState, Tracker
+from head_tracking.tracking import LAWS, HeadBase, JointReading, TargetState, Tracker
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,13 @@ def test_at_rest_the_head_is_quieter_than_the_points(conditions, most):
     goals = outcome.goals[200:]
     assert sum(a != b for a, b in pairwise(goals)) / (len(goals) / 50.0) < most
     assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * conditions.noise
+
+
+def test_clocks_may_begin_before_zero():
+    law, there = LAWS["predictive"](HEAD, 0.02), (0.1, 0.0)
+    for now in (-2000.0, -1999.98, -1999.96):
+        command = law.go_to(there, 1.0, JointReading(now, there), now)
+    assert command.pan == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
