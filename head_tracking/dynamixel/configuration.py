@@ -20,7 +20,6 @@ class ServoCalibration:
     As in dynamixel_motor, position 0 rad is at tick `init`, and `min` above `max` reverses the
     direction, which changes the sign of position, velocity and load.
 
-
     Raises:
         ConfigurationError: A value is outside what the servo can do.
     """

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from head_tracking.dynamixel import BusThread, Health, ServoStatistics
+from head_tracking.dynamixel import BusStatistics, BusThread, BusTiming, Health, ServoStatistics
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_control import HeadControl
 from head_tracking.tracking import ErrorStatistics, TrackingJudge
@@ -38,7 +38,14 @@ class RunMonitor:
 
     def update(self) -> list[str]:
         """Include what has happened since the last call; return the parts of the status."""
-        control, positions, measured = self._head, None, self._measured()
+        control, positions = self._head, None
+        buses = [thread.bus.statistics() for thread in self._buses]
+        measured = [  # the servos that answered in the latest cycle
+            servo
+            for bus in buses
+            for servo in bus.servos
+            if servo.health in (Health.PRESENT, Health.FAULTED)
+        ]
         if control is not None and control.frames.head is not None:
             positions = self._positions(measured, control.joints)
             if positions is not None:
@@ -53,7 +60,7 @@ class RunMonitor:
             if positions is None
             else f"pan {_degrees(positions[0])} tilt {_degrees(positions[1])}",
             "no target" if target is None else f"target {target}",
-            f"bus {', '.join(map(_in_short, self._buses))}",
+            f"bus {', '.join(map(_in_short, buses, (thread.timing for thread in self._buses)))}",
             f"{temperatures or '-'} °C",
         ]
 
@@ -72,11 +79,6 @@ class RunMonitor:
             self._judge.target_seen(stamp, point)
         if self._statistics.count > before:
             self._judged_time += self._clock() - self._last_update
-
-    def _measured(self) -> list[ServoStatistics]:
-        """Return the servos that answered in the latest cycle."""
-        servos = [servo for bus in self._buses for servo in bus.bus.statistics().servos]
-        return [servo for servo in servos if servo.health in (Health.PRESENT, Health.FAULTED)]
 
     def _positions(
         self, measured: Sequence[ServoStatistics], joints: tuple[str, str]
@@ -110,15 +112,14 @@ class RunMonitor:
         )
 
 
-def _in_short(thread: BusThread) -> str:
+def _in_short(bus: BusStatistics, timing: BusTiming) -> str:
     """Return the state of a bus in a few words, such as "50 Hz"."""
-    bus = thread.bus.statistics()
     if not bus.connected:
         return "unplugged"
     silent = sum(servo.health in (Health.UNKNOWN, Health.LOST) for servo in bus.servos)
     if silent:
         return f"{silent} of {len(bus.servos)} servos silent"
-    return f"{thread.timing.reached_rate:.0f} Hz"
+    return f"{timing.reached_rate:.0f} Hz"
 
 
 def _degrees(angle: float) -> str:
