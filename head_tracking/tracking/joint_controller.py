@@ -128,7 +128,8 @@ _AIM = 1.0  # s; averaging time of the reference at rest, and delay of small cor
 _FINE = 0.25  # of the dead band; smaller errors are not corrected
 _SLOW = 0.015  # rad/s; a slower reference may be at rest
 _UNLIKELY = 4.0  # standard deviations; at 3, noise alone would end the rest every few seconds
-_UNCERTAIN = 4.0  # deviations of a point; a joint does not begin to rest at a less certain target
+_UNCERTAIN = 1.5  # deviations of a point; a joint does not begin to rest at a less certain target,
+_SOON = 0.4  # s: one whose place, and velocity times this, are uncertain
 _WANDERS, _WANDERS_FAR = 0.9, 0.8  # deviations of a point and dead bands: at a target that wanders
 _RESTS_AGAIN = 0.7  # by more a joint does not rest, and again below this share of the mean square
 _WANDER_MEMORY = 3.0  # s
@@ -211,7 +212,7 @@ class Rest:
             not self.near
             or abs(off) > 0.5 * band
             or self._wander > _RESTS_AGAIN
-            or reference.noise > _UNCERTAIN * reference.scatter
+            or min(reference.noise, _SOON * reference.speed_noise) > _UNCERTAIN * reference.scatter
         ):
             self._calm_since = None
         elif self._calm_since is None:

@@ -48,6 +48,12 @@ def test_at_rest_the_head_is_quieter_than_the_points(conditions, most):
     assert outcome.recording.between(4.0).rms < 0.003 + 0.5 * conditions.noise
 
 
+def test_a_head_that_has_lost_an_exact_target_stands_still():
+    conditions = Conditions(duration=6.0, points=25.0, delay=0.01, gaps=((1.6, 6.0),))
+    head = run(lambda t: (1.0, 0.6, -0.3), conditions).recording.between(1.6).positions
+    assert max(head.max(axis=0) - head.min(axis=0)) < 0.001
+
+
 def test_clocks_may_begin_before_zero():
     law, there = LAWS["predictive"](HEAD, 0.02), (0.1, 0.0)
     for now in (-2000.0, -1999.98, -1999.96):
