@@ -295,15 +295,14 @@ class DynamixelPort:
         """Write the same registers of several servos in one packet; there is no reply.
 
         Packets that must arrive, such as STOP, have a `patience`: seconds to wait for a gap between
-        the packets of another program.
-
-        Raises:
-            LineBusyError: There was no gap; nothing was sent.
+        the packets of another program. Without a gap they are sent all the same: the servos may
+        hear them, for example where only the receiver of the adapter is disturbed.
         """
         line = self._line or self._open_line()
         try:
             if patience and (self._suspect_until or line.read(_CHUNK, self.clock())):
-                self._wait_for_gap(line, patience)
+                with suppress(LineBusyError):
+                    self._wait_for_gap(line, patience)
             self._send(line, sync_write_packet(protocol, address, data))
         except LOST as cause:
             raise self._lost(cause) from cause

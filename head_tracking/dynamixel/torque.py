@@ -12,7 +12,6 @@ from typing import Final, TypeVar
 
 from head_tracking.dynamixel.exceptions import (
     DynamixelError,
-    LineBusyError,
     NotConnectedError,
     PortLostError,
     ServoError,
@@ -24,7 +23,7 @@ from head_tracking.dynamixel.servo import Servo, run
 
 _T = TypeVar("_T")
 _SETTLING: Final = 5  # times that the goal of a shaft that still moves is written again
-_PATIENCE: Final = 0.5  # s to wait for a gap between the packets of another program
+_PATIENCE: Final = 0.2  # s to wait for a gap between the packets of another program
 
 
 def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = False) -> Steps[int]:
@@ -177,8 +176,7 @@ def release(port: DynamixelPort, servos: Iterable[Servo]) -> None:
         register = servo.model.control_table["Torque Enable"]
         packets.setdefault((servo.model.protocol, register.address), {})[servo.id] = b"\0"
     for (protocol, address), data in packets.items():
-        with suppress(LineBusyError):  # reported when the servos are read back
-            port.sync_write(address, data, protocol, patience=_PATIENCE)
+        port.sync_write(address, data, protocol, patience=_PATIENCE)
 
 
 def relax_servos(
