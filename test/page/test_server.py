@@ -133,12 +133,16 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, tab: 
     robot.go_on.set()
 
 
-def test_a_stop_is_not_given_up_when_its_answer_is_late(robot: _Robot, tab: Any) -> None:
+def test_a_stop_is_not_given_up_when_it_is_lost_or_its_answer_is_late(
+    robot: _Robot, tab: Any
+) -> None:
     held: list[Any] = []
     tab.route("**/head/stop", lambda route: held.append(route))  # noqa: PLW0108
+    tab.route("**/head/stop", lambda route: route.abort(), times=1)  # the server has just ended
     before = robot.stops
     tab.locator("#stop").dispatch_event("click")
     tab.locator("#toast").wait_for()
+    wait_for(lambda: tab.title() and held)
     tab.evaluate(f"({_SHOW_ABOUT})(0, true)")  # the page has heard of it otherwise
     held[0].continue_()
     wait_for(lambda: robot.stops > before, 50.0)

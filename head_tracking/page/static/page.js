@@ -7,6 +7,7 @@ import { Replay } from "./replay.js";
 import { Steering, titleOf } from "./steer.js";
 
 const SILENT = 3000, DEAD = 10000; // ms without a state until the page shows "disconnected", and connects again
+const AGAIN = 1000, REPEATS = 60; // ms until a STOP that could not be sent is sent again, and how often
 const STEPS = [
   ["This is your head", "The page shows its camera picture and the robot in 3D. Click into the picture, and the head looks there."],
   ["This is STOP: try it", "STOP, or the key Esc, relaxes all servos at once. Nothing moves again until you press Resume."],
@@ -22,6 +23,7 @@ class Page {
     this.state = null;
     this.about = null;
     this.silent = ""; // why no states are received
+    this.stops = 0; // another number ends the repeats of a STOP
     this.failing = {}; // why it can't show a part, by part
     by("stop").onclick = () => this.stop(); // first: STOP must not depend on what comes below
     addEventListener("keydown", (event) => this.onKey(event));
@@ -37,7 +39,7 @@ class Page {
     this.calibration = new Calibration((text, yes) => this.tuning.ask(text, yes));
     this.replay = new Replay((state) => this.show(state), (blob) => this.showRecorded(blob), (robot) => this.setRobot(robot ?? this.robot, !robot));
     this.recordings = new Recordings((opened) => { this.replay.open(opened); this.openTab("live"); });
-    by("resume").onclick = () => { by("resume").blur(); toast(""); send("/head/resume"); };
+    by("resume").onclick = () => { this.stops += 1; by("resume").blur(); toast(""); send("/head/resume"); };
     by("source").onchange = () => { by("source").blur(); this.camera.clear(); this.chooseCamera(); };
     this.makeTabs();
     this.makeTheme();
@@ -70,8 +72,13 @@ class Page {
   async stop() {
     this.giveUp();
     abort();
-    const { done, text } = await send("/head/stop", {}, "POST", SILENT);
-    if (text) toast(text, done ? 4 : 12);
+    const number = (this.stops += 1);
+    for (let repeats = 0; repeats < REPEATS && number === this.stops; repeats += 1) {
+      const { done, text } = await send("/head/stop", {}, "POST", SILENT);
+      if (text) toast(text, done ? 4 : 12);
+      if (done || text) return;
+      await new Promise((go) => setTimeout(go, AGAIN)); // the page's process may just be started again
+    }
   }
 
   /** Esc closes an open question or menu; else it is STOP, beside the welcome as well. */
@@ -172,9 +179,10 @@ class Page {
 
   /** Show that no states come, and open another connection after a while: a dead one does not close by itself. */
   checkSilent() {
-    if (this.socket.readyState !== WebSocket.OPEN || document.hidden) return;
-    const silence = performance.now() - this.heard;
+    if (document.hidden) return;
     this.camera.checkAge();
+    if (this.socket.readyState !== WebSocket.OPEN) return;
+    const silence = performance.now() - this.heard;
     if (silence > SILENT) this.setSilent("no state has come for 3 s");
     if (silence < DEAD) return;
     Object.assign(this.socket, { onmessage: null, onclose: null }).close();
