@@ -208,7 +208,13 @@ def relax_servos(
     port.open()
     with closing(port):
         if not hold:
-            return run(relaxing(port, servos))
+            problems = run(relaxing(port, servos))
+            for servo in servos:  # one that trips would refuse the goals of other programs
+                with suppress(DynamixelError):
+                    if servo.confirmed and servo.model.watchdog is not None:
+                        run(servo.identify())
+                        run(servo.switch_watchdog(False))
+            return problems
         problems = dict.fromkeys(models, "")
         for servo in servos:
             try:

@@ -261,10 +261,12 @@ def relaxed(bench: Bench, servos: dict[int, str], *, hold: bool = False) -> dict
 
 def test_servos_are_relaxed_without_a_bus_and_a_missing_one_is_named(left: Bench) -> None:
     before = left.bus[2].register("Moving Threshold")
+    left.bus[2].set_register("Bus Watchdog", 50)  # it would trip, and refuse goals of others
     problems = relaxed(left, {7: "AX-12"} | SERVOS)  # one of them is not there
     assert problems.pop(7) and problems == dict.fromkeys(SERVOS, "")
     assert left.torque == [0, 0, 0, 0]
     assert left.bus[2].register("Moving Threshold") == before
+    assert left.bus[2].register("Bus Watchdog") == 0
 
 
 def test_servos_hold_where_they_stand_without_a_bus(left: Bench) -> None:
