@@ -21,7 +21,7 @@ _PARAMETERS: Final = "ros__parameters"
 _FORMAT: Final = (
     "A parameter file is YAML, such as {/**/servo_bus: {ros__parameters: {baud_rate: 57600}}}"
 )
-_RULE: Final = re.compile(r"(?:(\w+):)?([\w.]+):=(.*)", re.DOTALL)  # node, parameter, value
+_RULE: Final = re.compile(r"(?:(\w+):)?([\w./]+):=(.*)", re.DOTALL)  # node, parameter, value
 
 
 class ParameterFileError(HeadTrackingError):

@@ -166,6 +166,13 @@ def test_a_malformed_file_is_refused_in_one_line(started, tmp_path, content):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("name", ["rate", "qos_overrides./left/target_point.subscription.depth"])
+def test_a_rule_for_a_node_sets_any_parameter_in_a_namespace(started, name):
+    node = started("", "-r", "__ns:=/left", "-p", f"head_tracker:{name}:=7")()
+    check_parameters([node])
+    assert node.get_parameter(name).value == 7
+
+
 @pytest.mark.parametrize("rule", ["servo_bus:rate:=", "rate:=[1, x]"])
 def test_a_rule_without_a_value_is_refused(started, rule):
     with pytest.raises(ParameterFileError, match=re.escape(rule)):
