@@ -24,6 +24,7 @@ class Word(StrEnum):
     STOPPED = "stopped"
     RELAXED = "relaxed"
     REFUSED = "refused"
+    AT_LIMIT = "at the limit"
     MOVING = "moving"
     ON_TARGET = "on target"
     HOLDING = "holding"
@@ -41,7 +42,7 @@ _WORDS: Mapping[str, Word] = {
     TargetState.IDLE: Word.HOLDING,
     TargetState.ACQUIRING: Word.MOVING,
     TargetState.TRACKING: Word.ON_TARGET,
-    TargetState.AT_LIMIT: Word.REFUSED,
+    TargetState.AT_LIMIT: Word.AT_LIMIT,
     TargetState.COASTING: Word.MOVING,
     TargetState.RECENTERING: Word.MOVING,
     TargetState.SEARCHING: Word.MOVING,
@@ -50,7 +51,10 @@ _WORDS: Mapping[str, Word] = {
 }
 """By the controller's state. In any other one, the head's error decides."""
 _WITHOUT_TARGET = (TargetState.IDLE, TargetState.HOLDING)
-_FOLLOWING = (TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING)
+_FOLLOWING = (
+    *(TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING),
+    TargetState.AT_LIMIT,
+)
 
 
 def head_status(

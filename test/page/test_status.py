@@ -38,7 +38,7 @@ def word(live=LIVE, health=(), servos=ON, *, stopped=False, silent=()) -> Word:
         (replace(LIVE, state="acquiring"), Word.MOVING),
         (replace(LIVE, state="idle"), Word.HOLDING),
         (replace(LIVE, state="stalled"), Word.FAULT),
-        (replace(LIVE, state="at the limit"), Word.REFUSED),
+        (replace(LIVE, state="at the limit"), Word.AT_LIMIT),
         (replace(LIVE, controller=""), Word.HOLDING),
         (replace(LIVE, joints={}), Word.DISCONNECTED),
         # a head that misses a target, or does not see it, is not on it
