@@ -202,12 +202,12 @@ class HeadModes:
 
         Nodes that are needed are started, where the run can do that. While the head is stopped,
         only OFF can be chosen. For any thread: a later choice ends a change that is in progress,
-        and so does STOP.
+        and so does STOP. FOLLOW without a frame sends no targets until one is chosen.
         """
         stops = self._stop.count if mode is Mode.OFF else self._stop.permit()
         if mode is Mode.PATH:
             raise HeadTrackingError("This mode needs a path: see follow_path.")
-        if mode is Mode.FOLLOW and frame not in self._buffer.frames():
+        if mode is Mode.FOLLOW and frame and frame not in self._buffer.frames():
             raise HeadTrackingError(f"There is no frame {frame!r} to follow.")
         self._wanted = mode, frame
         if mode is Mode.OFF:
@@ -215,7 +215,8 @@ class HeadModes:
         with self._changing:
             self._change(mode, frame, stops)
             if mode is Mode.FOLLOW:
-                self._begin_sending(mode, self._frame_targets(frame), stops)
+                targets = self._frame_targets(frame) if frame else repeat(None)
+                self._begin_sending(mode, targets, stops)
 
     def follow_path(self, path: ClosedPath, speed: float) -> None:
         """Let the tracker follow a path in the model's root at a speed [m/s]."""

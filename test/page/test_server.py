@@ -226,6 +226,21 @@ def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(t
     assert asked.value.post_data_json == {"shape": "circle", "size": 0.3, "speed": 0.2}
 
 
+def test_the_card_of_a_frame_follows_none_until_one_is_chosen(tab: Any) -> None:
+    with tab.expect_request("**/head/do/mode") as asked:
+        tab.evaluate("() => { headPage.steer.choose('follow a frame'); }")
+    assert asked.value.post_data_json == {"mode": "follow a frame"}
+
+
+def test_the_card_of_the_mode_is_in_view_on_a_phone(tab: Any) -> None:
+    tab.set_viewport_size({"width": 390, "height": 800})
+    for place in ("joints", "live"):  # as after Resume on another tab
+        tab.locator(f"#tab-{place}").click()
+        tab.evaluate(_SHOW_ABOUT, 0)
+    card = tab.locator("#cards button[aria-pressed=true]").bounding_box()
+    assert 0 <= card["x"] <= 390 - card["width"]
+
+
 _OLDER = """
 delete AbortSignal.any;
 delete AbortSignal.timeout;

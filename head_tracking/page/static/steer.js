@@ -53,7 +53,7 @@ export class Steering {
 
   choose(mode) {
     if (mode === "path") { this.mode = mode; return this.go(); }
-    return command("mode", { mode, frame: by("frame").value });
+    return command("mode", { mode }); // the frame to follow is chosen after that
   }
 
   show(state) {
@@ -72,7 +72,7 @@ export class Steering {
       card.setAttribute("aria-pressed", state.mode === mode);
       card.disabled = !state.modes.includes(mode);
     });
-    if (this.inView !== state.mode) { // on a phone the cards are wider than the page
+    if (this.inView !== state.mode && by("cards").clientWidth) { // on a phone the cards are wider than the page
       this.inView = state.mode;
       const card = by("cards").querySelector("[aria-pressed=true]");
       by("cards").scrollLeft = card.offsetLeft + (card.offsetWidth - by("cards").clientWidth) / 2;
