@@ -33,7 +33,7 @@ from head_tracking.page.live import Live
 from head_tracking.page.replay import Replays
 from head_tracking.page.robot import Robot
 from head_tracking.page.stop import ANSWER, Attempt
-from head_tracking.page.tuning import PRESETS, Tuning
+from head_tracking.page.tuning import Tuning
 from head_tracking.parameters import ParameterError, parameter
 from head_tracking.recording.recording import RecordingError
 
@@ -187,7 +187,7 @@ class Page:
         get: dict[str, Answer] = {
             "mesh/{number:int}": lambda at: _mesh(live.meshes, at["number"]),
             "parameters": lambda _: {
-                "presets": PRESETS,
+                "presets": tuning.presets(),
                 "preset": tuning.chosen(),
                 "parameters": tuning.listed(),
             },

@@ -79,6 +79,16 @@ class Tuning:
             raise ValueError(f"There is no preset {preset!r}: choose {', '.join(PRESETS)}.")
         return self._set_all(self._of_preset(preset))
 
+    def presets(self) -> dict[str, dict[str, Any]]:
+        """Return the values of each preset by parameter, for JSON; see `shown_value`."""
+        return {
+            preset: {
+                one.name: shown_value(dataclasses.replace(one, value=value))
+                for one, value in self._of_preset(preset)
+            }
+            for preset in PRESETS
+        }
+
     def chosen(self) -> str:
         """Return the preset whose values are set; empty: none."""
         for preset in PRESETS:

@@ -84,6 +84,8 @@ def test_presets_stay_within_limits_and_normal_and_reset_bring_back_what_was_fou
     def values() -> list[float]:
         return [one.value for one in parameters.settings()]
 
+    shown = {name: numbers["max_joint_speed"] for name, numbers in tuning.presets().items()}
+    assert shown == {"calm": 45.0, "normal": 171.9, "fast": 229.2}
     tuning.choose("calm")
     assert values() == [pytest.approx(math.radians(45.0)), 3.0]
     assert tuning.chosen() == "calm"

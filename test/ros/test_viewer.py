@@ -536,7 +536,7 @@ def test_what_waits_to_be_sent_at_a_stop_is_not_sent_after_it(page):
     assert page.evaluate(sent) == [1]
 
 
-def test_a_finger_that_scrolls_over_a_slider_does_not_move_it(robot, visit):
+def test_a_finger_that_scrolls_over_a_slider_does_not_move_it_and_sees_what_it_means(robot, visit):
     page = visit(390, 844, has_touch=True, is_mobile=True)
     open_tab(page, "joints")
     fingers = page.context.new_cdp_session(page)
@@ -561,6 +561,8 @@ def test_a_finger_that_scrolls_over_a_slider_does_not_move_it(robot, visit):
     assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
     swipe(20, 0)
     wait_for(lambda: robot.true("head_pan_joint") > 1.0)
+    open_tab(page, "tune")
+    page.locator("#parameters .parameter small").first.wait_for()  # what it means, without a mouse
 
 
 def test_a_relaxed_joint_is_moved_by_hand_and_torque_is_switched_for_one_servo_and_for_all(

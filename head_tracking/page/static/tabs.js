@@ -112,8 +112,8 @@ export class Tuning {
       card.dataset.preset = name;
       card.onclick = () => this.run("preset", { name });
       element(card, "b", {}, name[0].toUpperCase() + name.slice(1));
-      const numbers = Object.entries(values).map(([what, value]) => `${what.replaceAll("_", " ")} ${value}${what.endsWith("acceleration") ? "°/s²" : "°/s"}`);
-      element(card, "span", {}, numbers.join(", ") || "the values that the page found first");
+      const number = (what, value) => (value ? `${Number(value.toPrecision(3))}${what.endsWith("acceleration") ? "°/s²" : "°/s"}` : "automatic");
+      element(card, "span", {}, Object.entries(values).map(([what, value]) => `${what.replaceAll("_", " ")} ${number(what, value)}`).join(", "));
     }, (card, [name]) => card.setAttribute("aria-pressed", name === chosen));
   }
 
@@ -153,6 +153,7 @@ export class Tuning {
       input = element(row, "input", { id, type: "text" });
       input.onchange = () => { set(input, input.value); input.blur(); };
     }
+    input.setAttribute("aria-describedby", element(row, "small", { id: `${id}-hint` }, one.hint).id);
     known.show = (value, force = false) => {
       if (!force && isHeld(input)) return;
       if (input.type === "checkbox") input.checked = value;
