@@ -100,7 +100,7 @@ class _Watch:
         self.now = self.cycle = 0  # ns; number of the cycle
         self.elapsed = self.step = self.error = self.asked = 0.0
         self.identity: ServoIdentity | None = None
-        self.stamp = 0
+        self.read_at = 0.0
         self.position = 0.0
         self.symptoms: dict[Symptom, str] = {}
         self.seen: dict[Symptom, int] = {}
@@ -278,7 +278,7 @@ def _stuck(watch: _Watch) -> Found:
         watch.owed = -0.1 if turns else 0.0
     patience = max(0.12, 0.1 + (1.3 * way + watch.tick) / max(watch.asked, 1e-3))
     if off > 0.12 or (off > 0.06 and not _DRIVES <= load <= 0.6):
-        watch.owed += min(abs(watch.elapsed), 0.02)  # below 0: the clock was set back
+        watch.owed += min(watch.elapsed, 0.02)
         if watch.owed < patience:
             return None
         if load < _DRIVES:
@@ -338,7 +338,7 @@ class Diagnosis:
                     watch.goals.append(joint.goal_ticks[watch.index])  # also if it did not answer
                 if servo.counters.failed != watch.failed:
                     self._find(watch, _line)
-                if servo.stamp != watch.stamp and servo.link is LinkState.PRESENT:
+                if servo.read_at != watch.read_at and servo.link is LinkState.PRESENT:
                     self._examine(watch)
                 else:
                     watch.forget_motion()
@@ -349,11 +349,11 @@ class Diagnosis:
     def _examine(self, watch: _Watch) -> None:
         """Examine a servo that was read in this cycle."""
         joint, servo = watch.joint, watch.servo
-        watch.elapsed = (servo.stamp - watch.stamp) * 1e-9
+        watch.elapsed = servo.read_at - watch.read_at
         step = servo.position - watch.position
         if servo.model.endless:
             step = math.remainder(step, servo.model.ticks * watch.tick)
-        watch.step, watch.position, watch.stamp = step, servo.position, servo.stamp
+        watch.step, watch.position, watch.read_at = step, servo.position, servo.read_at
         if watch.identity is not servo.identity:
             watch.identity, watch.usual_voltage, watch.step = servo.identity, servo.voltage, 0.0
         for find in _READ:

@@ -133,6 +133,7 @@ class Servo:
         self.errors: IntFlag = NO_ERROR  # as read last
 
         self.stamp = 0  # of the last measurement, ns; 0: none
+        self.read_at = 0.0  # its time by the port's clock, which nobody sets, s
         self.ticks = 0
         self.position = 0.0  # of the joint, rad
         self.velocity = 0.0  # rad/s
@@ -501,6 +502,7 @@ class Servo:
         self.temperature = float(celsius)
         self.error = reply.error
         if clock_offset is not None:
+            self.read_at = reply.stamp
             self.stamp = clock_offset + int(reply.stamp * 1e9)
         return True
 

@@ -288,10 +288,14 @@ def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
 # No fault
 
 
-@pytest.mark.parametrize(("model", "seed"), [(AX, 1), (XM, 2), (STS, 3)], ids=["AX", "X", "STS"])
-def test_no_fault_is_named_where_there_is_none(model: ServoModel, seed: int) -> None:
+@pytest.mark.parametrize(
+    ("model", "seed", "tick"),
+    [(AX, 1, 1), (XM, 2, 1), (STS, 3, 1), (XM, 4, 33_000_000)],
+    ids=["AX", "X", "STS", "X, /clock at 30 Hz"],
+)
+def test_no_fault_is_named_where_there_is_none(model: ServoModel, seed: int, tick: int) -> None:
     """Swings and stands in turns, with noise and lost replies."""
-    head = Head(model, seed, loss=0.001)
+    head = Head(model, seed, loss=0.001, tick=tick)
     while head.time < HOURS * 3600.0 / 3.0:
         head.still = False
         head.run(12.0)

@@ -73,12 +73,13 @@ class Bench:
         latency: float = 0.0,  # of the adapter [s]
         # of the port [s]; None: it learns how long replies take
         reply_timeout: float | None = None,
+        tick: int = 1,  # of the clock of stamps [ns], such as the period of /clock
     ) -> None:
         self.bus = servos if isinstance(servos, SimulatedBus) else SimulatedBus(servos)
         self.clock = SimulatedClock(1_000_000_000)
         self.line = SimulatedLine(self.bus, self.clock, baud_rate, latency=latency)
         self.device: Any = self.line  # what the port opens
-        self._reply_timeout = reply_timeout
+        self._reply_timeout, self._tick = reply_timeout, tick
         self.port = self.make_port("simulated", baud_rate)
 
     def __getitem__(self, servo_id: int) -> SimulatedServo:
@@ -108,7 +109,7 @@ class Bench:
         return ServoBus(
             self.port,
             joints,
-            self.now,
+            lambda: self.now() // self._tick * self._tick,
             monotonic=self.now,
             pause=self.pass_time,
             epoch=epoch,
