@@ -416,7 +416,7 @@ def test_what_a_camera_sees_is_shown_and_another_source_is_chosen_for_one_browse
         (1280, 800, "light"),
         (390, 700, "dark"),
         (820, 1180, "dark"),
-        (900, 700, "light"),
+        (844, 390, "light"),
     ],
 )
 def test_every_place_is_usable_in_windows_of_all_sizes(camera, visit, width, height, scheme):
@@ -431,6 +431,7 @@ def test_every_place_is_usable_in_windows_of_all_sizes(camera, visit, width, hei
     page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
     page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     page.evaluate(MARKED)
+    assert page.locator("#camera").bounding_box()["height"] > 250
     for place in PLACES:
         open_tab(page, place)
         if place == "tune":
