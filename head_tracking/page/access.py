@@ -6,6 +6,8 @@ import hmac
 import ipaddress
 import re
 import secrets
+import socket
+from contextlib import suppress
 from typing import Final
 from urllib.parse import quote, unquote, urlsplit
 
@@ -107,6 +109,16 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def reached_at(host: str) -> str:
+    """Return the name in the URL of a server that listens on an address."""
+    if host in ("0.0.0.0", "::"):  # all addresses: the one that the network has
+        with socket.socket(type=socket.SOCK_DGRAM) as probe, suppress(OSError):
+            probe.connect(("192.0.2.1", 9))  # sends nothing (RFC 5737)
+            return str(probe.getsockname()[0])
+        host = "127.0.0.1"  # there is no network
+    return "localhost" if host == "127.0.0.1" else f"[{host}]" if ":" in host else host
 
 
 def _name(host: str) -> str:

@@ -79,9 +79,11 @@ class ViewerNode(ClosingNode):
         self.get_logger().error(f"page: {text}", throttle_duration_sec=5.0)
 
     def _log_address(self, host: str) -> None:
+        from head_tracking.page.access import reached_at
+
         token = f"/?token={self.page.token}" if self.page.token else ""
-        name = "localhost" if host in ("0.0.0.0", "127.0.0.1") else host
-        self.get_logger().info(f"the robot is at http://{name}:{self.page.port}{token}")
+        address = f"http://{reached_at(host)}:{self.page.port}{token}"
+        self.get_logger().info(f"the robot is at {address}")
         if token:
             self.get_logger().warning(
                 f"the page listens on {host}: everybody who reaches this machine there and knows "

@@ -1,11 +1,12 @@
 """Who may use the page: each way in, with each thing that can be wrong."""
 
 import asyncio
+import socket
 from typing import Any
 
 import pytest
 
-from head_tracking.page.access import Access
+from head_tracking.page.access import Access, reached_at
 
 LOCAL = "127.0.0.1:8080"
 
@@ -65,3 +66,18 @@ def test_no_site_may_frame_an_answer() -> None:
     for access in (Access(_app, "127.0.0.1"), Access(_app, "0.0.0.0", "right")):
         headers = dict(_answers(access, host="127.0.0.1:1")[0]["headers"])
         assert headers[b"content-security-policy"] == b"frame-ancestors 'none'"
+
+
+@pytest.mark.parametrize(
+    ("host", "name"),
+    [
+        *(("127.0.0.1", "localhost"), ("::1", "[::1]"), ("192.168.0.7", "192.168.0.7")),
+        *(("0.0.0.0", "127.0.0.9"), ("::", "127.0.0.9")),
+    ],
+)
+def test_the_logged_address_can_be_opened_on_another_machine(
+    monkeypatch: pytest.MonkeyPatch, host: str, name: str
+) -> None:
+    network = ("127.0.0.9", 0)
+    monkeypatch.setattr(socket.socket, "connect", lambda probe, _: probe.bind(network))
+    assert reached_at(host) == name
