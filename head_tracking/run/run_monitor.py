@@ -103,7 +103,7 @@ class RunMonitor:
             counts += ", the adapter is disconnected"
         statistics = self._statistics
         if not statistics.count:
-            return f"no target was followed; {counts}"
+            return f"no target was followed for more than {_SETTLING_TIME:g} s; {counts}"
         source = "measured" if self._true_position is None else "true"
         return (
             f"tracking error {math.degrees(statistics.rms):.2f}° rms, "
