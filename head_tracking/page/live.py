@@ -203,6 +203,7 @@ class Live:
             ],
             "health": _listed(health),
             "frames": sorted({*robot.buffer.frames()[:_MOST_FRAMES], *links}),
+            "has_camera": robot.has_camera,
             "images": sorted(robot.topics.images(), key=_rank),
             "recording": robot.recorder.file is not None,
             "recorder": robot.recorder.status,

@@ -12,7 +12,14 @@ from rclpy.node import Node
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.gaze import PanTiltHead
 from head_tracking.gaze.head_parameters import HeadParameters
-from head_tracking.page.head_modes import FOUND_IN_PICTURES, POINTER, TRACKER, HeadModes, Mode
+from head_tracking.page.head_modes import (
+    FOUND_IN_PICTURES,
+    POINTER,
+    TRACKER,
+    VISUAL,
+    HeadModes,
+    Mode,
+)
 from head_tracking.page.joint_control import JointPanel
 from head_tracking.page.other_topics import OtherTopics
 from head_tracking.page.status import Summary, head_status
@@ -133,7 +140,13 @@ class Robot:
             self.silent_joints(),
             stopped=self.stop.stopped,
             sought=str(self.mode) if is_named and self.topics.region() is None else "",
+            has_camera=self.has_camera,
         )
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether a camera publishes images; `visual_target` draws on them."""
+        return any(not topic.endswith(f"{VISUAL}/image") for topic in self.topics.images())
 
     def stop_everything(self) -> Attempt:
         """Begin to relax all servos, and then to disable what turns the head; never wait."""

@@ -65,6 +65,7 @@ def head_status(
     *,
     stopped: bool,
     sought: str = "",
+    has_camera: bool = True,
 ) -> Summary:
     """Return what a head does: the worst condition that holds.
 
@@ -91,7 +92,9 @@ def head_status(
     if not live.controller:
         return Summary(Word.HOLDING, "no controller is enabled")
     if is_sought:
-        return Summary(Word.WAITING, f"no {sought} in view: press Centre, or aim and choose again")
+        advice = "press Centre, or aim and choose again"
+        why = advice if has_camera else "no camera publishes images"
+        return Summary(Word.WAITING, f"no {sought} in view: {why}")
     word = _WORDS.get(live.state)
     if word is None:  # point_head, or a tracker without a target
         if live.error is not None and live.error < _ON_TARGET:

@@ -226,6 +226,15 @@ def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(t
     assert asked.value.post_data_json == {"shape": "circle", "size": 0.3, "speed": 0.2}
 
 
+def test_a_robot_without_a_camera_is_told_from_one_whose_picture_is_late(tab: Any) -> None:
+    tab.evaluate(_SHOW_ABOUT, 0)
+    show = """(has_camera) => {
+      headPage.showAbout({ ...headPage.about, has_camera });
+      return document.getElementById("nopicture").textContent;
+    }"""
+    assert tab.evaluate(show, True) != tab.evaluate(show, False)
+
+
 def test_the_card_of_a_frame_follows_none_until_one_is_chosen(tab: Any) -> None:
     with tab.expect_request("**/head/do/mode") as asked:
         tab.evaluate("() => { headPage.steer.choose('follow a frame'); }")

@@ -102,3 +102,5 @@ def test_what_the_camera_does_not_see_is_named(state, is_named):
     live = replace(LIVE, state=state, refusal="too old")  # of what was followed before
     found = head_status(live, (), ON, stopped=False, sought="face")
     assert ("face" in found.reason) is is_named is (found.word is Word.WAITING)
+    blind = head_status(live, (), ON, stopped=False, sought="face", has_camera=False)
+    assert (blind.reason != found.reason) is is_named

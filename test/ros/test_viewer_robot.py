@@ -64,6 +64,7 @@ def head_is_at(robot: Robot, pan: float) -> bool:
 
 def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen):
     assert "point_head" not in robot.composition.nodes
+    assert not seen.has_camera
     seen.modes.set_mode(Mode.POINT, "")
     assert "point_head" in robot.composition.nodes
     wait_for(lambda: robot.node.count_subscribers("target_point") >= 3)
@@ -175,6 +176,7 @@ def test_what_the_camera_finds_is_followed_and_a_simulated_room_has_it(robot, se
         follow = robot.composition.nodes["visual_target"].get_parameter("follow")
         assert follow.value == follows
     wait_for(lambda: seen.observe().target is not None)
+    assert seen.has_camera
     assert not seen.modes.conflict()
     seen.modes.select(Target(1, "camera_optical_frame", place))
     wait_for(lambda: selected)

@@ -267,6 +267,7 @@ class Page {
     this.about = about;
     if (!about.can_resume && !by("resume").hidden) toast(""); // somebody has resumed
     by("resume").hidden = !about.can_resume;
+    write(by("nopicture").firstElementChild, about.has_camera ? "No picture" : "No camera publishes images");
     offer(by("source"), [["", "camera"], ...about.images.map((topic) => [topic, topic]), ["none", "no picture"]]);
     this.attempt({
       modes: () => this.steer.show(about),
