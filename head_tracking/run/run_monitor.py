@@ -6,7 +6,14 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from head_tracking.dynamixel import BusStatistics, BusThread, BusTiming, Health, ServoStatistics
+from head_tracking.dynamixel import (
+    BusStatistics,
+    BusThread,
+    BusTiming,
+    Health,
+    ServoStatistics,
+    Torque,
+)
 from head_tracking.gaze import PanTiltHead
 from head_tracking.head.head_control import HeadControl
 from head_tracking.tracking import ErrorStatistics, TrackingJudge
@@ -49,6 +56,9 @@ class RunMonitor:
         if control is not None and control.frames.head is not None:
             positions = self._positions(measured, control.joints)
             if positions is not None:
+                torque = {each.torque for each in measured if each.joint_name in control.joints}
+                if Torque.OFF_ON_REQUEST.value in torque:
+                    self._judge = None  # the error counts from a while after it holds again
                 self._judge_head(control, control.frames.head, positions)
         self._last_update = self._clock()
         target = None if control is None else control.frames.target

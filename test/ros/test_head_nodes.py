@@ -19,7 +19,8 @@ from std_msgs.msg import String
 from waiting import repeating, wait_for
 
 from head_tracking.configuration.head_nodes import HEAD_NODES
-from head_tracking.dynamixel import BusStatistics, BusTiming
+from head_tracking.dynamixel import BusStatistics, BusTiming, ServoStatistics, Torque
+from head_tracking.dynamixel.state import Counters
 from head_tracking.gaze import PointingParameters
 from head_tracking.head.motions import PointMotion
 from head_tracking.head.obstacle import Blocked
@@ -209,8 +210,9 @@ class Judged:
 
     def __init__(self, tracked: Tracked) -> None:
         self.tracked = tracked
+        self.servos: tuple[ServoStatistics, ...] = ()
         thread: Any = SimpleNamespace(
-            bus=SimpleNamespace(statistics=lambda: BusStatistics(1, 0, 0, ())),
+            bus=SimpleNamespace(statistics=lambda: BusStatistics(1, 0, 0, self.servos)),
             timing=BusTiming(50.0, 50.0, 0.0, 0),
         )
         world = tracked.world
@@ -274,10 +276,17 @@ def test_the_status_has_no_error_of_a_head_that_is_not_measured(track):
     assert "°" not in error and measured == "waiting for the head"
 
 
-def test_the_summary_does_not_judge_the_slow_motion_after_a_stop(track):
+@pytest.mark.parametrize("asks", ["stop", "relax"])
+def test_the_summary_does_not_judge_a_head_that_was_stopped_or_relaxed(track, asks):
     judged = Judged(track())
     before = judged.after(4.0, 0.0)
-    judged.tracked.world.stop_and_resume()
+    if asks == "stop":
+        judged.tracked.world.stop_and_resume()
+    else:
+        relaxed = Torque.OFF_ON_REQUEST.value
+        judged.servos = (ServoStatistics("head_pan_joint", 1, Counters(), torque=relaxed),)
+        judged.after(3.0, AWAY)
+        judged.servos = ()
     assert judged.after(1.5, AWAY) == pytest.approx(before, abs=0.15)
     largest, later = judged.after(6.0, AWAY)
     assert largest == pytest.approx(AWAY, abs=0.1)
