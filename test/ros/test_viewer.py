@@ -297,7 +297,10 @@ def test_the_pad_turns_the_head_by_mouse_and_by_keys(robot, page):
     page.locator("#pad").scroll_into_view_if_needed()
     box = page.locator("#pad").bounding_box()
     x, y = box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"]
+    page.evaluate("document.activeElement.blur()")
     page.mouse.click(x, y)
+    # a browser draws a frame around a drawing that a mouse has focused
+    assert page.locator("#pad").evaluate("pad => getComputedStyle(pad).outlineStyle") == "none"
     wait_for(lambda: robot.true("head_pan_joint") > 20 * DEGREE)
 
 
