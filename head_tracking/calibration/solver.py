@@ -44,7 +44,7 @@ _NEGATIVE_PLAY: Final = math.radians(0.5)  # less is noise
 _OUTLYING: Final = 5.0  # deviations: such a view is excluded,
 _MOST_LEFT_OUT: Final = 0.2  # at most this share of all
 _LEAST_FREE: Final = 0.25  # of the residuals: at least so many degrees of freedom
-_LEAST_NOISE: Final = 0.15  # px: corners are detected that much inside the marker
+_LEAST_NOISE: Final = 0.5  # px: detected corners have errors that are alike in many views
 _MOST_NOISE: Final = 4.0  # px
 _UNSTEADY: Final = 2.5  # times the stated deviation of the readings
 _MOVED: Final = 5.7  # deviations: a motion reduces the cost by a chi-square with p = 5e-9

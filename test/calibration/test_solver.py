@@ -1,13 +1,23 @@
 """What views of a marker tell of a camera's mounting; the truth is known."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 from random_head import CAMERA, SIZE, changes_of, kinectbot_geometry, pointing_error, random_head
 
-from head_tracking.calibration.geometry import PARAMETERS
-from head_tracking.calibration.solver import CalibrationError, Reason, solve
+from head_tracking.calibration.geometry import PARAMETERS, HeadGeometry
+from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
+from head_tracking.calibration.targets import observer
+from head_tracking.cli.calibrate import SIMULATED_MOUNTING
+from head_tracking.scene.render import Renderer
+from head_tracking.scene.scenes import make_scene
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
+from head_tracking.vision import MarkerParameters, camera_with_view
+from head_tracking.vision.candidate import Frame
+from head_tracking.vision.images import Picture
 
 ZEROS = ("pan zero", "tilt zero")
 
@@ -60,6 +70,24 @@ def test_the_focal_length_is_found(geometry):
     assert found.deviation < 0.02
     narrower = 2.0 * math.atan(math.tan(0.5) / math.exp(found.value))
     assert solution.angle_of_view(1.0) == pytest.approx(narrower)
+
+
+def test_the_intervals_hold_for_corners_that_are_detected():
+    """Their errors are alike in many views."""
+    model = load_robot_model(robot_file("two_ax_12"))
+    geometry = HeadGeometry(model, "head_pan_joint", "head_tilt_joint", "camera_optical_frame")
+    camera = camera_with_view(320, 240, math.radians(60.0))
+    renderer = Renderer(make_scene("still marker", np.random.default_rng(1)), camera)
+    observe = observer("marker", MarkerParameters(marker_size=SIZE))
+    views = []
+    for pan, tilt in itertools.product(np.linspace(-0.2, 0.6, 5), np.linspace(-0.65, -0.05, 5)):
+        joints = {"head_pan_joint": pan, "head_tilt_joint": tilt}
+        pose = model.transform("base_link", "camera_optical_frame", joints) @ SIMULATED_MOUNTING
+        picture = renderer.render(pose, 0.0, depth=False).picture
+        found = observe(Frame(0, camera, Picture(picture)))
+        views += [View(pan, tilt, number, corners) for number, corners in found.items()]
+    pitch = solve(geometry, camera, views, SIZE).estimates["camera pitch"]
+    assert pitch.value == pytest.approx(0.02, abs=3.0 * pitch.deviation)
 
 
 def test_a_wrong_marker_size_is_refused(geometry):
