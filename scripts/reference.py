@@ -75,9 +75,9 @@ def draw_tree() -> str:
         indent = "    " * len(parts)
         if path.name == "__init__.py":
             if len(parts) > 1:
-                lines.append(f"{indent[4:]}{parts[-2]}/".ljust(34) + first_line(path))
+                lines.append(f"{indent[4:]}{parts[-2]}/ ".ljust(34) + first_line(path))
         else:
-            lines.append(f"{indent}{path.name}".ljust(34) + first_line(path))
+            lines.append(f"{indent}{path.name} ".ljust(34) + first_line(path))
     return "\n".join(line.rstrip() for line in lines)
 
 
