@@ -24,6 +24,7 @@ _HEADERS: Final = {
     "x-frame-options": "DENY",
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
+    "cache-control": "no-cache",  # ask whether it has changed: another version may be served now
 }
 
 

@@ -62,10 +62,11 @@ def test_the_token_opens_and_its_cookie_does_afterwards() -> None:
     assert _answers(access, host="robot:8080", cookie=cookie)[0]["status"] == 200
 
 
-def test_no_site_may_frame_an_answer() -> None:
+def test_no_site_may_frame_an_answer_and_no_browser_shows_an_older_one() -> None:
     for access in (Access(_app, "127.0.0.1"), Access(_app, "0.0.0.0", "right")):
         headers = dict(_answers(access, host="127.0.0.1:1")[0]["headers"])
         assert headers[b"content-security-policy"] == b"frame-ancestors 'none'"
+        assert headers[b"cache-control"] == b"no-cache"
 
 
 @pytest.mark.parametrize(
