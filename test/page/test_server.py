@@ -167,6 +167,17 @@ def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
         tab.wait_for_function("!headPage.silent")
 
 
+def test_a_browser_connects_again_if_the_reason_of_a_refusal_is_late(tab: Any) -> None:
+    tab.evaluate(
+        """() => {
+          window.fetch = async () => ({ ok: false, text: () => Promise.reject(new Error("late")) });
+          window.before = headPage.socket;
+          before.close();
+        }"""
+    )
+    tab.wait_for_function("headPage.socket !== before && headPage.socket.readyState === 1")
+
+
 _SHOW_ABOUT = """(error, can_resume = false, mode = "nothing") => headPage.showAbout({
   error, word: "holding", text: "", stop: "", mode, modes: [], target_text: "",
   can_resume, stops: can_resume ? 1 : 0, images: ["/one/image", "/other/image"], frames: [],

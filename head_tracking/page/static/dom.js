@@ -88,7 +88,7 @@ export async function send(path, body = {}, method = "POST", patience = 0) {
 
 /** Return why the server refuses this browser, such as an old token; empty: it does not, or does not answer within a second. */
 export async function refusalOf(path) {
-  return fetch(path, { signal: AbortSignal.timeout(1000), cache: "no-store" }).then((answer) => (answer.ok ? "" : answer.text()), () => "");
+  return fetch(path, { signal: AbortSignal.timeout(1000), cache: "no-store" }).then((answer) => (answer.ok ? "" : answer.text())).catch(() => "");
 }
 export const get = (path) => send(path, null, "GET");
 
