@@ -27,8 +27,9 @@ _GATE = 30.0  # squared deviations from the nearest prediction; farther points a
 _SKIPPED = 3  # skipped points in a row; after more the filters restart
 _GAP = 1.0  # s
 _LEAST = -4.0  # lowest score of one point, relative to the best hypothesis
+_EXPLAINED = 2.0  # mean squared deviations of a bearing; above, the target moves as no filter does
 _SHARE = 0.6  # factor on the score of a point: consecutive points are not independent
-_FILTER_MEMORY = 1.0  # s; time constant of the weights of the filters
+_FILTER_MEMORY = 1.0  # s; time constant of the filters' weights, and of their squared deviations
 _MEMORY = 3.0  # s; time constant of the scores, in points that distinguish hypotheses
 _NEVER = -1e6
 
@@ -46,7 +47,8 @@ class HypothesisBank:
 
     Attributes:
         scores: log likelihoods, relative to the best and forgotten over 3 s, shape (N,). Points
-            that do not distinguish the hypotheses do not reduce the scores.
+            that do not distinguish the hypotheses do not reduce the scores. Points count less
+            while even the best hypothesis predicts them badly.
     """
 
     def __init__(self, count: int, steady: npt.NDArray[np.bool_] | None = None) -> None:
@@ -61,6 +63,7 @@ class HypothesisBank:
         self._covariance: tuple[Array, ...]
         self._weights: Array
         self._skipped = 0
+        self._off = 1.0  # mean squared deviations of a bearing from the best prediction
         self._begin(np.zeros((2, count)), np.ones((2, len(_JITTER), 1)))
 
     def add(self, stamp: float, bearings: Array, speeds: Array, rate: float) -> None:
@@ -145,7 +148,10 @@ class HypothesisBank:
         mixed = np.log(np.exp(weights - best).sum(axis=0)) + best
         mixed -= np.log(np.exp(self._weights - before).sum(axis=0)) + before
         self._weights = math.exp(-dt / _FILTER_MEMORY) * (weights - best) + self._allowed
-        mixed = np.maximum(mixed - mixed.max(), _LEAST)
+        winner = int(self.scores.argmax())
+        off = 0.5 * float(squares[self._weights[:, winner].argmax(), winner])
+        self._off += (1.0 - math.exp(-dt / _FILTER_MEMORY)) * (min(off, _GATE) - self._off)
+        mixed = np.maximum(mixed - mixed.max(), _LEAST) / max(1.0, self._off / _EXPLAINED)
         distinct = min(1.0, 2.0 * float(mixed.std()))
         scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE * mixed
         self.scores = scores - scores.max()

@@ -1,12 +1,14 @@
 """Wrongly mounted servos: a camera on the head detects them, and the head stops."""
 
+import math
 from collections import deque
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import runs
-from closed_loop import START, Mounted, ax12
+from closed_loop import START, WEBCAM, Mounted, ax12
+from plant import PlainServo
 from runs import HEAD, Watched, around, circle, run, tracker
 
 from head_tracking.tracking import LAWS, JointReadings, TargetState, Tracker
@@ -90,6 +92,24 @@ def test_a_target_that_runs_from_the_head_is_not_taken_for_that(gain, spell):
     steered = Tracker(HEAD, LAWS["predictive"](HEAD, 0.02), readings=readings)
     mounted(path, ((1, 0), (0, 1)), note, steered, duration=4.0)
     assert faults == {""}
+
+
+@pytest.mark.parametrize("seed", [5, 6, 18])
+def test_a_target_that_waves_is_not_taken_for_that(seed):
+    """No hypothesis predicts it: it begins at once, and each joint follows it late."""
+
+    def path(t):
+        phase, size = math.tau * 1.2 * (t - 1.0), 0.25 * min(max(3.0 * (t - 1.0), 0.0), 1.0)
+        return around(0.3 + size * math.sin(phase), 0.2 + 0.2 * size * math.sin(2.0 * phase), 1.2)
+
+    servos = PlainServo(dead_time=0.02, lag=0.04, speed=5.0, acceleration=20.0)
+    conditions = replace(
+        WEBCAM, points=30.0, delay=0.2, duration=6.0, seed=seed, servos=servos, start=(0.3, -0.03)
+    )
+    steered = tracker()
+    run(path, conditions, steered)
+    assert steered.camera.fault == ""
+    assert abs(steered.camera.applied) < 0.03
 
 
 def test_wrong_stamps_hide_it_from_nobody():
