@@ -21,7 +21,7 @@ from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.targets.simulated_camera import SimulatedCameraNode
 from head_tracking.ros.targets.visual_target import VisualTargetNode
 from head_tracking.tf.messages import header
-from head_tracking.vision import camera_with_view
+from head_tracking.vision import DETECTORS, camera_with_view
 
 SMALL = {"width": 320, "height": 240}
 
@@ -213,7 +213,9 @@ def test_follow_can_be_changed_also_after_a_detector_that_fails(world, look):
     assert not accepts(node, follow="nobody")
 
 
-def test_a_detector_has_the_parameters_that_were_set_before_it_was_chosen(world, look):
+def test_a_detector_has_the_parameters_that_were_set_before_it_was_chosen(world, look, monkeypatch):
+    """Also if another detector has the same parameters."""
+    monkeypatch.setitem(DETECTORS, "another one of colours", DETECTORS["colour"])
     node = look()
     assert accepts(node, hue=240.0)
     assert accepts(node, follow="colour")

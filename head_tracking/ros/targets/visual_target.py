@@ -86,8 +86,8 @@ class VisualTargetNode(SightedTargetNode):
             self, VisualTargetParameters, on_change=self._on_follow
         ).value
         self._kinds = {
-            name: NodeParameters(self, spec.load().Parameters, on_change=self._on_parameters)
-            for name, spec in DETECTORS.items()
+            kind: NodeParameters(self, kind, on_change=self._on_parameters)
+            for kind in dict.fromkeys(spec.load().Parameters for spec in DETECTORS.values())
         }
         self.set_detector(self._detector(p.follow))
         self._pairs: Pairing[AnyImage, AnyImage] = Pairing(round(p.depth_tolerance * 1e9))
@@ -103,7 +103,8 @@ class VisualTargetNode(SightedTargetNode):
 
     def _detector(self, follow: str) -> Detector:
         """Create a detector; this may take long."""
-        detector = DETECTORS[follow].make(self._kinds[follow].value)
+        spec = DETECTORS[follow]
+        detector = spec.make(self._kinds[spec.load().Parameters].value)
         if isinstance(detector, FaceDetector) and detector.shortcoming:
             self.get_logger().warning(detector.shortcoming)
         return detector
