@@ -439,6 +439,18 @@ def test_relax_switches_torque_off_and_changes_no_other_register(bench: Tool) ->
     assert bench[7].register("Moving Threshold") == 7
 
 
+def test_relax_of_all_reads_back_and_relaxes_the_others_too(bench: Tool) -> None:
+    for servo in bench.bus:
+        servo.set_register("Torque Enable", 1)
+    bench.bus.faults = Faults(Random(3), 0.2, [Fault.DEAFNESS])
+    assert bench.run("relax") == DONE
+    assert bench.torque == [0, 0, 0, 0]
+    bench[2].set_register("Torque Enable", 1)
+    bench.bus.faults = None
+    assert bench.run("relax", "44", "2") == FAILED
+    assert bench.torque == [0, 0, 0, 0]
+
+
 def test_monitor_shows_measured_values(bench: Tool) -> None:
     bench[8].supply_voltage = 9.5
     assert bench.run("monitor", "--count", "2", "--rate", "5") == DONE

@@ -11,24 +11,22 @@ from head_tracking.cli.servo.session import (
     Session,
     ToolError,
     find_servo,
-    model_number,
+    first_ids,
     protocol_of,
 )
 from head_tracking.dynamixel.control_table import Register
 from head_tracking.dynamixel.exceptions import (
     CommunicationError,
-    ConfigurationError,
-    CorruptReplyError,
-    ReplyTimeoutError,
     ServoError,
 )
-from head_tracking.dynamixel.models import ServoModel, servo_model, servo_model_by_number
+from head_tracking.dynamixel.models import ServoModel, servo_model
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.protocol import BROADCAST_ID
 from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
 from head_tracking.dynamixel.torque import pin, require_straight_path
 from head_tracking.exceptions import RefusedError
 
+_BROADCASTS: Final = 3  # of each packet: one may be lost
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 
 
@@ -173,32 +171,28 @@ def _range(servo: Servo) -> tuple[int, int]:
 
 
 def relax(session: Session, ids: Sequence[int]) -> None:
-    """Switch torque off, of all servos if there are no ids."""
+    """Switch torque off and read it back; without ids: of all servos.
+
+    Raises:
+        ToolError: some did not confirm; the others are relaxed.
+    """
+    problems: list[str] = []
     with session.port() as port:
-        if not ids:
-            _relax_all(port, session.model)
-            session.terminal.show("torque off was sent to all servos")
-        for servo_id in ids:
-            find_servo(port, servo_id, session.model).set("Torque Enable", 0)
-            session.terminal.show(f"servo {servo_id} is relaxed")
-
-
-def _is_feetech_line(port: DynamixelPort, model: ServoModel | None) -> bool:
-    """Return whether the servo with the lowest id up to 20 is a Feetech servo."""
-    if model is not None:
-        return model.family != "Dynamixel"
-    for servo_id in range(21):
-        with suppress(ReplyTimeoutError):
+        for servo_id in ids or _relax_all(port, session.model):
             try:
-                number = model_number(port, servo_id, 1)
-                return servo_model_by_number(number).family != "Dynamixel"
-            except (CorruptReplyError, ConfigurationError):
-                return False
-    return False
+                find_servo(port, servo_id, session.model).set("Torque Enable", 0)
+            except (ToolError, CommunicationError, ServoError) as problem:
+                problems.append(str(problem))
+            else:
+                session.terminal.show(f"servo {servo_id} is relaxed")
+    if not ids:
+        session.terminal.show("torque off was sent to all servos")
+    if problems:
+        raise ToolError("; ".join(problems))
 
 
-def _relax_all(port: DynamixelPort, model: ServoModel | None) -> None:
-    """Switch torque off by broadcast; one by one where that would write another register.
+def _relax_all(port: DynamixelPort, model: ServoModel | None) -> list[int]:
+    """Switch torque off by broadcast; return the ids that were found.
 
     Protocol 2.0: address 64 is Torque Enable of X servos and unused in an XL-320. Address 24 is
     Torque Enable of an XL-320, but Moving Threshold of X servos. Protocol 1.0: address 40 is Torque
@@ -209,12 +203,21 @@ def _relax_all(port: DynamixelPort, model: ServoModel | None) -> None:
         servo_model(name).control_table["Torque Enable"].address
         for name in ("AX-12", "STS3215", "XM430-W350")
     )
-    for protocol, address in ((1, feetech_address), (2, x_address)):
-        port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
-    if not _is_feetech_line(port, model):
-        port.write(BROADCAST_ID, ax_address, b"\0", acknowledged=False)
-    for servo_id, (number, _) in port.find_all().items():
-        with suppress(ConfigurationError, CommunicationError, ServoError):
-            model = servo_model_by_number(number)
-            if model.control_table["Torque Enable"].address != x_address:
-                Servo(port, servo_id, model).set("Torque Enable", 0)
+
+    def send(address: int, protocol: int) -> None:
+        for _ in range(_BROADCASTS):
+            port.write(BROADCAST_ID, address, b"\0", acknowledged=False, protocol=protocol)
+
+    send(feetech_address, 1)
+    send(x_address, 2)
+    found = set()
+    for servo_id in first_ids(port):
+        found.add(servo_id)
+        if model is None:
+            with suppress(ToolError, CommunicationError):
+                model = find_servo(port, servo_id).model
+                if model.family == "Dynamixel":
+                    send(ax_address, 1)  # before the others are asked
+    if model is None or model.family == "Dynamixel":
+        send(ax_address, 1)
+    return sorted(found | port.find_all().keys())

@@ -14,12 +14,13 @@ from rich.text import Text
 
 from head_tracking.cli.servo.register_values import as_text
 from head_tracking.cli.servo.session import (
+    FIRST_IDS,
     Session,
     ToolError,
     answers,
     find_servo,
+    first_ids,
     model_number,
-    protocol_of,
 )
 from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.dynamixel.diagnosis import conditions
@@ -38,7 +39,6 @@ from head_tracking.output import is_output_closed
 _FEW: Final = 30  # ids; more are found faster by a broadcast ping
 _PINGS: Final = 3  # of each of a few ids: an answer may be lost or late
 _NEAR: Final = 0.1  # relative difference of baud rates by rounding
-_FIRST_IDS: Final = range(0, 30)
 _COLUMNS: Final = (
     "id", "model", "torque", "ticks", "rad", "deg", "rad/s", "load", "V", "°C", "failed", "errors",
 )  # fmt: skip
@@ -159,15 +159,11 @@ def info(session: Session, servo_id: int, *, all_of_them: bool) -> None:
 def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) -> None:
     """Show the measured values of servos `count` times; 0: until Ctrl-C."""
     with session.port() as port:
-        present = ids or [
-            servo_id
-            for servo_id in _FIRST_IDS
-            if protocol_of(port, servo_id, attempts=1) and protocol_of(port, servo_id)  # no noise
-        ]
+        present = ids or first_ids(port)
         servos = [find_servo(port, servo_id, session.model) for servo_id in present]
         if not servos:
             raise ToolError(
-                f"no servo with an id up to {_FIRST_IDS[-1]} answers at {session.baud_rate} baud; "
+                f"no servo with an id up to {FIRST_IDS[-1]} answers at {session.baud_rate} baud; "
                 f"give the ids, or find servos with `{port.servo_command('scan')}`"
             )
         for servo in servos:

@@ -21,6 +21,9 @@ from head_tracking.exceptions import HeadTrackingError
 USUAL_BAUD_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000)
 """Baud rates of the factories and other common ones; the most common first."""
 
+FIRST_IDS = range(30)
+"""Ids that are searched for a servo: a ping of all takes several seconds."""
+
 _ATTEMPTS = 3
 _BYTES_2_TO_5 = ("Firmware Version", "ID", "Baud Rate", "Return Delay Time")  # names of an AX-12
 _TIMEOUT = 0.03  # s; long: the id of a servo that is not found could be given to another one
@@ -78,6 +81,13 @@ def answers(port: DynamixelPort, servo_id: int, protocol: int, attempts: int = _
 def protocol_of(port: DynamixelPort, servo_id: int, attempts: int = _ATTEMPTS) -> int | None:
     """Return the protocol in which a servo answers pings; None if it does not."""
     return next((p for p in MAX_ID if answers(port, servo_id, p, attempts)), None)
+
+
+def first_ids(port: DynamixelPort) -> Iterator[int]:
+    """Yield the ids in `FIRST_IDS` that answer pings."""
+    for servo_id in FIRST_IDS:
+        if protocol_of(port, servo_id, attempts=1) and protocol_of(port, servo_id):  # no noise
+            yield servo_id
 
 
 def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> Servo:
