@@ -20,6 +20,7 @@ from waiting import PATIENCE, wait_for
 from head_tracking.ros.kit.images import camera_info, image_message
 from head_tracking.ros.targets.simulated_camera import SimulatedCameraNode
 from head_tracking.ros.targets.visual_target import VisualTargetNode
+from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tf.messages import header
 from head_tracking.vision import DETECTORS, camera_with_view
 
@@ -113,6 +114,31 @@ def test_the_point_has_the_images_stamp_and_frame(world, look, depth, lag):
         (0.5 / CAMERA.fx * 1.5, 0.5 / CAMERA.fy * 1.5, 1.5), abs=1e-3
     )
     assert (regions[-1][1].width, regions[-1][1].height) == (59, 59)
+
+
+def test_images_without_stamps_get_the_time_of_their_arrival(world, look):
+    """What has gone is not published any more, and forgotten after `memory`."""
+
+    def elsewhere(image, _):
+        unstamped(image, _)
+        image.data = np.roll(image.data, 3 * 120).tobytes()
+
+    def unstamped(image, _):
+        image.header = header(0, image.header.frame_id)
+
+    def empty(image, _):
+        unstamped(image, _)
+        image.data = bytes(len(image.data))
+
+    look(follow="colour", object_size=0.3)
+    targets = world.record("/target_point")
+    show(world, depth="", info=ANY_FRAME, change=unstamped)
+    assert len(targets) == 4
+    assert all(now - 5e7 < stamp_to_ns(message.header.stamp) <= now for now, message in targets)
+    show(world, depth="", info=ANY_FRAME, change=empty, frames=75)
+    assert len(targets) == 4
+    show(world, depth="", info=ANY_FRAME, change=elsewhere)
+    assert len(targets) == 8
 
 
 def compressed(picture, depths, kind):

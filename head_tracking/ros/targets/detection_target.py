@@ -81,7 +81,7 @@ class DetectionTargetNode(SightedTargetNode):
         self._latest: dict[str, Any] = {}
         self._name = self.create_publisher(String, "~/id", 10)
         if p.source in _MESSAGES:
-            self.create_subscription(kind, "detections", self.worker.offer, LATEST_ONLY)
+            self.create_subscription(kind, "detections", self._on_detections, LATEST_ONLY)
         else:
             self._region_class = message_class("hri_msgs/msg/NormalizedRegionOfInterest2D")
             tracked = f"{p.humans}/{p.source}/tracked"
@@ -89,8 +89,12 @@ class DetectionTargetNode(SightedTargetNode):
         if p.source != "detections_3d":
             self.create_subscription(Image, "depth", self._on_depth, LATEST_ONLY)
 
+    def _on_detections(self, message: Any) -> None:
+        self.stamp(message.header)
+        self.worker.offer(message)
+
     def _on_depth(self, message: Image) -> None:
-        self._depths.append((stamp_to_ns(message.header.stamp), message))
+        self._depths.append((self.stamp(message.header), message))
 
     def _on_ids(self, message: Any) -> None:
         """Subscribe to the region of each face or body of ROS4HRI."""
@@ -109,7 +113,7 @@ class DetectionTargetNode(SightedTargetNode):
             except (NameValidationException, ValueError):
                 self.warn(f"{new!r} is ignored: an id must be a valid part of a topic's name")
         if not message.ids:
-            self.worker.offer((stamp_to_ns(message.header.stamp), message.header.frame_id, {}))
+            self.worker.offer((self.stamp(message.header), message.header.frame_id, {}))
 
     def _on_region(self, name: str, region: Any) -> None:
         """Collect the regions of one image until they are complete or the next image comes."""
@@ -125,7 +129,7 @@ class DetectionTargetNode(SightedTargetNode):
         regions, self._latest = self._latest, {}
         latest = max(regions.values(), key=lambda region: stamp_to_ns(region.header.stamp))
         header = latest.header
-        self.worker.offer((stamp_to_ns(header.stamp), header.frame_id, regions))
+        self.worker.offer((self.stamp(header), header.frame_id, regions))
 
     def process(self, found: Any) -> None:
         """See `SightedTargetNode`."""

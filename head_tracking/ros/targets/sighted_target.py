@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from head_tracking.parameters import parameter
@@ -16,6 +17,7 @@ from head_tracking.ros.kit.spinning import ClosingNode
 from head_tracking.ros.kit.target_point import TargetOutput
 from head_tracking.ros.kit.threads import Worker, answering
 from head_tracking.tf import Buffer, listening_buffer
+from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import Target
 from head_tracking.transforms import Transform
 from head_tracking.vision import (
@@ -94,6 +96,12 @@ class SightedTargetNode(ClosingNode):
             self.process(item)
         except ImageError as error:
             self.warn(str(error))
+
+    def stamp(self, header: Header) -> int:
+        """Return the stamp of what arrives now [ns]; if it has none, it gets the present time."""
+        if not stamp_to_ns(header.stamp):
+            header.stamp = self.get_clock().now().to_msg()
+        return stamp_to_ns(header.stamp)
 
     def set_detector(self, detector: Detector | None) -> None:
         """Start a new tracker with a detector; None: it detects nothing."""

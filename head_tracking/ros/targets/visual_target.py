@@ -159,11 +159,11 @@ class VisualTargetNode(SightedTargetNode):
     def _on_image(self, message: AnyImage) -> None:
         depth = self._inputs.get("depth")
         if depth is None or not self.count_publishers(depth.topic_name):
-            self.worker.offer((message, None))
+            self._offer((message, None))
             return
         pair = self._pairs.picture(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self.worker.offer(pair)
+            self._offer(pair)
         elif self._pairs.dropped > 2:
             self.warn(
                 f"{self._pairs.dropped} images without a depth image within "
@@ -173,7 +173,11 @@ class VisualTargetNode(SightedTargetNode):
     def _on_depth(self, message: AnyImage) -> None:
         pair = self._pairs.depth(stamp_to_ns(message.header.stamp), message)
         if pair is not None:
-            self.worker.offer(pair)
+            self._offer(pair)
+
+    def _offer(self, shot: tuple[AnyImage, AnyImage | None]) -> None:
+        self.stamp(shot[0].header)
+        self.worker.offer(shot)
 
     def process(self, shot: tuple[AnyImage, AnyImage | None]) -> None:
         """See `SightedTargetNode`; an image, and its depths if there are any."""
