@@ -31,6 +31,7 @@ from head_tracking.tracking import (
     Target,
     TargetState,
     TrajectoryCode,
+    Verdict,
     stalled,
 )
 from head_tracking.transforms import RobotModel, RobotModelError
@@ -38,6 +39,7 @@ from head_tracking.transforms import RobotModel, RobotModelError
 _LOG_PERIOD = 1.0  # s
 _CAUTIOUS_TIME = 2.0  # s with a target after a STOP, until the speed limit rises
 _FAST = 3.0  # rad/s; a speed limit above this ends the caution
+_MOST_EARLY = 0.2  # s; a larger error of a stamp cannot be estimated
 _FASTEST = 12.0  # rad/s of a motion; usually the model's limit is lower
 _START_TIME = 0.3  # s that a joint may take to start after its command
 
@@ -410,9 +412,17 @@ class HeadControl(Controller):
     # Targets
 
     def accept(self, target: Target) -> None:
-        """Accept a target for the next cycle; it is ignored if another motion is in progress."""
+        """Accept a target for the next cycle; it is ignored if another motion is in progress.
+
+        What a frame of the head has seen in the future is refused: waiting for the joints of that
+        time would only hide that its stamp is wrong.
+        """
         with self.lock:
-            self.frames.offer(target, self._clock.checked)
+            is_early = target.stamp * 1e-9 > self.now + _MOST_EARLY
+            if is_early and self.frames.moves_with_head(target.frame_id):
+                self.frames.refuse(target, Verdict.FUTURE)
+            else:
+                self.frames.offer(target, self._clock.checked)
 
     def recenter(self) -> Obstacle | None:
         """Turn the head to its centre, or return why not."""

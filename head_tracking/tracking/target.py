@@ -90,12 +90,16 @@ class TargetPlacer:
         try:
             target.check()
         except ValueError as error:
-            self._refusals = [Refusal(target, str(error))]
+            self.refuse(target, str(error))
             return
         if len(self._waiting) == _MOST_WAITING:
             dropped, _ = self._waiting.popleft()
-            self._refusals = [Refusal(dropped, f"{_MOST_WAITING} targets wait already")]
+            self.refuse(dropped, f"{_MOST_WAITING} targets wait already")
         self._waiting.append((target, now))
+
+    def refuse(self, target: Target, reason: str) -> None:
+        """Refuse a target; see `take_refusal`."""
+        self._refusals = [Refusal(target, reason)]
 
     def place(
         self, now: float, moving_with_head: Mapping[str, float], *, latest_only: bool = False
@@ -130,7 +134,7 @@ class TargetPlacer:
             if 0.0 <= waited < self.timeout:  # below 0: the clock has jumped back
                 self._waiting.append((target, came))
             if not 0.0 <= waited < min(self.timeout, _REPORTED_AFTER):
-                self._refusals = [Refusal(target, reason)]
+                self.refuse(target, reason)
         if latest_only and placed:
             self._waiting = deque(each for each in self._waiting if each[1] > arrival)
             del placed[:-1]

@@ -453,3 +453,17 @@ def test_a_whole_run_uses_simulated_time(make_robot):
         offset = 5.0
         wait_for(lambda: any("the clock jumped back" in state.data for state in states))
         wait_for(lambda: states[-1].data.startswith("tracking:"))
+
+
+@pytest.mark.parametrize("kind", [HeadTrackerNode, PointHeadNode])
+@pytest.mark.parametrize("early", [0.05, 0.5])
+def test_what_a_camera_on_the_head_sees_in_the_future_is_refused(track, kind, early):
+    tracked = track(kind)
+    control = tracked.node.control
+    for _ in range(30):
+        stamp = tracked.world.stamp + round(early * SECOND)
+        control.accept(Target(stamp, "camera_optical_frame", (1.0, 0.0, 2.0)))
+        tracked.world.run(2 * STEP)
+    is_used = early < 0.1
+    assert (abs(control.readings.latest.positions[0]) > 0.1) == is_used
+    assert ("future" in tracked.fields["refusal"]) != is_used
