@@ -355,6 +355,17 @@ def test_a_click_in_the_camera_is_not_chased_while_its_place_is_unknown(world):
     assert abs(world.true_position("head_pan_joint")) < 0.4
 
 
+def test_sources_that_are_slower_than_their_timeout_and_alternate_are_all_published(world):
+    world.make(TargetMuxNode, {"sources": ["a", "b"], "switch_time": 0.0}, buffer=world.buffer)
+    published = world.record("/target_point")
+    for number in range(12):
+        point = PointStamped(point=Point(x=float(1 + number)))
+        point.header.frame_id = "base_link"
+        world.publish(f"/{'ab'[number % 2]}/target_point", point)
+        world.run(0.335)
+    assert [message.point.x for _, message in published] == pytest.approx(range(1, 13))
+
+
 def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
     tracked = track(fixed_frame="odom")
     yaw, ends, frames, world = 0.0, math.inf, tracked.world.buffer.core, tracked.world

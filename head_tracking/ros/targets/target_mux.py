@@ -82,6 +82,7 @@ class TargetMuxNode(Node):
             NodeParameters(self, MuxParameters, on_change=self._on_parameters).value,
         )
         self._transition: tuple[Vector3, float] | None = None  # its start, and since when [s]
+        self._latest: dict[str, Target] = {}
         self._repeated: dict[str, Target | None] = {}
         self._selected: str | None = None
         self._last_sent: tuple[Vector3, float] | None = None
@@ -126,7 +127,7 @@ class TargetMuxNode(Node):
             text = f"pin refused: {error}"
             self.get_logger().error(text[:LONGEST_TEXT], throttle_duration_sec=1.0)
             return
-        self._set_selected(self._mux.select(self._now))
+        self._use(self._mux.select(self._now))
 
     def _on_target(self, name: str, target: Target) -> None:
         try:
@@ -136,23 +137,30 @@ class TargetMuxNode(Node):
                 f"{name}: the target {target} is ignored: {error}", throttle_duration_sec=1.0
             )
             return
-        self._set_selected(self._mux.offer(name, self._now))
         if self._sources[name].repeat:
             # a repeated point must not move with the camera: one without a place is sent once
             placed = self._repeated[name] = self._in_fixed_frame(target)
             target = placed or target
-        if self._selected == name:
-            self._send(target)
+        self._latest[name] = target
+        self._use(self._mux.offer(name, self._now), arrived=name)
 
     def _step(self) -> None:
-        self._set_selected(self._mux.select(self._now))
+        self._use(self._mux.select(self._now))
         target = None if self._selected is None else self._repeated.get(self._selected)
         if target is not None:
             self._send(replace(target, stamp=self.get_clock().now().nanoseconds))
 
+    def _use(self, selected: str | None, arrived: str = "") -> None:
+        """Publish the target of a source if it has arrived now, or has waited to be selected."""
+        is_new = selected != self._selected
+        if is_new:
+            self._set_selected(selected)
+        if selected is not None and (
+            selected == arrived or (is_new and not self._sources[selected].repeat)
+        ):
+            self._send(self._latest[selected])
+
     def _set_selected(self, selected: str | None) -> None:
-        if selected == self._selected:
-            return
         self.get_logger().info(f"selected target: {selected or 'none'}")
         self._selected = selected
         self._name_publisher.publish(String(data=selected or ""))
