@@ -83,6 +83,7 @@ class VisualTracker:
         has_pose: whether the pose of the camera was known for the latest image: tracks are in the
             fixed frame then, else in that of the camera.
         without_distance: number of detections in the latest image without a known distance.
+        doubted: the confidence of what is seen and, as it is too low, not published; else None.
     """
 
     def __init__(
@@ -96,6 +97,7 @@ class VisualTracker:
         self.followed: Track | None = None
         self.has_pose = False
         self.without_distance = 0
+        self.doubted: float | None = None
         self._number = 0
         self._stamp: int | None = None
 
@@ -138,8 +140,11 @@ class VisualTracker:
         if self.followed not in self.tracks:
             certain = filter(self._is_certain, self.tracks)
             self.followed = max(certain, key=lambda t: t.latest.candidate.box.width, default=None)
-        track = self.followed
+        track, self.doubted = self.followed, None
         if track is None or not self._is_certain(track):
+            tracks = self.tracks if track is None else [track]
+            seen = [each.confidence for each in tracks if each.located and each.believed]
+            self.doubted = max(seen, default=None)
             return None
         found = track.latest
         return Sighting(stamp, found.point, track.confidence, found.candidate, track.number)

@@ -27,7 +27,8 @@ class Scene:
 
     def __init__(self, world, **parameters):
         self.world = world
-        world.make(DetectionTargetNode, {"fixed_frame": "", **parameters}, buffer=world.buffer)
+        parameters = {"fixed_frame": "", **parameters}
+        self.node = world.make(DetectionTargetNode, parameters, buffer=world.buffer)
         self._targets = world.record("/target_point")
         self._ids = world.record("/detection_target/id")
 
@@ -115,6 +116,15 @@ def test_other_classes_and_invalid_detections_are_ignored(scene):
     assert len(found) == 4
     assert world.ids == {"me"}
     assert found[-1].point.x > 0
+
+
+@pytest.mark.parametrize("score", [0.1, 0.9])
+def test_why_what_is_seen_is_not_published(scene, monkeypatch, score):
+    world, warnings = scene(distance=2.0), []
+    monkeypatch.setattr(world.node, "warn", warnings.append)
+    for each in (0.9, score):
+        found = world.show(array(detection("me", 240, 80, 40, score=each)), images=20)
+    assert bool(warnings) == (not found[10:]) == (score < 0.3)
 
 
 def test_detections_in_space(scene):

@@ -134,6 +134,11 @@ class SightedTargetNode(ClosingNode):
                 "the distance of a detection is unknown: it has no depth; without a depth camera, "
                 "set object_size or distance"
             )
+        elif (doubted := self.tracker.doubted) is not None:
+            self.warn(
+                f"no target: the confidence of what is seen is {doubted:.2f}; min_confidence is "
+                f"{self.tracker.identity.min_confidence:g}"
+            )
 
     def warn(self, reason: str) -> None:
         """Log a warning, at most every 2 s."""
