@@ -99,7 +99,8 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
 
     Args:
         nodes: those of this process.
-        names: check names of nodes, too; False: another process does that.
+        names: check names of nodes and what is given to all nodes, too; False: another process
+            does that, which has more of them.
 
     Raises:
         UnknownParametersError: lists them with similar names that exist.
@@ -108,7 +109,7 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
     lacking: dict[tuple[str, ...], tuple[Given, list[str]]] = {}
     for node in nodes:
         name = node.get_fully_qualified_name()
-        own = [given for given in _given if given.is_for(name)]
+        own = [one for one in _given if one.is_for(name) and (names or one.nodes != _ALL)]
         for given in unknown_parameters(own, node._parameters):
             lacking.setdefault(given[:3], (given, []))[1].append(name)
     problems = []
@@ -119,7 +120,7 @@ def check_parameters(nodes: Iterable[Node], *, names: bool = True) -> None:
         if owners and given.nodes == _ALL:
             advice = f"; name the node: -p {owners[0]}:{given.name}:={given.value}"
         problems.append(f"{given.file}: no parameter {given.name} in {', '.join(without)}{advice}")
-    if names:  # one file may configure nodes of several processes
+    if names:
         problems += unknown_nodes(_given, {*NODES, *(node.get_name() for node in nodes)})
     if problems:
         raise UnknownParametersError("; ".join(problems) + "; nothing was moved")
