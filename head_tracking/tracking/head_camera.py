@@ -49,7 +49,8 @@ _TURNS: Array = np.array(
 first one is right."""
 _NEAR: Array = np.arange(-0.1, 0.151, 0.025)
 """Hypotheses of the stamp error for wrong mountings [s]."""
-_WRONG = 10.0  # a wrong mounting whose score is better by this is reported
+_WRONG = 10.0  # a wrong mounting whose score is better by this is reported,
+_AWAY = 0.15  # rad; if one of its joints has turned by this: it runs away from the target
 _EXCLUDED = 10.0  # a wrong mounting whose score is worse by this is excluded
 
 _OTHERWISE = 0.02  # s; a larger change of the correction restarts the target estimator
@@ -158,7 +159,7 @@ class HeadCamera:
                 self.waiting.append((stamp, ray))
                 self._judge()
         estimated = self._is_learning and not self.parameters.camera_delay
-        self.is_unsure = estimated and self._is_uncertain and bool(self._turned.any())
+        self.is_unsure = estimated and self._is_uncertain and bool(self._turned().any())
         if self.is_unsure:
             return stamp - self.applied, self._mean_place(stamp, ray)
         return self._placed(stamp, ray) if self.applied else (stamp, point)
@@ -168,13 +169,12 @@ class HeadCamera:
         mean, deviation = _moments(self._probabilities)
         return math.hypot(deviation, mean - self.applied) > _WORTH
 
-    @property
-    def _turned(self) -> npt.NDArray[np.bool_]:
-        """Whether pan and tilt have turned within the possible errors."""
+    def _turned(self, angle: float = _TURNED) -> npt.NDArray[np.bool_]:
+        """Return whether pan and tilt have turned by an angle [rad] within the possible errors."""
         latest = self._readings.latest
         if latest is None:
             return np.zeros(2, dtype=np.bool_)
-        return self._readings.ranges(latest.stamp - _LOOKED_BACK) > _TURNED
+        return self._readings.ranges(latest.stamp - _LOOKED_BACK) > angle
 
     def _mean_place(self, stamp: float, ray: Vector3) -> Vector3:
         """Return the mean of the points of a ray in the fixed frame [m] over the stamp errors."""
@@ -240,7 +240,7 @@ class HeadCamera:
         latest = -math.inf if self._readings.latest is None else self._readings.latest.stamp
         if not waiting or waiting[0][0] > latest:
             return False
-        turned = self._turned
+        turned = self._turned()
         if not turned.any():
             while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
                 waiting.popleft()
@@ -319,7 +319,8 @@ class HeadCamera:
         best = np.maximum.reduceat(self._bank.scores, self._starts)
         behind = best[0] - best
         if behind.min() < -_WRONG:
-            self.fault = self._named(int(found[behind.argmin()]))
+            if self._differences[behind.argmin()][..., self._turned(_AWAY)].any():
+                self.fault = self._named(int(found[behind.argmin()]))
         elif behind.max() > _EXCLUDED:
             kept = np.isin(self._mountings, found[behind < _EXCLUDED])
             self._hypothesize(self._errors[kept], self._mountings[kept])

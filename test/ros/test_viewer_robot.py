@@ -94,7 +94,7 @@ def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
     word_while_seen()
     seen.modes.set_mode(Mode.FOLLOW)
     assert seen.modes.mode() is Mode.FOLLOW
-    assert seen.observe().target is None  # no frame has been chosen
+    wait_for(lambda: seen.observe().target is None)  # no frame has been chosen
     seen.modes.set_mode(Mode.FOLLOW, "person_1")
     for y in (0.5, -0.5):
         wait_for(
