@@ -153,7 +153,7 @@ def test_transforms_of_the_running_head(bench, person):
         "transforms", "echo", "base_link", "torso_link", "--rate", "20", "--count", "2"
     )
     unknown = bench.start("transforms", "echo", "base_link", "nose", "--wait", "5")
-    tree = bench.start("transforms", "tree")
+    tree = bench.start("transforms", "tree", "--listen", "6")
     assert echo.end() == 0, echo.output
     assert echo.output.count("Translation: [") == 2
     assert unknown.end() == 1

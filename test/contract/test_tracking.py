@@ -80,7 +80,7 @@ def test_switched_off_it_stops_at_once_and_gives_the_joints_up(bench, person):
     assert person.call("head_tracker/enable", False).success
     pan = bench.servos.true[0]
     rest, tilt = bench.servos.at_rest()
-    assert abs(rest - pan) < 0.3  # it was at several rad/s
+    assert abs(rest - pan) < 0.5  # it was at several rad/s, and 0.7 rad before its target
     wait_for(lambda: person.latched("head_tracker/enabled", Bool) is False)
     wait_for(in_state(person, "disabled"))
     wait_for(lambda: set(person.owners.values()) == {""})
