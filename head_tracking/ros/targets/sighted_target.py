@@ -131,8 +131,8 @@ class SightedTargetNode(ClosingNode):
             self.output.publish(Target(stamp, frame_id, sighting.point))
         elif self.tracker.without_distance:
             self.warn(
-                "the distance of a detection is unknown: it has no depth; without a depth camera, "
-                "set object_size or distance"
+                "the distance of a detection is unknown: it has no depth from min_distance to "
+                "max_distance; without a depth camera, set object_size or distance"
             )
         elif (doubted := self.tracker.doubted) is not None:
             self.warn(
