@@ -31,7 +31,8 @@ class LearningParameters:
     )
     camera_learning: str = parameter(
         Learning.LEARN.value,
-        f"What tracking learns of a camera on the head: {_MODES}",
+        f"What tracking learns of a camera on the head: {_MODES} After forget, the head swings if "
+        "the stamps are 60 ms late or more; then choose learn.",
         choices=tuple(Learning),
     )
     servo_delay: float = parameter(
