@@ -449,6 +449,7 @@ def test_relax_of_all_reads_back_and_relaxes_the_others_too(bench: Tool) -> None
     bench.bus.faults = None
     assert bench.run("relax", "44", "2") == FAILED
     assert bench.torque == [0, 0, 0, 0]
+    assert bench.run("--baud", "57600", "relax") == FAILED  # nobody hears that
 
 
 def test_monitor_shows_measured_values(bench: Tool) -> None:

@@ -12,6 +12,7 @@ from head_tracking.cli.servo.session import (
     ToolError,
     find_servo,
     first_ids,
+    none_answers,
     protocol_of,
 )
 from head_tracking.dynamixel.control_table import Register
@@ -174,11 +175,14 @@ def relax(session: Session, ids: Sequence[int]) -> None:
     """Switch torque off and read it back; without ids: of all servos.
 
     Raises:
-        ToolError: some did not confirm; the others are relaxed.
+        ToolError: none answers, or some did not confirm; the others are relaxed.
     """
     problems: list[str] = []
     with session.port() as port:
-        for servo_id in ids or _relax_all(port, session.model):
+        found = ids or _relax_all(port, session.model)
+        if not found:
+            raise none_answers(port)
+        for servo_id in found:
             try:
                 find_servo(port, servo_id, session.model).set("Torque Enable", 0)
             except (ToolError, CommunicationError, ServoError) as problem:

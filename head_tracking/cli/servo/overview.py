@@ -14,13 +14,13 @@ from rich.text import Text
 
 from head_tracking.cli.servo.register_values import as_text
 from head_tracking.cli.servo.session import (
-    FIRST_IDS,
     Session,
     ToolError,
     answers,
     find_servo,
     first_ids,
     model_number,
+    none_answers,
 )
 from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.dynamixel.diagnosis import conditions
@@ -162,10 +162,7 @@ def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) ->
         present = ids or first_ids(port)
         servos = [find_servo(port, servo_id, session.model) for servo_id in present]
         if not servos:
-            raise ToolError(
-                f"no servo with an id up to {FIRST_IDS[-1]} answers at {session.baud_rate} baud; "
-                f"give the ids, or find servos with `{port.servo_command('scan')}`"
-            )
+            raise none_answers(port)
         for servo in servos:
             with suppress(CommunicationError, ConfigurationError, ServoError):
                 run(servo.identify(keep_torque=True))

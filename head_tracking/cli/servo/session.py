@@ -90,6 +90,14 @@ def first_ids(port: DynamixelPort) -> Iterator[int]:
             yield servo_id
 
 
+def none_answers(port: DynamixelPort) -> ToolError:
+    """Return the error that no servo was found."""
+    return ToolError(
+        f"no servo with an id up to {FIRST_IDS[-1]} answers at {port.baud_rate} baud; give the "
+        f"ids, or find servos with `{port.servo_command('scan')}`"
+    )
+
+
 def find_servo(port: DynamixelPort, servo_id: int, model: ServoModel | None = None) -> Servo:
     """Return the servo with an id; `model` is needed for one that answers no reads.
 
