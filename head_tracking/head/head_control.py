@@ -418,6 +418,7 @@ class HeadControl(Controller):
         time would only hide that its stamp is wrong.
         """
         with self.lock:
+            target = self.frames.corrected(target)
             is_early = target.stamp * 1e-9 > self.now + _MOST_EARLY
             if is_early and self.frames.moves_with_head(target.frame_id):
                 self.frames.refuse(target, Verdict.FUTURE)

@@ -84,10 +84,6 @@ class HeadFrames(TargetPlacer):
 
     # A stream of targets
 
-    def offer(self, target: Target, now: float) -> None:
-        """Accept a target, which waits for its transforms."""
-        super().offer(self._corrected(target), now)
-
     def take(
         self, now: float, positions: tuple[float, float], *, latest_only: bool = False
     ) -> list[tuple[Target, Vector3]]:
@@ -127,7 +123,7 @@ class HeadFrames(TargetPlacer):
             TransformException: its transform is not known, or not yet.
         """
         joints = dict(zip(self._joints, positions, strict=True))
-        return self.place_one(self._corrected(target), joints)
+        return self.place_one(self.corrected(target), joints)
 
     def in_base(self, point: Vector3, now: float) -> Vector3:
         """Return a point of `fixed_frame` in the head's base frame as that is now [m].
@@ -154,7 +150,7 @@ class HeadFrames(TargetPlacer):
         found = self._buffer.lookup_transform(self.head.base_frame, target.frame_id, LATEST)
         return found.transform @ target.point, found.stamp * 1e-9 if found.stamp else None
 
-    def _corrected(self, target: Target) -> Target:
+    def corrected(self, target: Target) -> Target:
         """Return the target with `target_latency` taken off its stamp."""
         if not (self._latency and target.stamp):
             return target

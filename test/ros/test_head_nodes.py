@@ -467,14 +467,14 @@ def test_a_whole_run_uses_simulated_time(make_robot):
 
 
 @pytest.mark.parametrize("kind", [HeadTrackerNode, PointHeadNode])
-@pytest.mark.parametrize("early", [0.05, 0.5])
-def test_what_a_camera_on_the_head_sees_in_the_future_is_refused(track, kind, early):
-    tracked = track(kind)
+@pytest.mark.parametrize(("early", "latency"), [(0.05, 0.0), (0.5, 0.0), (0.5, 0.5)])
+def test_what_a_camera_on_the_head_sees_in_the_future_is_refused(track, kind, early, latency):
+    tracked = track(kind, target_latency=latency)
     control = tracked.node.control
     for _ in range(30):
         stamp = tracked.world.stamp + round(early * SECOND)
         control.accept(Target(stamp, "camera_optical_frame", (1.0, 0.0, 2.0)))
         tracked.world.run(2 * STEP)
-    is_used = early < 0.1
+    is_used = early - latency < 0.1
     assert (abs(control.readings.latest.positions[0]) > 0.1) == is_used
     assert ("future" in tracked.fields["refusal"]) != is_used
