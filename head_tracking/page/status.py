@@ -52,7 +52,9 @@ _WORDS: Mapping[str, Word] = {
 """By the controller's state. In any other one, the head's error decides."""
 _WITHOUT_TARGET = (TargetState.IDLE, TargetState.HOLDING)
 _FOLLOWING = (
-    *(TargetState.TRACKING, TargetState.ACQUIRING, TargetState.COASTING),
+    TargetState.TRACKING,
+    TargetState.ACQUIRING,
+    TargetState.COASTING,
     TargetState.AT_LIMIT,
 )
 

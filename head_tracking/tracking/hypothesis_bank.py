@@ -147,10 +147,11 @@ class HypothesisBank:
         before, best = self._weights.max(axis=0), weights.max(axis=0)
         mixed = np.log(np.exp(weights - best).sum(axis=0)) + best
         mixed -= np.log(np.exp(self._weights - before).sum(axis=0)) + before
-        self._weights = math.exp(-dt / _FILTER_MEMORY) * (weights - best) + self._allowed
+        kept = math.exp(-dt / _FILTER_MEMORY)
+        self._weights = kept * (weights - best) + self._allowed
         winner = int(self.scores.argmax())
         off = 0.5 * float(squares[self._weights[:, winner].argmax(), winner])
-        self._off += (1.0 - math.exp(-dt / _FILTER_MEMORY)) * (min(off, _GATE) - self._off)
+        self._off += (1.0 - kept) * (min(off, _GATE) - self._off)
         mixed = np.maximum(mixed - mixed.max(), _LEAST) / max(1.0, self._off / _EXPLAINED)
         distinct = min(1.0, 2.0 * float(mixed.std()))
         scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE * mixed
