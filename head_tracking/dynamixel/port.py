@@ -120,6 +120,7 @@ class DynamixelPort:
         self._open_device = open_device
         self._was_open = False
         self._line: SerialDevice | None = None
+        self._loss: Exception | None = None  # why it is not open, until `open` or `close`
         self._timeout = ReplyTimeout(reply_timeout)
         self._late = LateReplies(clock)
         self._seconds_per_byte = 10.0 / baud_rate
@@ -174,11 +175,11 @@ class DynamixelPort:
         self._sent.clear()
         self._buffer = b""
         self._sent_at = self.clock()
-        self._line = line
+        self._line, self._loss = line, None
 
     def close(self) -> None:
         """Close the device, if it is open."""
-        line, self._line = self._line, None
+        line, self._line, self._loss = self._line, None, None
         if line is not None:
             line.close()
 
@@ -555,12 +556,15 @@ class DynamixelPort:
         return False
 
     def _open_line(self) -> SerialDevice:
-        if self._line is None:
-            raise NotConnectedError(f"{self.name} is not open; is the adapter plugged in?")
-        return self._line
+        if self._line is not None:
+            return self._line
+        if self._loss is not None:
+            raise PortLostError(self.name, self._loss)
+        raise NotConnectedError(f"{self.name} is not open; is the adapter plugged in?")
 
     def _lost(self, cause: Exception) -> PortLostError:
         self.close()
+        self._loss = cause
         return PortLostError(self.name, cause)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from dynamixel_fakes import (
     speed_ticks,
     writes,
 )
-from simulated_device import Bench, joint_of
+from simulated_device import PERIOD, Bench, joint_of
 
 from head_tracking.dynamixel import (
     BusEvent,
@@ -300,6 +301,34 @@ def test_port_that_goes_between_two_cycles_is_found_again(rig: FakeRig) -> None:
     rig.bench.line.plugged = True
     rig.bench.pass_time(0.3)
     assert rig.step().events[0].kind is EventKind.PORT_RETURNED
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_port_that_goes_at_any_moment_is_found_again(on: bool) -> None:
+    """While one joint follows its goals and the torque of the other one is switched."""
+    for moment in range(1, 25):
+        rig = FakeRig().switched_on(0.5)
+        run(rig.bus.switching_torque(["head_tilt_joint"], not on))
+        rig.bus.requests.add(partial(rig.bus.switching_torque, ["head_tilt_joint"], on))
+        rig.bus.requests.begin_next()
+        line, count = rig.bench.line, len(rig.log) + moment
+        write = line.write
+
+        def write_until_then(
+            data: bytes, rig: FakeRig = rig, count: int = count, write: Any = write
+        ) -> None:
+            rig.bench.line.plugged = len(rig.log) < count
+            write(data)
+
+        line.write = write_until_then  # type: ignore[method-assign]
+        kinds = []
+        for _ in range(8):  # the steps of the request are taken within the cycles
+            rig.bench.pass_time(PERIOD)
+            kinds += [event.kind for event in rig.bus.step().events]
+        assert kinds.count(EventKind.PORT_LOST) == 1, moment
+        line.write, line.plugged = write, True  # type: ignore[method-assign]
+        rig.bench.pass_time(0.3)
+        assert set(rig.step(5).states) == {"head_pan_joint", "head_tilt_joint"}
 
 
 def test_bus_starts_without_a_servo_if_it_may() -> None:
