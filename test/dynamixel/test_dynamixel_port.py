@@ -87,9 +87,11 @@ def test_port_that_vanishes_is_lost(peer: Peer, port: DynamixelPort, after: int)
         port.read(1, 36, 2)
     join(thread)
     assert not port.is_open
-    with pytest.raises(NotConnectedError):
+    with pytest.raises(PortLostError):
         port.ping(1)
     port.close()
+    with pytest.raises(NotConnectedError):
+        port.ping(1)
 
 
 def test_missing_port_lists_what_exists(monkeypatch: pytest.MonkeyPatch) -> None:
