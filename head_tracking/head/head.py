@@ -493,7 +493,7 @@ class Head:
         servo_acceleration: float = 0.0,
         camera_delay: float = 0.0,
     ) -> None:
-        """Choose what tracking learns: "learn", "freeze" (use and keep) or "forget" values.
+        """Choose what tracking learns: "learn", "freeze" (use and keep) or "forget" (learn anew).
 
         Args:
             how: for both.

@@ -445,7 +445,6 @@ class Tracking(TargetMotion):
         tracker.estimator.parameters = settings.estimator
         tracker.machine.parameters = settings.state
         tracker.learn(settings.learning)
-        self.control.law.learn(settings.learning)
         if settings.learning.servo_learning == Learning.FORGET:
             self.control.memory.forget()
 

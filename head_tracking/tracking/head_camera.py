@@ -114,7 +114,7 @@ class HeadCamera:
 
     @property
     def _is_learning(self) -> bool:
-        return self.parameters.camera_learning == Learning.LEARN
+        return self.parameters.camera_learning != Learning.FREEZE
 
     @property
     def learned(self) -> LearnedValue:
@@ -193,7 +193,7 @@ class HeadCamera:
         """Discard the points, and the estimates unless they are frozen, after a clock's jump."""
         applied, deviation = self.applied, self._deviation
         self.forget()
-        if self.parameters.camera_learning == Learning.FREEZE:
+        if not self._is_learning:
             self._applied = self._placed_for = applied
             self._deviation = deviation
 

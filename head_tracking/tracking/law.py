@@ -123,13 +123,15 @@ class TrackingLaw(ABC):
         return {name: value for name, value in values.items() if value is not None}
 
     def learn(self, parameters: LearningParameters) -> None:
-        """Update, freeze, discard or replace the estimates of the servos."""
+        """Update, freeze, discard or replace the estimates of the servos.
+
+        The same object a second time discards nothing.
+        """
         for servo in self.servos.values():
-            servo.parameters = parameters
-            if parameters.servo_learning == Learning.FORGET:
+            before, servo.parameters = servo.parameters, parameters
+            if parameters.servo_learning == Learning.FORGET and before is not parameters:
                 servo.forget()
-        if parameters.servo_learning == Learning.FORGET:
-            self._forget()
+                self._forget()
 
     def expect(self, saved: Mapping[str, ServoValues]) -> None:
         """Start with saved estimates of the servos, by joint."""

@@ -10,14 +10,14 @@ from head_tracking.parameters import parameter
 
 
 class Learning(StrEnum):
-    """Mode of the estimates: update, keep or discard."""
+    """What happens to the estimates: update, keep, or discard once and update."""
 
     LEARN = "learn"
     FREEZE = "freeze"
     FORGET = "forget"
 
 
-_MODES = "learn, freeze (use and keep what was learned) or forget."
+_MODES = "learn, freeze (use and keep what was learned) or forget (discard it and learn anew)."
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +31,7 @@ class LearningParameters:
     )
     camera_learning: str = parameter(
         Learning.LEARN.value,
-        f"What tracking learns of a camera on the head: {_MODES} After forget, the head swings if "
-        "the stamps are 60 ms late or more; then choose learn.",
+        f"What tracking learns of a camera on the head: {_MODES}",
         choices=tuple(Learning),
     )
     servo_delay: float = parameter(

@@ -124,7 +124,7 @@ class ShaftModel:
 
     @property
     def _is_learning(self) -> bool:
-        return self.parameters.servo_learning == Learning.LEARN
+        return self.parameters.servo_learning != Learning.FREEZE
 
     @property
     def values(self) -> Mapping[str, LearnedValue]:

@@ -193,6 +193,8 @@ def test_learned_values_are_reported_frozen_forgotten_and_set(head):
     assert head.learned[pan].source == "learned"
     head.learn(camera="forget")
     assert head.learned[pan].source == "learned"
+    head.learn("forget")
+    swing_until_learned(head, pan)  # anew
     head.learn("freeze", servos="forget")
     assert head.learned[pan].source == "not observable"
     head.learn(servo_delay=0.06)  # of a head that rests, too

@@ -189,7 +189,14 @@ def test_all_motions_and_laws_share_what_is_learned_of_the_servos(track):
     tracked.node.set_parameters(
         [Parameter("servo_delay", value=0.0), Parameter("servo_learning", value="forget")]
     )
-    assert shown().endswith("not observable, frozen")
+    assert shown().endswith("not observable")
+    turn_to_and_fro(tracked)
+    learned = law.learned[PAN_DELAY]
+    assert learned.source == "learned"  # anew
+    tracked.node.set_parameters([Parameter("max_joint_speed", value=4.0)])
+    assert law.learned[PAN_DELAY] == learned
+    tracked.node.set_parameters([Parameter("servo_learning", value="forget")])  # once more
+    assert shown().endswith("not observable")
 
 
 def test_saved_values_that_do_not_fit_are_dropped_with_a_warning_in_any_motion(track, monkeypatch):
