@@ -210,6 +210,8 @@ class HeadBase:
 
     def too_old(self, now: float) -> str:
         """Return that the pose is old, if it is: it is not extrapolated any more."""
+        if self._stamp and now - self._stamp >= _OLD:
+            self.update()  # perhaps it was not needed: there was no target
         age, (fixed, base) = now - self._stamp, self._frames
         if not self._stamp or age < _OLD:
             return ""

@@ -374,8 +374,9 @@ def test_sources_that_are_slower_than_their_timeout_and_alternate_are_all_publis
 
 
 def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
-    tracked = track(fixed_frame="odom")
-    yaw, ends, frames, world = 0.0, math.inf, tracked.world.buffer.core, tracked.world
+    tracked = track(fixed_frame="odom", recenter_timeout=1.0)
+    yaw, lost, ends = 0.0, math.inf, math.inf
+    frames, world = tracked.world.buffer.core, tracked.world
 
     def drive():
         nonlocal yaw
@@ -383,7 +384,8 @@ def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
         pose = Transform((0.5, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
         if world.stamp < ends:
             frames.set_transform(world.stamp, "odom", "base_link", pose)
-        tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
+        if world.stamp < lost:
+            tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
 
     tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
     world.run(2.0)
@@ -393,6 +395,9 @@ def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
     assert tracked.fields["state"] == "tracking"
     world.run(2.0)
     assert world.true_position("head_pan_joint") == pytest.approx(-0.8, abs=0.1)
+    lost = world.stamp
+    world.run(5.0)
+    assert tracked.fields["state"] == "idle"
     assert "no transform" not in capfd.readouterr().err
     ends = world.stamp
     world.run(1.5)
