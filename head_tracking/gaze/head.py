@@ -514,15 +514,16 @@ def _fixed_joints(
             f"its links are: {', '.join(model.links)}"
         )
     above = model.joints_above(pointing_frame)
-    if tilt not in above or pan not in above or above.index(tilt) > above.index(pan):
-        carried = [
-            link
-            for link in model.links
-            if tilt in (chain := model.joints_above(link)) and pan in chain
-        ]
+    if tilt not in above or pan not in above:
+        carried = [link for link in model.links if {pan, tilt} <= set(model.joints_above(link))]
         raise RobotModelError(
-            f"{pointing_frame!r} is not carried by {tilt.name!r} on top of {pan.name!r}; "
+            f"{pointing_frame!r} is not carried by {pan.name!r} and {tilt.name!r}; "
             f"frames that are: {', '.join(carried) or 'none'}"
+        )
+    if above.index(tilt) > above.index(pan):
+        raise RobotModelError(
+            f"{tilt.name!r} carries {pan.name!r}: exchange head_pan_joint and head_tilt_joint; the "
+            "joint nearer to the base is head_pan_joint, also if it tilts the head"
         )
     below_tilt = above[: above.index(tilt)][::-1]
     below_pan = above[above.index(tilt) + 1 : above.index(pan)][::-1]

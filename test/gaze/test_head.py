@@ -248,9 +248,11 @@ def test_a_head_that_cannot_be_is_refused(kinectbot, urdf, joints, frame, axis):
         PanTiltHead(model, *joints, frame, pointing_axis=axis)
 
 
-def test_pan_and_tilt_are_two_joints(kinectbot):
+def test_pan_and_tilt_are_two_joints_and_pan_carries_tilt(kinectbot):
     with pytest.raises(RobotModelError, match=f"both '{PAN}'"):
         HeadParameters(head_tilt_joint=PAN).head(kinectbot)
+    with pytest.raises(RobotModelError, match="exchange head_pan_joint"):
+        HeadParameters(head_pan_joint=TILT, head_tilt_joint=PAN).head(kinectbot)
 
 
 def test_a_model_with_other_names_is_refused_with_the_parameters_that_name_its_head(kinectbot):
