@@ -102,7 +102,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         prog="look",
         description="Turns a running head to a target and reports the miss.",
         epilog="exit codes: 0 arrived; 1 not arrived; 2 wrong command line; 130 Ctrl-C. "
-        "ROS arguments follow --ros-args, such as -p head_pan_joint:=pan -p head_tilt_joint:=tilt.",
+        "ROS arguments follow --ros-args.",
     )
     target = parser.add_mutually_exclusive_group(required=True)
     target.add_argument(

@@ -136,3 +136,9 @@ def test_a_recording_holds_what_was_published(bench):
     with file.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         assert recorded <= {channel.topic for _, channel, _, _ in reader.iter_decoded_messages()}
+
+
+def test_look_knows_the_joints_of_the_running_head(bench):
+    bench.start("head_tracking", "--sim", "--target", "none", "--robot", "pxxls")
+    look = bench.start("look", "1,0.5,0.4@base_link")
+    assert look.end() == 0, look.output
