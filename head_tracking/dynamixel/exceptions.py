@@ -146,8 +146,8 @@ class ServoNotFoundError(ServoError):
         super().__init__(
             f"no answer from servo id {_join(missing)} on {port_name} at {baud_rate} baud "
             f"(asked {_join(asked)}; answered: {_join(answered)}). Check that the servos have "
-            "power, that the cable runs on to every one of them, that each has its own id, and "
-            "that they use this baud rate (AX-12: 1000000 from the factory)"
+            "power, and that the cable runs on to every one of them; "
+            f"`head_tracking servo --port {port_name} scan` finds other ids and baud rates"
         )
         self.asked = tuple(asked)
         self.answered = tuple(answered)
