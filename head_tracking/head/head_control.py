@@ -327,7 +327,7 @@ class HeadControl(Controller):
         """Return the latest measurement; None without a model or a recent measurement.
 
         The clock and the model are checked first. What is missing is logged, and is the `trouble`,
-        which ends the motion when it lasts.
+        which ends the motion and forgets the target when it lasts.
         """
         self.epoch = self._owners.epoch.value
         jump = self._clock.check(simulated=self._is_simulated())
@@ -343,6 +343,7 @@ class HeadControl(Controller):
         # At the first check, this program itself may have been delayed.
         if now - self._troubled_since > 0.5 * self.period:
             self._end_motion(MotionEnd.ABORTED, str(self.trouble))
+            self.targets.restart()
         return self.readings.latest if self.trouble is None else None
 
     def _find_trouble(self) -> Obstacle | None:

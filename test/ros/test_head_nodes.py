@@ -283,6 +283,22 @@ def test_the_status_has_no_error_of_a_head_that_is_not_measured(track):
     assert "°" not in error and measured == "waiting for the head"
 
 
+def test_a_head_that_is_measured_again_is_not_commanded_before_the_next_target(track):
+    tracked = track()
+    world = tracked.world
+    tracked.see(AWAY, 2.0)
+    tracked.see(None, 3.0)
+    world.is_measured = False  # such as its adapter is unplugged
+    for _ in range(2):
+        world.run(1.0)
+        time.sleep(0.02)
+    before, world.is_measured = world.writes, True
+    world.run(12.0)
+    assert (world.writes, tracked.fields["state"]) == (before, "idle")
+    tracked.see(-AWAY, 2.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.1)
+
+
 @pytest.mark.parametrize("asks", ["stop", "relax"])
 def test_the_summary_does_not_judge_a_head_that_was_stopped_or_relaxed(track, asks):
     judged = Judged(track())
