@@ -84,6 +84,7 @@ def test_a_program_reports_the_package_that_is_missing(bench, words, package, na
             *(1, "max_distance"),
             marks=pytest.mark.skipif(find_spec("cv2") is None, reason="needs OpenCV"),
         ),
+        ("servo_bus --ros-args --sim", 1, "--ros-args"),
         ("servo_bus --ros-args -p port_name:=/dev/ttyNOT0", 1, "/dev/ttyNOT0"),
         ("servo_bus --ros-args -p update_rate:=0.0", 1, "update_rate"),
         ("servo_bus --ros-args -p update_rate:=fast", 1, "update_rate"),

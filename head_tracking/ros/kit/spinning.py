@@ -319,6 +319,11 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
     try:
         with merged(arguments) as accepted:
             rclpy.init(args=accepted, signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.UnknownROSArgsError as error:
+        raise HeadTrackingError(
+            f"not arguments of ROS: {error}; what follows --ros-args goes to ROS: put options of "
+            "the program before it"
+        ) from error
     except rclpy_implementation.RCLError as error:
         raise HeadTrackingError(in_short(error)) from error
 
