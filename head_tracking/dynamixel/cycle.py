@@ -357,7 +357,7 @@ class Cycle:
         """
         found = False
         for joint, servo in self._each_servo():
-            with suppress(CommunicationError):
+            with suppress(CommunicationError, PortLostError):
                 if not servo.is_same():
                     text = f"another servo answers as servo {servo.id}; the adapter is not used"
                     self._bus.note(EventKind.UNUSABLE, joint, text)

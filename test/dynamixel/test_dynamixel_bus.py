@@ -1,6 +1,7 @@
 """Connecting, reading, commands and torque: the bus on a fake port, in passed-in time."""
 
 import math
+import os
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -293,12 +294,18 @@ def test_bus_goes_on_without_its_port_and_finds_it_again(rig: FakeRig, kept: boo
     assert rig.pan["Torque Enable"] == kept
 
 
-def test_port_that_goes_between_two_cycles_is_found_again(rig: FakeRig) -> None:
+def test_port_that_goes_between_two_cycles_is_found_again(
+    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig.bench.line.plugged = False
     with pytest.raises(TorqueError):
         run(rig.bus.switching_torque(["head_pan_joint"], True))
     assert [event.kind for event in rig.step().events] == [EventKind.PORT_LOST]
     rig.bench.line.plugged = True
+    rig.bench.pass_time(0.3)
+    with monkeypatch.context() as loose_plug:
+        loose_plug.setattr(rig.bench.line, "discard_input", partial(os.close, -1))  # fails
+        assert rig.step().events == ()
     rig.bench.pass_time(0.3)
     assert rig.step().events[0].kind is EventKind.PORT_RETURNED
 
