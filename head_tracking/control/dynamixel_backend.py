@@ -163,6 +163,11 @@ class DynamixelBackend(JointBackend):
         servo = thread.bus.joint(joint).configuration
         return f"{Path(thread.bus.port.stable_name).name} {servo.model.name} {servo.id}"
 
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Return the limits by configuration and memory of the servos; see `JointBackend`."""
+        thread = self._by_joint.get(joint)
+        return super().limits(joint) if thread is None else thread.bus.joint(joint).limits
+
     # Torque
 
     def joint(self, name: str) -> BusJoint:

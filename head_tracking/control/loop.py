@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -60,6 +61,10 @@ class JointBackend:
     def servo(self, joint: str) -> str:
         """Return an identifier of a joint's servo that other runs know; empty: not known."""
         return ""
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Return the lowest and highest position that a joint's servos allow [rad], if known."""
+        return -math.inf, math.inf
 
     def relax_now(self) -> Mapping[str, str]:
         """Relax all joints and return the problem of each; empty: confirmed."""

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from head_tracking.gaze.head import PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.transforms import RobotModel, RobotModelError
+
+Limits = tuple[tuple[float, float], tuple[float, float]]
+"""Lower and upper limits of pan and tilt [rad]."""
+
+UNLIMITED: Limits = ((-math.inf, math.inf), (-math.inf, math.inf))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +79,16 @@ class HeadParameters:
     def pointed(self) -> str:
         """The frame to point, whichever of its two parameters names it."""
         return self.camera_link or self.pointing_frame
+
+    def within(self, pan: tuple[float, float], tilt: tuple[float, float]) -> HeadParameters:
+        """Return the same parameters with limits narrowed to those of pan and tilt [rad]."""
+        return replace(
+            self,
+            min_pan=max(self.min_pan, pan[0]),
+            max_pan=min(self.max_pan, pan[1]),
+            min_tilt=max(self.min_tilt, tilt[0]),
+            max_tilt=min(self.max_tilt, tilt[1]),
+        )
 
     def head(
         self, model: RobotModel, frame: str = "", axis: tuple[float, ...] | None = None

@@ -162,12 +162,9 @@ class Head:
             pan.joint_name,
             tilt.joint_name,
             pointing_frame,
-            min_pan=pan.lower,
-            max_pan=pan.upper,
-            min_tilt=tilt.lower,
-            max_tilt=tilt.upper,
         )
-        parameters.head(model)  # if there is none, the port is not opened
+        limits = (pan.lower, pan.upper), (tilt.lower, tilt.upper)
+        parameters.within(*limits).head(model)  # if there is none, the port is not opened
         self.calibration = calibration
         self.frames = TransformBuffer()
         self.frames.set_model(model)

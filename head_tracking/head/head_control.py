@@ -13,7 +13,7 @@ from head_tracking.control.owners import OwnershipError
 from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PointingResult
-from head_tracking.gaze.head_parameters import HeadParameters
+from head_tracking.gaze.head_parameters import UNLIMITED, HeadParameters, Limits
 from head_tracking.head.head_frames import HeadFrames
 from head_tracking.head.motions import Motion, MotionEnd, MotionResult, TargetMotion
 from head_tracking.head.obstacle import Blocked, Obstacle
@@ -113,6 +113,7 @@ class HeadControl(Controller):
         self._log, self._observer = log, observer
         self._throttle = Throttle(_LOG_PERIOD)
         self._model: RobotModel | None = None
+        self._limits = UNLIMITED
         self._listening_since = 0  # ns; set by the first check
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since = math.inf
@@ -334,9 +335,11 @@ class HeadControl(Controller):
         if jump:
             self._restart_after(jump)
         self._listening_since = self._listening_since or round(self._clock.checked * 1e9)
-        model = self._buffer.model
-        if model is not None and model is not self._model:
-            self._use(model)
+        model, backend = self._buffer.model, self._loop.backend
+        pan, tilt = self.joints
+        limits = (backend.limits(pan), backend.limits(tilt)) if backend else UNLIMITED
+        if model is not None and (model is not self._model or limits != self._limits):
+            self._use(model, limits)
         self.trouble = self._find_trouble()
         now = time.monotonic()
         self._troubled_since = math.inf if self.trouble is None else min(self._troubled_since, now)
@@ -380,10 +383,11 @@ class HeadControl(Controller):
         self.readings.clear()
         self._observer(None)
 
-    def _use(self, model: RobotModel) -> None:
-        """Control the head of another model from now on, if it has one."""
+    def _use(self, model: RobotModel, limits: Limits) -> None:
+        """Control the head of a model within its servos' limits from now on, if it has one."""
+        self._limits = limits
         try:
-            head = self.frames.use(model)
+            head = self.frames.use(model, limits)
         except RobotModelError as error:
             if self._model is not None and self.frames.head is not None:
                 self._buffer.set_model(self._model)
@@ -392,7 +396,7 @@ class HeadControl(Controller):
                 self._model = model
                 self.trouble = Obstacle(Blocked.INVALID_MODEL, str(error))
             return
-        self._end_motion(MotionEnd.ABORTED, "another robot_description has come")
+        self._end_motion(MotionEnd.ABORTED, "the model or its limits have changed")
         self._model = model
         fastest = min(_FASTEST, max(head.pan_limits.velocity, head.tilt_limits.velocity))
         self.law = PredictiveLaw(head, self.period, SpeedLimits(max_joint_speed=fastest))

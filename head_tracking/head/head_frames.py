@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import replace
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.gaze.head_parameters import HeadParameters
+from head_tracking.gaze.head_parameters import UNLIMITED, HeadParameters, Limits
 from head_tracking.tracking import HeadBase, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -37,19 +37,19 @@ class HeadFrames(TargetPlacer):
         self.head: PanTiltHead | None = None
         self.base: HeadBase | None = None
         self.target: Target | None = None
-        self._parameters = parameters
+        self._given = self._parameters = parameters
         self._joints = parameters.head_pan_joint, parameters.head_tilt_joint
         self._model: RobotModel | None = None
         self._latency = round(parameters.target_latency * 1e9)
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_KEPT)
 
-    def use(self, model: RobotModel) -> PanTiltHead:
-        """Use the head of a model from now on.
+    def use(self, model: RobotModel, limits: Limits = UNLIMITED) -> PanTiltHead:
+        """Use the head of a model from now on, within further limits of pan and tilt.
 
         Raises:
-            RobotModelError: the model has no such head.
+            RobotModelError: the model has no such head, or the limits leave nothing.
         """
-        p = self._parameters
+        p = self._given.within(*limits)
         head = p.head(model)
         fixed_frame = p.fixed_frame or head.base_frame
         if fixed_frame in model.links and any(
@@ -59,7 +59,7 @@ class HeadFrames(TargetPlacer):
                 f"fixed_frame is {fixed_frame!r}, which moves with the head; choose a frame that "
                 f"stands still, such as {head.base_frame} or odom"
             )
-        self.head, self._model = head, model
+        self.head, self._model, self._parameters = head, model, p
         self._fixed_frame = fixed_frame
         self.forget()
         moves = fixed_frame != head.base_frame

@@ -431,7 +431,7 @@ class Tracking(TargetMotion):
         self.tracker = Tracker(head, law, base=control.frames.base, readings=control.readings)
         self.tune(self._settings)
         if before is not None:
-            control.send(before.reset("another robot_description has come"))
+            control.send(before.reset("the model or its limits have changed"))
 
     def tune(self, settings: TrackingSettings) -> None:
         """Use other settings from now on."""

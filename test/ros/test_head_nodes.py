@@ -283,6 +283,21 @@ def test_the_status_has_no_error_of_a_head_that_is_not_measured(track):
     assert "°" not in error and measured == "waiting for the head"
 
 
+def test_limits_of_the_servos_are_limits_of_the_head_also_those_that_change(track):
+    tracked = track()
+    world = tracked.world
+    tracked.see(AWAY, 2.0)
+    world.allowed["head_pan_joint"] = -0.3, 0.3
+    tracked.see(AWAY, 2.0)
+    assert tracked.fields["state"] == "at the limit"
+    assert world.true_position("head_pan_joint") == pytest.approx(0.3, abs=0.02)
+    turning = track(PointHeadNode)
+    turning.world.allowed = world.allowed
+    turning.see(AWAY, 2.0)
+    assert turning.world.writes == 0
+    assert "0.3" in turning.fields["refusal"]
+
+
 def test_a_head_that_is_measured_again_is_not_commanded_before_the_next_target(track):
     tracked = track()
     world = tracked.world

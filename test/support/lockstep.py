@@ -7,6 +7,7 @@ registers are read and written 50 times a second.
 
 import heapq
 import itertools
+import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
@@ -45,6 +46,7 @@ class World:
         early: joint states are stamped so far in the future [ns].
         writes: number of writes of goals.
         buffer: the frames of the robot.
+        allowed: limits of the servos, by joint [rad]; none: only the model's.
         heard: the messages of topics that `record` was called for.
     """
 
@@ -53,6 +55,7 @@ class World:
     def __init__(self, model: RobotModel | None) -> None:
         self.now, self.offset, self.early, self.writes = _START, 0, 0, 0
         self.is_simulated, self.is_measured = False, True
+        self.allowed: dict[str, tuple[float, float]] = {}
         self.buffer = Buffer()
         if model is not None:
             self.buffer.core.set_model(model)
@@ -184,6 +187,10 @@ class World:
     def servo(self, joint: str) -> str:
         """Return nothing: what is learned is not kept."""
         return ""
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """See `JointBackend`."""
+        return self.allowed.get(joint, (-math.inf, math.inf))
 
     def relax_now(self) -> Mapping[str, str]:
         """See `JointBackend`; the servos hold."""
