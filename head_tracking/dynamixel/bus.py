@@ -20,6 +20,7 @@ from head_tracking.dynamixel.exceptions import (
     DynamixelError,
     GoalError,
     NotConnectedError,
+    PortLostError,
     ServoError,
     ServoNotFoundError,
     TorqueError,
@@ -391,9 +392,12 @@ class ServoBus:
 
     def _relaxing_until_confirmed(self, problems: dict[str, str], disarm: bool) -> Steps[None]:
         problems |= yield from self._procedures.relax(self._all, disarm=disarm)
-        while self.port.is_open and (left := [j for j in self._all if not j.confirmed]):
+        # `disarm` is for the end, where a lost port, such as one with a loose plug, is waited for
+        while (disarm or self.port.is_open) and (left := [j for j in self._all if not j.confirmed]):
             yield _AGAIN
-            problems |= yield from self._procedures.relax(left, disarm=disarm)
+            with suppress(PortLostError):
+                if self.port.is_open or self.cycle.find_port():
+                    problems |= yield from self._procedures.relax(left, disarm=disarm)
 
     def recovering(
         self, joints: Iterable[str] | None = None, patience: float = 0.0

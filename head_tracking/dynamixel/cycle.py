@@ -90,7 +90,7 @@ class Cycle:
         if self._requests.obeyed != self._requests.epoch.value:
             self._bus.obey_stop()
         try:
-            if (self._search_at is None and self._port.is_open) or self._find_port():
+            if (self._search_at is None and self._port.is_open) or self.find_port():
                 silence = self._port.take_silence()
                 if silence > _RESTART:
                     self._after_silence(silence)
@@ -329,8 +329,12 @@ class Cycle:
             self._bus.begin(joint, self._bus.returning(joint, servo))
         return self._monotonic() - now
 
-    def _find_port(self) -> bool:
-        """Look for a port that was lost; return whether it is open."""
+    def find_port(self) -> bool:
+        """Look for a port that was lost; return whether it is open.
+
+        Raises:
+            PortLostError: It cannot return under its name.
+        """
         if self._search_at is None:
             self._lose_port(PortLostError(self._port.name, "it was closed between two cycles"))
         now = self._monotonic()

@@ -224,6 +224,14 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
     assert rig.bus.statistics().connected
 
 
+def test_an_adapter_that_comes_back_is_used_to_relax_at_the_end(rig: FakeRig) -> None:
+    rig.switched_on()
+    rig.bench.line.plugged = False
+    rig.step(2)
+    rig.bench.line.plugged = True  # the bus looks for it five times a second
+    assert (rig.bus.close(), rig.torque) == ((), [0, 0])
+
+
 @pytest.mark.parametrize("on", [False, True])
 def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(
     rig: FakeRig, on: bool
