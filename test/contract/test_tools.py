@@ -67,6 +67,9 @@ def test_two_simulated_servos_with_one_id_are_found_as_that(bench, model):
     port = twins.read_until("/dev/").strip()
     scan = bench.start("servo", "--port", port, "scan", "--bauds", "1000000", "--ids", "1-2")
     scan.read_until("used twice")
+    assert scan.end() == 0
+    change = bench.start("servo", "--port", port, "--yes", "set-id", "1", "2")
+    assert change.end() == 1, change.output
 
 
 def servo_on_terminal(bench, *words):

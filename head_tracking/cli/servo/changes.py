@@ -27,6 +27,7 @@ from head_tracking.dynamixel.servo import EEPROM_PAUSE, Servo, run
 from head_tracking.dynamixel.torque import pin, require_straight_path
 from head_tracking.exceptions import RefusedError
 
+_TRIES: Final = 3
 _BROADCASTS: Final = 3  # of each packet: one may be lost
 _GOALS: Final = ("Goal Position", "Moving Speed", "Goal Velocity", "Goal PWM", "Goal Current")
 
@@ -42,6 +43,8 @@ def set_register(session: Session, servo_id: int, name: str, text: str) -> None:
             raise RefusedError(
                 f"id {value} is used by another servo; give another id, or disconnect that servo"
             )
+        if name == "ID" and session.model is None:
+            servo.read_feedback(_TRIES)  # corrupt if two servos have the old id
         if register.eeprom and name != "Status Return Level":
             try:
                 servo.require_writable_memory()
