@@ -624,6 +624,8 @@ class Head:
     def reason(self) -> str:
         """Why the head cannot move now, has its state, or refuses targets; empty: none of these."""
         machine, obstacle = self._tracker.machine, self._control.obstacle
+        if self._refusing is HeadState.RELAXED:
+            return str(RefusedCommandError(HeadState.RELAXED))
         if obstacle is not None:
             return str(obstacle)
         return machine.refusal if machine.state is TargetState.IDLE else machine.reason

@@ -431,6 +431,7 @@ def test_a_relaxed_head_is_turned_by_hand_and_refuses_commands_until_resume(head
     with pytest.raises(RefusedCommandError) as refused:
         head.look_at(LEFT)
     assert refused.value.state == HeadState.RELAXED
+    assert str(refused.value) == head.reason
     before = servos.at_rest()
     head.resume()
     assert servos.at_rest() == pytest.approx(before, abs=0.02)
