@@ -127,6 +127,16 @@ def test_why_what_is_seen_is_not_published(scene, monkeypatch, score):
     assert bool(warnings) == (not found[10:]) == (score < 0.3)
 
 
+def test_detections_of_other_classes_are_named_until_one_is_of_the_class(scene, monkeypatch):
+    world, warnings, named = scene(distance=2.0, class_id="person"), [], []
+    monkeypatch.setattr(world.node, "warn", warnings.append)
+    for kind in ("0", "person", "0"):
+        warnings.clear()
+        world.show(array(detection("me", 240, 80, 40, kind=kind)))
+        named.append(bool(warnings))
+    assert named == [True, False, False]
+
+
 def test_detections_in_space(scene):
     world = scene(source="detections_3d")
 

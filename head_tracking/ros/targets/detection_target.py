@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,7 @@ _MESSAGES = {
 """Message types on `detections`; the other sources are those of ROS4HRI."""
 
 _DEPTHS_KEPT = 30  # depth images: detections arrive later
+_CLASSES_SHOWN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,7 @@ class DetectionTargetNode(SightedTargetNode):
         self._depths: deque[tuple[int, Image]] = deque(maxlen=_DEPTHS_KEPT)
         self._regions: dict[str, Subscription] = {}
         self._latest: dict[str, Any] = {}
+        self._seen_class = ""
         self._name = self.create_publisher(String, "~/id", 10)
         if p.source in _MESSAGES:
             self.create_subscription(kind, "detections", self._on_detections, LATEST_ONLY)
@@ -138,6 +141,7 @@ class DetectionTargetNode(SightedTargetNode):
             stamp, frame_id, regions = found
         else:
             stamp, frame_id = stamp_to_ns(found.header.stamp), found.header.frame_id
+            self._check_classes(found.detections, p.class_id)
         if p.source == "detections_3d":
             things = located(found.detections, p.class_id)
         else:
@@ -152,6 +156,15 @@ class DetectionTargetNode(SightedTargetNode):
         if sighting is not None and self._name.get_subscription_count():
             name = sighting.candidate.label or str(sighting.number)
             self._name.publish(String(data=name))
+
+    def _check_classes(self, detections: Sequence[Any], wanted: str) -> None:
+        """Warn that the class to follow was not among detections yet."""
+        kinds = {result.hypothesis.class_id for each in detections for result in each.results}
+        if wanted in kinds:
+            self._seen_class = wanted
+        elif wanted and kinds and self._seen_class != wanted:
+            others = ", ".join(sorted(kinds)[:_CLASSES_SHOWN])
+            self.warn(f"no target: class_id is {wanted!r}; the detections have {others}")
 
     def _people(
         self, regions: dict[str, Any], camera: Camera, frame_id: str, stamp: int
