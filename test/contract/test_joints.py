@@ -5,7 +5,7 @@ import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rig import DEGREE, JOINTS, TICK
+from rig import DEGREE, JOINTS, LATCHED, TICK
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from waiting import wait_for
@@ -166,7 +166,15 @@ def test_one_joint_is_stopped_and_started_without_the_other(bench, person):
 
 
 def test_limits_change_at_run_time_and_invalid_values_are_refused(person):
+    heard = person.hear("joint_control", DiagnosticStatus, LATCHED)
+
+    def highest():
+        fields = {each.key: each.value for each in heard[-1].values} if heard else {}
+        return float(fields.get(f"limits of {JOINTS[0]}", "0 0").split()[1])
+
+    wait_for(lambda: highest() > 2.0)
     assert person.set("servo_bus", f"{PAN}.motor.max", 600).successful
+    wait_for(lambda: highest() == pytest.approx((600 - 512) * TICK, abs=1e-3))
     person.complaint("servo_bus", JOINTS[0], of=lambda: person.command(PAN, 0.9))
     for name, bad in (("motor.max", 2000), ("max_speed", 50.0), ("joint_speed", "fast")):
         refused = person.set("servo_bus", f"{PAN}.{name}", bad)

@@ -1,10 +1,11 @@
 """STOP, whatever else happens; and who may move the head."""
 
+import math
 import threading
 import time
 
 import pytest
-from contract_nodes import BusStandIn
+from contract_nodes import JOINTS, BusStandIn
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from waiting import join, wait_for
@@ -81,6 +82,15 @@ def test_another_owner_that_gets_the_joints_back_at_a_resume_has_them(start):
     tracker.control.enable()
     assert not tracker.control.off
     wait_for(lambda: bus.claims)
+
+
+def test_the_limits_of_a_bus_elsewhere_are_those_of_the_head(start):
+    tracker, bus = start(HeadTrackerNode()), start(Node("servo_bus"))
+    known = {JOINTS[0]: (-0.3, 0.3), JOINTS[1]: (math.nan, 1.0)}
+    OwnersOutput(bus, JointOwners(), JOINTS, known.__getitem__)
+    limits = tracker.control._loop.backend.limits
+    wait_for(lambda: limits(JOINTS[0]) == known[JOINTS[0]])
+    assert limits(JOINTS[1]) == (-math.inf, math.inf)
 
 
 def test_a_restarted_bus_without_short_names_is_stopped_again(start):

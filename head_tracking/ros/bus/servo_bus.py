@@ -137,7 +137,10 @@ class ServoBusNode(ClosingNode):
         self.closing.callback(self.make_safe)
         steady_timer(self, 1.0 / p.diagnostics_rate, self._publish_diagnostics)
         self._owners_output = OwnersOutput(
-            self, loop.owners, [joint.joint_name for joint in self.backend.joints]
+            self,
+            loop.owners,
+            [joint.joint_name for joint in self.backend.joints],
+            self.backend.limits,
         )
         self.backend.start()
 

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop, JointBackend
 from head_tracking.dynamixel import Goal
-from head_tracking.ros.kit.joint_owners import control_from_message, sender
+from head_tracking.ros.kit.joint_owners import control_from_message, limits_from_message, sender
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE
 
@@ -38,6 +38,7 @@ class JointTopics(JointBackend):
             JointState, "joint_commands", 1, qos_overriding_options=OVERRIDABLE
         )
         self._claims = node.create_publisher(JointState, "joint_claims", 10)
+        self._limits: dict[str, tuple[float, float]] = {}
         self._stop: Client | None = None
         self._stopping = steady_timer(node, _STOP_PERIOD, self._stop_again)
         self._stopping.cancel()
@@ -57,6 +58,10 @@ class JointTopics(JointBackend):
         message.header.frame_id = sender(owner, epoch)
         self._commands.publish(message)
 
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Return the limits that the servo bus has published; see `JointBackend`."""
+        return self._limits.get(joint, super().limits(joint))
+
     def claim(self) -> None:
         """See `JointBackend`."""
         message = JointState(name=list(self._joints))
@@ -75,6 +80,7 @@ class JointTopics(JointBackend):
                 f"joint_control is not used: {error}", throttle_duration_sec=1.0
             )
             return
+        self._limits |= limits_from_message(message)
         if self._loop.owners.follow(control.stopped, control.epoch, control.owners):
             self._stopping.cancel()
         elif self._stopping.is_canceled():

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from contextlib import suppress
+from typing import NamedTuple, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.exceptions import NameValidationException
@@ -20,6 +21,9 @@ from head_tracking.ros.kit.threads import UrgentServices
 from head_tracking.ros.kit.topics import LATCHED, LONGEST_NAME
 
 _OWNER = "owner of "
+_LIMITS = "limits of "
+
+Limits: TypeAlias = "tuple[float, float]"  # lowest and highest position [rad]
 
 
 class JointControl(NamedTuple):
@@ -35,11 +39,14 @@ class JointControl(NamedTuple):
         return f"{self.node}/{name}" if self.node else name
 
 
-def control_message(owners: JointOwners, joints: Iterable[str], node: str = "") -> DiagnosticStatus:
+def control_message(
+    owners: JointOwners, joints: Iterable[str], node: str, limits: Mapping[str, Limits]
+) -> DiagnosticStatus:
     """Return a joint_control message of a node."""
     stopped = owners.stopped
     fields = {"stopped": str(stopped).lower(), "epoch": str(owners.epoch.value), "node": node}
     fields |= {f"{_OWNER}{joint}": owner for joint, owner in owners.of(joints).items()}
+    fields |= {f"{_LIMITS}{joint}": f"{low} {high}" for joint, (low, high) in limits.items()}
     level, text = (Level.WARN, STOPPED) if stopped else (Level.OK, "commands are accepted")
     return status_message("joint_control", level, text, fields)
 
@@ -60,6 +67,17 @@ def control_from_message(message: DiagnosticStatus) -> JointControl:
         except NameValidationException as error:
             raise ValueError(f"{node!r} is not the name of a node") from error
     return JointControl(stopped, epoch, owners, node)
+
+
+def limits_from_message(message: DiagnosticStatus) -> dict[str, Limits]:
+    """Return the limits of the joints in a joint_control message; malformed ones are left out."""
+    limits: dict[str, Limits] = {}
+    for each in message.values:
+        with suppress(ValueError):
+            low, high = map(float, each.value.split())
+            if each.key.startswith(_LIMITS) and low < high:
+                limits[each.key.removeprefix(_LIMITS)] = low, high
+    return limits
 
 
 def sender(name: str, epoch: int) -> str:
@@ -122,13 +140,19 @@ def offer_stop(
 class OwnersOutput:
     """Publishes `joint_owners`, `stopped` and `joint_control`, latched, when they change."""
 
-    def __init__(self, node: Node, owners: JointOwners, joints: Iterable[str]) -> None:
-        self._owners, self._joints = owners, tuple(joints)
+    def __init__(
+        self,
+        node: Node,
+        owners: JointOwners,
+        joints: Iterable[str],
+        limits: Callable[[str], Limits] | None = None,
+    ) -> None:
+        self._owners, self._joints, self._limits = owners, tuple(joints), limits
         self._name = node.get_fully_qualified_name()
         self._texts = node.create_publisher(String, "joint_owners", LATCHED)
         self._stops = node.create_publisher(Bool, "stopped", LATCHED)
         self._fields = node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
-        self._last_published: tuple[String | None, bool | None, int] = None, None, 0
+        self._last_published: tuple[object, ...] = None, None
         self._lock = threading.RLock()  # or a thread could publish an older state after STOP
         owners.observe(self.publish)
         self.publish()
@@ -138,10 +162,13 @@ class OwnersOutput:
         with self._lock:
             owners, stopped = self._owners.of(self._joints), self._owners.stopped
             text = String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
+            limits = {joint: self._limits(joint) for joint in self._joints if self._limits}
             before = self._last_published
-            self._last_published = text, stopped, self._owners.epoch.value
+            self._last_published = text, stopped, self._owners.epoch.value, limits
             if self._last_published != before:
-                self._fields.publish(control_message(self._owners, self._joints, self._name))
+                self._fields.publish(
+                    control_message(self._owners, self._joints, self._name, limits)
+                )
             if text != before[0]:
                 self._texts.publish(text)
             if stopped is not before[1]:
