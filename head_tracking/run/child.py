@@ -66,18 +66,21 @@ class SupervisorLink(Channel):
 
     Attributes:
         messages: from the supervisor.
+        has_crashed: whether the supervisor has ended without asking this process to end.
     """
 
     def __init__(self, descriptor: int, stop: StopSignal) -> None:
         super().__init__(socket.socket(fileno=descriptor))
         self._stop = stop
         self.messages: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self.has_crashed = False
         threading.Thread(target=self._read, name="supervisor", daemon=True).start()
 
     def _read(self) -> None:
         try:
             while (message := self.receive()) not in (None, END):
                 self.messages.put(message)
+            self.has_crashed = message is None
         finally:
             # a process that hangs while it ends would stay for ever after a killed supervisor
             signal.alarm(_END_TIMEOUT)

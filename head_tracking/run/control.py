@@ -261,7 +261,7 @@ def run_control(arguments: Sequence[str], stop: StopSignal, link: SupervisorLink
         with ros_threads(plan.ros_arguments) as threads:
             kept = KeptStop(plan.arguments) if plan.options.keep_stop else None
             ControlProcess(plan, stop, link, status).run(threads, kept)
-        if kept is not None and not threads.problems:
+        if kept is not None and not (threads.problems or link.has_crashed):
             kept.forget()
     except EndRequestedError:
         status.end("stopped during the start")

@@ -125,6 +125,10 @@ def test_a_crash_does_not_end_a_stop(tmp_path):
         assert bench.servos.torque == [0, 0]
         assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
         assert not person.call("head_tracker/enable", True).success
+        run.process.kill()  # the supervisor; control ends by itself
+        run.end()
+        run, person = start()
+        assert person.stopped
         person.until_done("resume")
         stop_when_it_tracks(person)
         assert run.end(signal.SIGTERM) == 0
