@@ -148,7 +148,7 @@ class PanTiltHead:
         try:
             self.pan_limits = pan.limits.narrowed(*pan_limits)
             self.tilt_limits = tilt.limits.narrowed(*tilt_limits)
-        except ValueError as error:
+        except RobotModelError as error:
             raise RobotModelError(f"{pan_joint}, {tilt_joint}: {error}") from error
         below_pan, below_tilt = _fixed_joints(model, pan, tilt, pointing_frame)
         self.pointing_axis = _pointing_axis(pointing_frame, pointing_axis)

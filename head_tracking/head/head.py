@@ -203,6 +203,7 @@ class Head:
         self._servos.connect()
         try:
             atexit.register(self.close)
+            parameters.within(*map(self._servos.limits, self._joints)).head(model)
             self._control.begin()
             self._servos.start()
             self.frames.lookup_transform(self._head.base_frame, pointing_frame, timeout=_TIMEOUT)

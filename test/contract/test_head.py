@@ -13,6 +13,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -368,6 +369,11 @@ def test_what_is_missing_raises_its_error_and_leaves_the_port_alone(servos, kine
         Head(servos.name, kinectbot, pair, reply_timeout=0.2)
     with pytest.raises(HeadTrackingError, match="nose") as no_frame:
         Head(servos.name, kinectbot, pointing_frame="nose", reply_timeout=0.2)
+    servos.port.use(lambda bus: bus[2].set_register("CW Angle Limit", 990))  # above the model's
+    wide = pair[0], replace(pair[1], id=2)
+    with pytest.raises(HeadTrackingError, match="head_tilt_joint"):
+        Head(servos.name, kinectbot, wide, reply_timeout=0.2)
+    servos.port.use(lambda bus: bus[2].set_register("CW Angle Limit", 0))
     with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         assert head.state is HeadState.HOLDING
     assert no_servo and no_frame  # an interactive session keeps them
