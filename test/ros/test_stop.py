@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from contract_nodes import JOINTS, BusStandIn
@@ -13,6 +14,7 @@ from waiting import join, wait_for
 from head_tracking.control import JointOwners
 from head_tracking.head.obstacle import Blocked, Obstacle
 from head_tracking.ros.head.head_tracker import HeadTrackerNode
+from head_tracking.ros.kit.head_claim import KeptStop
 from head_tracking.ros.kit.joint_owners import OwnersOutput, sender_from
 from head_tracking.ros.kit.spinning import NodeDied
 from head_tracking.ros.kit.threads import take_message
@@ -158,3 +160,23 @@ def test_a_failing_controller_does_not_prevent_the_stop_message(robot):
     listener.destroy_node()
     with pytest.raises(NodeDied):  # (by the loop, or by the node, whichever notices the STOP first)
         wait_for(lambda: False)
+
+
+def test_a_stop_in_the_middle_of_a_resume_is_kept_over_a_crash(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    owners, unlink, threads = JointOwners(), Path.unlink, []
+    KeptStop(()).guard(owners)
+    owners.stop(dict)
+
+    def unlink_late(*arguments, **options):
+        threads.append(threading.Thread(target=owners.stop, args=[dict]))
+        threads[0].start()
+        threads[0].join(0.1)
+        unlink(*arguments, **options)
+
+    monkeypatch.setattr(Path, "unlink", unlink_late)
+    owners.resume()
+    join(*threads)
+    restarted = JointOwners()
+    KeptStop(()).guard(restarted)
+    assert owners.stopped and restarted.stopped

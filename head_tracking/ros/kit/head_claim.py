@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 import socket
+import threading
 import time
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from rclpy.logging import get_logger
@@ -94,6 +95,7 @@ class KeptStop:
         place = f"domain_{domain_and_namespace(arguments)}"
         self._file = state_folder("stopped") / f"{place}{name}"
         self._is_kept = False
+        self._lock = threading.RLock()  # or `resume` could delete the file of a STOP after it
 
     def guard(self, owners: JointOwners) -> None:
         """Stop the head if it was stopped before and not resumed; keep each STOP from now on."""
@@ -103,21 +105,24 @@ class KeptStop:
             )
             owners.stop(dict)
             self._is_kept = True
-        owners.observe(lambda: self._keep(owners.stopped))
+        owners.observe(lambda: self._keep(lambda: owners.stopped))
 
     def forget(self) -> None:
         """Discard the STOP, because the program has ended normally."""
-        self._keep(False)
+        self._keep(lambda: False)
 
-    def _keep(self, stopped: bool) -> None:
-        if stopped is self._is_kept:
-            return  # a file that is there is the STOP of another program
-        self._is_kept = stopped
-        try:
-            if stopped:
-                self._file.parent.mkdir(parents=True, exist_ok=True)
-                self._file.touch()
-            else:
-                self._file.unlink(missing_ok=True)
-        except OSError as error:
-            get_logger("head_tracking").warning(f"the STOP cannot be kept over a crash: {error}")
+    def _keep(self, is_stopped: Callable[[], bool]) -> None:
+        with self._lock:
+            stopped = is_stopped()
+            if stopped is self._is_kept:
+                return  # a file that is there is the STOP of another program
+            self._is_kept = stopped
+            try:
+                if stopped:
+                    self._file.parent.mkdir(parents=True, exist_ok=True)
+                    self._file.touch()
+                else:
+                    self._file.unlink(missing_ok=True)
+            except OSError as error:
+                log = get_logger("head_tracking")
+                log.warning(f"the STOP cannot be kept over a crash: {error}")
