@@ -120,17 +120,20 @@ class TargetPlacer:
         arrival = 0.0  # of the last one in `placed`
         for _ in range(len(self._waiting)):
             target, came = self._waiting.popleft()
+            waited = now - came
             since, reason = hopeless.get(target.frame_id, (0, ""))
             if not reason or target.stamp < since:
                 try:
-                    placed.append((target, self.place_one(target, moving_with_head)))
-                    arrival = came
-                    continue
+                    point = self.place_one(target, moving_with_head)
+                    if waited <= max(self.timeout, _REPORTED_AFTER):
+                        placed.append((target, point))
+                        arrival = came
+                        continue
+                    reason = f"it came {waited:.1f} s ago, before the joints were measured"
                 except TransformException as error:
                     reason = str(error)
                     if target.stamp > self._known_until(target.frame_id):
                         hopeless[target.frame_id] = target.stamp, reason
-            waited = now - came
             if 0.0 <= waited < self.timeout:  # below 0: the clock has jumped back
                 self._waiting.append((target, came))
             if not 0.0 <= waited < min(self.timeout, _REPORTED_AFTER):

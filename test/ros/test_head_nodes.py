@@ -304,12 +304,14 @@ def test_a_head_that_is_measured_again_is_not_commanded_before_the_next_target(t
     tracked.see(AWAY, 2.0)
     tracked.see(None, 3.0)
     world.is_measured = False  # such as its adapter is unplugged
-    for _ in range(2):
-        world.run(1.0)
+    tracked.target = lambda point: Target(0, "base_link", (1.0, -1.0, 0.5))  # without a stamp
+    for bearing in (AWAY, None):
+        tracked.see(bearing, 1.5)
         time.sleep(0.02)
     before, world.is_measured = world.writes, True
     world.run(12.0)
     assert (world.writes, tracked.fields["state"]) == (before, "idle")
+    del tracked.target
     tracked.see(-AWAY, 2.0)
     assert world.true_position("head_pan_joint") == pytest.approx(-AWAY, abs=0.1)
 
