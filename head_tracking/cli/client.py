@@ -60,11 +60,9 @@ class Client:
             "no robot_description is published; is head_tracking running in this ROS_DOMAIN_ID? "
             "(start a simulated head with: head_tracking --sim)",
         )
-        known: dict[str, Any] = {}
+        others, given = {}, self.node._parameter_overrides
         with suppress(HeadTrackingError):  # another program may turn the head
-            known = self._read([field.name for field in fields(HeadParameters)])
-        given = self.node._parameter_overrides
-        others = {name: value for name, value in known.items() if name not in given}
+            others = self._read([f.name for f in fields(HeadParameters) if f.name not in given])
         assert self.frames.model is not None
         return changed(parameters.value, others).head(self.frames.model)
 

@@ -163,8 +163,7 @@ class Head:
             tilt.joint_name,
             pointing_frame,
         )
-        limits = (pan.lower, pan.upper), (tilt.lower, tilt.upper)
-        parameters.within(*limits).head(model)  # if there is none, the port is not opened
+        parameters.head(model)  # if there is none, the port is not opened
         self.calibration = calibration
         self.frames = TransformBuffer()
         self.frames.set_model(model)

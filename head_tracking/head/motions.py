@@ -444,9 +444,10 @@ class Tracking(TargetMotion):
         tracker.law.parameters = settings.law_parameters or tracker.law.Parameters()
         tracker.estimator.parameters = settings.estimator
         tracker.machine.parameters = settings.state
-        tracker.learn(settings.learning)
-        if settings.learning.servo_learning == Learning.FORGET:
-            self.control.memory.forget()
+        if settings.learning is not tracker.camera.parameters:  # or it would forget again
+            tracker.learn(settings.learning)
+            if settings.learning.servo_learning == Learning.FORGET:
+                self.control.memory.forget()
 
     def _new_law(self, head: PanTiltHead) -> TrackingLaw:
         """Return the law of the settings; it shares the servo models of the other motions."""

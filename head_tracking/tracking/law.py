@@ -123,13 +123,10 @@ class TrackingLaw(ABC):
         return {name: value for name, value in values.items() if value is not None}
 
     def learn(self, parameters: LearningParameters) -> None:
-        """Update, freeze, discard or replace the estimates of the servos.
-
-        The same object a second time discards nothing.
-        """
+        """Update, freeze, discard or replace the estimates of the servos."""
         for servo in self.servos.values():
-            before, servo.parameters = servo.parameters, parameters
-            if parameters.servo_learning == Learning.FORGET and before is not parameters:
+            servo.parameters = parameters
+            if parameters.servo_learning == Learning.FORGET:
                 servo.forget()
                 self._forget()
 

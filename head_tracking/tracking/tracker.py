@@ -104,10 +104,10 @@ class Tracker:
         return {**self.law.learned, "camera: its stamps are too late by": self.camera.learned}
 
     def learn(self, parameters: LearningParameters) -> None:
-        """Update, freeze, discard or replace the estimates; see `TrackingLaw.learn`."""
-        before, self.camera.parameters = self.camera.parameters, parameters
+        """Update, freeze, discard or replace the estimates."""
+        self.camera.parameters = parameters
         self.law.learn(parameters)
-        if parameters.camera_learning == Learning.FORGET and before is not parameters:
+        if parameters.camera_learning == Learning.FORGET:
             self.camera.forget()
 
     def joints_read(self, stamp: float, positions: tuple[float, float]) -> None:

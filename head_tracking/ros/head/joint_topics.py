@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from head_tracking.control import ControlLoop, JointBackend
 from head_tracking.dynamixel import Goal
-from head_tracking.ros.kit.joint_owners import control_from_message, limits_from_message, sender
+from head_tracking.ros.kit.joint_owners import control_from_message, sender
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.topics import LATCHED, OVERRIDABLE
 
@@ -80,7 +80,7 @@ class JointTopics(JointBackend):
                 f"joint_control is not used: {error}", throttle_duration_sec=1.0
             )
             return
-        self._limits |= limits_from_message(message)
+        self._limits |= control.limits
         if self._loop.owners.follow(control.stopped, control.epoch, control.owners):
             self._stopping.cancel()
         elif self._stopping.is_canceled():

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.exceptions import NameValidationException
@@ -23,8 +22,6 @@ from head_tracking.ros.kit.topics import LATCHED, LONGEST_NAME
 _OWNER = "owner of "
 _LIMITS = "limits of "
 
-Limits: TypeAlias = "tuple[float, float]"  # lowest and highest position [rad]
-
 
 class JointControl(NamedTuple):
     """The fields of a `joint_control` message."""
@@ -33,6 +30,7 @@ class JointControl(NamedTuple):
     epoch: int  # number of STOPs so far
     owners: Mapping[str, str]  # each joint's owner; empty where there is none
     node: str  # full name of the node that publishes it and offers `stop`; empty: not known
+    limits: Mapping[str, tuple[float, float]]  # of each joint whose limits are known [rad]
 
     def service(self, name: str) -> str:
         """Return the name of a service of that node; a short one may not exist."""
@@ -40,7 +38,7 @@ class JointControl(NamedTuple):
 
 
 def control_message(
-    owners: JointOwners, joints: Iterable[str], node: str, limits: Mapping[str, Limits]
+    owners: JointOwners, joints: Iterable[str], node: str, limits: Mapping[str, tuple[float, float]]
 ) -> DiagnosticStatus:
     """Return a joint_control message of a node."""
     stopped = owners.stopped
@@ -66,18 +64,13 @@ def control_from_message(message: DiagnosticStatus) -> JointControl:
             validate_full_topic_name(node)
         except NameValidationException as error:
             raise ValueError(f"{node!r} is not the name of a node") from error
-    return JointControl(stopped, epoch, owners, node)
-
-
-def limits_from_message(message: DiagnosticStatus) -> dict[str, Limits]:
-    """Return the limits of the joints in a joint_control message; malformed ones are left out."""
-    limits: dict[str, Limits] = {}
-    for each in message.values:
-        with suppress(ValueError):
-            low, high = map(float, each.value.split())
-            if each.key.startswith(_LIMITS) and low < high:
-                limits[each.key.removeprefix(_LIMITS)] = low, high
-    return limits
+    limits = {}
+    for key, value in fields.items():
+        if key.startswith(_LIMITS):
+            low, high = map(float, value.split())
+            if low < high:
+                limits[key.removeprefix(_LIMITS)] = low, high
+    return JointControl(stopped, epoch, owners, node, limits)
 
 
 def sender(name: str, epoch: int) -> str:
@@ -145,14 +138,14 @@ class OwnersOutput:
         node: Node,
         owners: JointOwners,
         joints: Iterable[str],
-        limits: Callable[[str], Limits] | None = None,
+        limits: Callable[[str], tuple[float, float]] | None = None,
     ) -> None:
         self._owners, self._joints, self._limits = owners, tuple(joints), limits
         self._name = node.get_fully_qualified_name()
         self._texts = node.create_publisher(String, "joint_owners", LATCHED)
         self._stops = node.create_publisher(Bool, "stopped", LATCHED)
         self._fields = node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
-        self._last_published: tuple[object, ...] = None, None
+        self._last_published: tuple[object, object, object] = None, None, None
         self._lock = threading.RLock()  # or a thread could publish an older state after STOP
         owners.observe(self.publish)
         self.publish()
@@ -163,12 +156,10 @@ class OwnersOutput:
             owners, stopped = self._owners.of(self._joints), self._owners.stopped
             text = String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
             limits = {joint: self._limits(joint) for joint in self._joints if self._limits}
-            before = self._last_published
-            self._last_published = text, stopped, self._owners.epoch.value, limits
-            if self._last_published != before:
-                self._fields.publish(
-                    control_message(self._owners, self._joints, self._name, limits)
-                )
+            fields = control_message(self._owners, self._joints, self._name, limits)
+            before, self._last_published = self._last_published, (text, stopped, fields)
+            if fields != before[2]:
+                self._fields.publish(fields)
             if text != before[0]:
                 self._texts.publish(text)
             if stopped is not before[1]:
