@@ -367,7 +367,7 @@ class Cycle:
                     self._bus.note(EventKind.UNUSABLE, joint, text)
                     return False
                 found = True
-        return found
+        return found and self._port.is_open
 
     def _lose_port(self, cause: PortLostError) -> None:
         if self._port.name.startswith("/dev/pts/"):  # the next program gets its number
