@@ -391,7 +391,7 @@ class HeadControl(Controller):
         except RobotModelError as error:
             if self._model is not None and self.frames.head is not None:
                 self._buffer.set_model(self._model)
-                self._log.error(f"another robot_description is not used: {error}")
+                self._log.error(f"the new model or limits are not used: {error}")
             else:
                 self._model = model
                 self.trouble = Obstacle(Blocked.INVALID_MODEL, str(error))
