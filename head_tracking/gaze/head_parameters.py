@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from head_tracking.gaze.head import PanTiltHead
@@ -11,8 +10,6 @@ from head_tracking.transforms import RobotModel, RobotModelError
 
 Limits = tuple[tuple[float, float], tuple[float, float]]
 """Lower and upper limits of pan and tilt [rad]."""
-
-UNLIMITED: Limits = ((-math.inf, math.inf), (-math.inf, math.inf))
 
 
 @dataclass(frozen=True, slots=True)

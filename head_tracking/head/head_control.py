@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable
 from logging import Logger
 
-from head_tracking.control.loop import Controller, ControlLoop
+from head_tracking.control.loop import Controller, ControlLoop, JointBackend
 from head_tracking.control.owners import OwnershipError
 from head_tracking.control.throttle import Throttle
 from head_tracking.dynamixel import Goal, StoppedError
 from head_tracking.gaze import AT_GOAL, HeadCommand, PointingResult
-from head_tracking.gaze.head_parameters import UNLIMITED, HeadParameters, Limits
+from head_tracking.gaze.head_parameters import HeadParameters, Limits
 from head_tracking.head.head_frames import HeadFrames
 from head_tracking.head.motions import Motion, MotionEnd, MotionResult, TargetMotion
 from head_tracking.head.obstacle import Blocked, Obstacle
@@ -113,7 +113,7 @@ class HeadControl(Controller):
         self._log, self._observer = log, observer
         self._throttle = Throttle(_LOG_PERIOD)
         self._model: RobotModel | None = None
-        self._limits = UNLIMITED
+        self._limits: Limits | None = None
         self._listening_since = 0  # ns; set by the first check
         self._updated, self._is_fresh = (0.0, 0.0), False
         self._troubled_since = math.inf
@@ -142,6 +142,11 @@ class HeadControl(Controller):
     def error(self) -> float | None:
         """Angle between the pointing axis and the target [rad]; None: there is no target."""
         return self.motion.miss if self.trouble is None else None
+
+    @property
+    def _backend(self) -> JointBackend:
+        assert self._loop.backend is not None
+        return self._loop.backend
 
     # Ownership
 
@@ -185,8 +190,7 @@ class HeadControl(Controller):
         if self.off is not None:
             self.result = None
         self._owners.take_over(self.name, self.joints, epoch)
-        if self._loop.backend is not None:
-            self._loop.backend.claim()
+        self._backend.claim()
         self.watch()
         self.is_cautious = self.is_cautious and cautious
 
@@ -268,9 +272,7 @@ class HeadControl(Controller):
             pan: Goal(command.pan, command.pan_speed),
             tilt: Goal(command.tilt, command.tilt_speed),
         }
-        backend = self._loop.backend
-        assert backend is not None
-        backend.write(self.name, goals, self.epoch)
+        self._backend.write(self.name, goals, self.epoch)
 
     def _is_due(self, stamp: float, now: float) -> bool:
         before, measured = self._updated
@@ -335,9 +337,8 @@ class HeadControl(Controller):
         if jump:
             self._restart_after(jump)
         self._listening_since = self._listening_since or round(self._clock.checked * 1e9)
-        model, backend = self._buffer.model, self._loop.backend
-        pan, tilt = self.joints
-        limits = (backend.limits(pan), backend.limits(tilt)) if backend else UNLIMITED
+        model, (pan, tilt) = self._buffer.model, map(self._backend.limits, self.joints)
+        limits = pan, tilt
         if model is not None and (model is not self._model or limits != self._limits):
             self._use(model, limits)
         self.trouble = self._find_trouble()
@@ -400,8 +401,7 @@ class HeadControl(Controller):
         self._model = model
         fastest = min(_FASTEST, max(head.pan_limits.velocity, head.tilt_limits.velocity))
         self.law = PredictiveLaw(head, self.period, SpeedLimits(max_joint_speed=fastest))
-        backend = self._loop.backend
-        self.memory = ServoMemory({j: backend.servo(j) for j in self.joints} if backend else {})
+        self.memory = ServoMemory({joint: self._backend.servo(joint) for joint in self.joints})
         self.law.expect(self.memory.load())
         self.targets.use(self)
         self._restart_targets()

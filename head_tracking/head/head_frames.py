@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import replace
 
 from head_tracking.gaze import PanTiltHead
-from head_tracking.gaze.head_parameters import UNLIMITED, HeadParameters, Limits
+from head_tracking.gaze.head_parameters import HeadParameters, Limits
 from head_tracking.tracking import HeadBase, Target, TargetPlacer
 from head_tracking.transforms import (
     LATEST,
@@ -43,7 +43,7 @@ class HeadFrames(TargetPlacer):
         self._latency = round(parameters.target_latency * 1e9)
         self._recent: deque[tuple[float, Vector3]] = deque(maxlen=_MOST_KEPT)
 
-    def use(self, model: RobotModel, limits: Limits = UNLIMITED) -> PanTiltHead:
+    def use(self, model: RobotModel, limits: Limits) -> PanTiltHead:
         """Use the head of a model from now on, within further limits of pan and tilt.
 
         Raises:
