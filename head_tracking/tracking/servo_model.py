@@ -379,8 +379,9 @@ class ShaftModel:
         speed = np.full_like(shaft, velocity)
         for here, there in pairwise(path):
             wanted = (there - here) / step + (here - shaft) / _CATCH_UP
-            speed += np.clip(wanted - speed, -most, most)
-            shaft += speed * step
+            change = np.clip(wanted - speed, -most, most)
+            shaft += (speed + 0.5 * change) * step
+            speed += change
         return shaft - path[-1] - away, _UNEXPLAINED * np.clip(away, -_FAR, _FAR)
 
     def _at(self, time: float) -> float | None:

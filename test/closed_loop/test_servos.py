@@ -84,6 +84,18 @@ def test_a_servo_with_a_long_lag_comes_to_rest():
     assert recording.between(6.0).rms < 0.01
 
 
+def jumps(t):
+    return around((-0.4, 0.3, 0.0, 0.5)[int(t / 2.0) % 4])
+
+
+@pytest.mark.parametrize("acceleration", [5.0, 8.0])
+def test_the_acceleration_of_a_weak_servo_is_learned(acceleration):
+    steered, weak = tracker(), PlainServo(acceleration=acceleration)
+    run(jumps, replace(BESIDE, duration=14.0, servos=weak), steered)
+    learned = steered.learned["head_pan_joint: acceleration"]
+    assert learned.value == pytest.approx(acceleration, rel=0.1)
+
+
 def test_each_joint_is_predicted_at_its_own_delay():
     servos = Pair(PlainServo(dead_time=0.15), PlainServo(dead_time=0.02))
     steered = tracker()
