@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from head_tracking.tracking.following import FollowingWatch
-from head_tracking.tracking.servo_model import ShaftModel
+from head_tracking.tracking.servo_model import CATCH_UP, ShaftModel
 from head_tracking.transforms import JointLimits
 
 _RESPONSE = 40.0  # 1/s: rate at which a position error decays
@@ -431,7 +431,7 @@ class JointController:
         if away or abs(way) > limits.lead:
             return None
         left = abs(goal - self.servo.reading[1])
-        lost = able.acceleration * self.servo.delay
+        lost = able.acceleration * (self.servo.delay + CATCH_UP)
         braking = math.sqrt(lost * lost + 2.0 * able.acceleration * left) - lost
         fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
         return goal, math.copysign(min(fast, abs(last) + change, able.speed), way)

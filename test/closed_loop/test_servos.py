@@ -58,10 +58,11 @@ def test_the_simplest_law_is_not_better(path, changes, start, ratio, farthest):
     assert abs(ours.positions).max() < farthest
 
 
-def test_a_weak_servo_stops_at_a_target_that_has_jumped():
-    weak = PlainServo(dead_time=0.018, lag=0.02, acceleration=20.0, resolution=0.005)
+@pytest.mark.parametrize("acceleration", [12.0, 20.0, 60.0])
+def test_a_servo_stops_at_a_target_that_has_jumped(acceleration):
+    servo = PlainServo(dead_time=0.018, lag=0.02, acceleration=acceleration, resolution=0.005)
     path = lambda t: around(0.25 if t % 3.0 < 1.5 else -0.25)  # noqa: E731
-    recording = run(path, replace(BESIDE, servos=weak)).recording
+    recording = run(path, replace(BESIDE, servos=servo)).recording
     assert abs(recording.between(6.0).positions[:, 0]).max() < 0.25 + 0.06
 
 
