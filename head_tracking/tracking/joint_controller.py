@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from head_tracking.tracking.following import FollowingWatch
-from head_tracking.tracking.servo_model import CATCH_UP, ShaftModel
+from head_tracking.tracking.servo_model import ShaftModel
 from head_tracking.transforms import JointLimits
 
 _RESPONSE = 40.0  # 1/s: rate at which a position error decays
@@ -275,6 +275,7 @@ _SLOWEST = 1e-3  # rad/s; 0 would mean full speed to a servo
 _REST_SPEED = 0.25  # rad/s
 _ARRIVAL = 16.0  # 1/s: speed over the remaining distance to a reference at rest
 _ARRIVAL_SPEED = 0.3  # rad/s; least speed towards it
+_LAG = 0.02  # s; a shaft that brakes is behind its set-point, beside the delay
 _RELEASED_SPEED = 1.0  # rad/s
 _AWAY = 0.1  # rad; a joint nearer to its reference may be at rest
 _TURN = 0.02  # rad/s; slower motion does not change the side of the servo's dead band
@@ -431,7 +432,7 @@ class JointController:
         if away or abs(way) > limits.lead:
             return None
         left = abs(goal - self.servo.reading[1])
-        lost = able.acceleration * (self.servo.delay + CATCH_UP)
+        lost = able.acceleration * (self.servo.delay + _LAG)
         braking = math.sqrt(lost * lost + 2.0 * able.acceleration * left) - lost
         fast = max(_ARRIVAL_SPEED, min(_ARRIVAL * left, braking))
         return goal, math.copysign(min(fast, abs(last) + change, able.speed), way)

@@ -44,7 +44,7 @@ _SHAPE = len(_BANDS), len(_LIMITS), _CELLS  # of the posterior
 _STRIDE = 2  # cells in a step of a shaft with a limit
 _PATHS = np.arange(_CELLS)[::-1, None] + np.arange(0, _WINDOW + 1, _STRIDE)
 _ACTIVE = 0.03  # rad; a limit is compared if displacements differ by more
-CATCH_UP = 0.03  # s; time constant with which a shaft reduces its error
+_CATCH_UP = 0.03  # s; time constant with which a shaft reduces its error
 _AWAY = 0.03  # rad; larger distances from the set-point are no offset
 _UNEXPLAINED = 0.2  # of that distance counts as an error
 _FAR = 0.15  # rad; limit of that distance
@@ -378,7 +378,7 @@ class ShaftModel:
         velocity = 0.0 if before is None or after is None else (after - before) / (2.0 * _STEP)
         speed = np.full_like(shaft, velocity)
         for here, there in pairwise(path):
-            wanted = (there - here) / step + (here - shaft) / CATCH_UP
+            wanted = (there - here) / step + (here - shaft) / _CATCH_UP
             change = np.clip(wanted - speed, -most, most)
             shaft += (speed + 0.5 * change) * step
             speed += change
