@@ -2,6 +2,7 @@
 
 import io
 import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from threading import Event
@@ -499,6 +500,7 @@ def test_escape_stops_wherever_the_cursor_is_but_closes_what_is_open_first(robot
 def test_a_browser_with_the_token_of_an_earlier_run_is_told_so(viewer, visit, monkeypatch):
     page = visit()
     monkeypatch.setattr(viewer.page._access, "token", "new")
+    page.route("**/", lambda route: (time.sleep(1.5), route.continue_()))  # a busy computer
     page.evaluate("headPage.socket.close()")
     page.wait_for_function("document.getElementById('why').textContent.startsWith('Token needed')")
     monkeypatch.undo()
@@ -516,9 +518,10 @@ def test_a_drag_that_began_before_a_stop_does_not_go_on_after_resume(robot, came
     page.mouse.down()
     with page.expect_request("**/head/do/*"):
         page.mouse.move(x + 20, y, steps=5)
+    stops = page.evaluate("headPage.about.stops")
     robot.until_done("stop")
     robot.until_done("resume")  # at once, so that the page seldom shows the STOP
-    page.wait_for_timeout(700)
+    page.wait_for_function("(stops) => headPage.about.stops !== stops", arg=stops)
     page.on("request", lambda request: "/do/" in request.url and asked.append(request.url))
     page.mouse.move(x - 40, y, steps=5)
     page.mouse.up()

@@ -86,9 +86,9 @@ export async function send(path, body = {}, method = "POST", patience = 0) {
   } finally { clearTimeout(timer); }
 }
 
-/** Return why the server refuses this browser, such as an old token; empty: it does not, or does not answer within a second. */
+/** Return why the server refuses this browser, such as an old token; empty: it does not, or does not answer within 5 s. */
 export async function refusalOf(path) {
-  return fetch(path, { signal: AbortSignal.timeout(1000), cache: "no-store" }).then((answer) => (answer.ok ? "" : answer.text())).catch(() => "");
+  return fetch(path, { signal: AbortSignal.timeout(5000), cache: "no-store" }).then((answer) => (answer.ok ? "" : answer.text())).catch(() => "");
 }
 export const get = (path) => send(path, null, "GET");
 

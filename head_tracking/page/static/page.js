@@ -159,8 +159,9 @@ class Page {
       if (socket.readyState === WebSocket.OPEN) socket.send("got");
     };
     socket.onclose = async ({ code, reason }) => {
-      const refusal = code === 4008 ? reason : await refusalOf("/");
-      this.setSilent(refusal || "the page's server does not answer; trying again");
+      const unknown = "the page's server does not answer; trying again";
+      if (!this.silent) this.setSilent(unknown); // its reason may come late
+      this.setSilent((code === 4008 ? reason : await refusalOf("/")) || unknown);
       setTimeout(() => this.connect(), 1000);
     };
   }
