@@ -13,8 +13,9 @@ from browser import NoBrowser, open_browser
 from head_tracking.gaze import PanTiltHead
 from head_tracking.transforms import RobotModel, load_robot_model
 
-# a shell's background jobs ignore it, and so would every program that the tests start
+# a shell's background jobs and nohup ignore them, and so would every program that the tests start
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # or every program that the tests start compiles the package anew
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
