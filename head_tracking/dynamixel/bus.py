@@ -279,7 +279,7 @@ class ServoBus:
                 problems = self._identify(problems)
             if len(found) < len(servos) and not allow_missing:
                 asked = [servo.id for servo in servos]
-                raise ServoNotFoundError(asked, found, self.port.name, self.port.baud_rate)
+                raise ServoNotFoundError(asked, found, self.port)
             for problem in problems.values():
                 raise problem
             for joint in self._all:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.parameters import ParameterError
+
+if TYPE_CHECKING:
+    from head_tracking.dynamixel.port import DynamixelPort
 
 
 def _join(values: Iterable[object]) -> str:
@@ -139,15 +143,13 @@ class ServoNotFoundError(ServoError):
         answered: Those that answered.
     """
 
-    def __init__(
-        self, asked: Sequence[int], answered: Sequence[int], port_name: str, baud_rate: int
-    ) -> None:
+    def __init__(self, asked: Sequence[int], answered: Sequence[int], port: DynamixelPort) -> None:
         missing = [servo for servo in asked if servo not in answered]
         super().__init__(
-            f"no answer from servo id {_join(missing)} on {port_name} at {baud_rate} baud "
+            f"no answer from servo id {_join(missing)} on {port.name} at {port.baud_rate} baud "
             f"(asked {_join(asked)}; answered: {_join(answered)}). Check that the servos have "
             "power, and that the cable runs on to every one of them; "
-            f"`head_tracking servo --port {port_name} scan` finds other ids and baud rates"
+            f"`{port.servo_command('scan')}` finds other ids and baud rates"
         )
         self.asked = tuple(asked)
         self.answered = tuple(answered)
