@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from head_tracking.exceptions import HeadTrackingError
@@ -22,10 +23,18 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
     """Return the commands by name; for any thread. They return a text for the user, or None.
 
     A command raises ArithmeticError, LookupError, TypeError or ValueError if its fields are wrong,
-    and HeadTrackingError if it is not carried out.
+    and HeadTrackingError if it is not carried out. Its field `stops` is the number of STOPs that
+    the browser knew; after another STOP the command is refused, unless it switches something off.
     """
     modes, joints, recorder = robot.modes, robot.joints, robot.recorder
-    return {
+
+    def in_time(command: Callable[[Fields], str | None], of: Fields) -> str | None:
+        known = of.get("stops", robot.stop.count)
+        if known != robot.stop.count and of.get("mode") != Mode.OFF and of.get("on") is not False:
+            raise HeadTrackingError("The head was stopped before this page showed it: try again.")
+        return command(of)
+
+    found: dict[str, Callable[[Fields], str | None]] = {
         "mode": lambda of: modes.set_mode(Mode(str(of["mode"])), str(of.get("frame", ""))),
         "select": lambda of: modes.select(_seen(of)),
         "look": lambda of: _look(robot, live, of),
@@ -40,6 +49,7 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
         "record": lambda of: recorder.start() if _on(of) else recorder.stop(),
         "calibrate": lambda of: live.calibration.begin(float(of["size"]), str(of.get("topic", ""))),
     }
+    return {name: partial(in_time, command) for name, command in found.items()}
 
 
 def _positions(of: Fields) -> dict[str, float]:

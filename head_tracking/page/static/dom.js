@@ -92,15 +92,18 @@ export async function refusalOf(path) {
 }
 export const get = (path) => send(path, null, "GET");
 
-let refusal = "";
+let refusal = "", stops;
 
 /** Refuse commands from now on, for a reason; empty: send them. */
 export function refuse(why) { refusal = why; }
 
+/** Note the number of STOPs: the robot refuses a command that was sent before another STOP was known. */
+export function know(number) { stops = number; }
+
 /** Send a command to the robot, unless commands are refused. */
 export function command(name, body) {
   if (refusal) toast(refusal);
-  return refusal ? Promise.resolve({ done: false, text: refusal }) : send(`/head/do/${name}`, body);
+  return refusal ? Promise.resolve({ done: false, text: refusal }) : send(`/head/do/${name}`, { ...body, stops });
 }
 
 /** Return a function that sends values one after the other, 20 a second at most. Meanwhile only the latest is kept. */

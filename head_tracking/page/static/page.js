@@ -1,7 +1,7 @@
 // The page: the live websocket, STOP and the tabs.
 import { CameraPicture } from "./camera.js";
 import { Chart } from "./chart.js";
-import { abort, by, command, degrees, element, guardSliders, kept, offer, refusalOf, rows, send, toast, write } from "./dom.js";
+import { abort, by, command, degrees, element, guardSliders, kept, know, offer, refusalOf, rows, send, toast, write } from "./dom.js";
 import { Calibration, Joints, Recordings, Tuning, showFailing, showHealth } from "./tabs.js";
 import { Replay } from "./replay.js";
 import { Steering, titleOf } from "./steer.js";
@@ -259,6 +259,7 @@ class Page {
 
   /** Show modes, servos and health: they change four times a second at most. */
   showAbout(about) {
+    know(about.stops);
     if (!about.word) { // the server could not sample the state: an older one must not be shown
       this.about = { word: "fault", text: "the state of the robot can't be shown" };
       this.showFailing(about.failing);
