@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[1]
 
 SLOW = {
     "contract", "test_packaging.py", "test_document_code.py", "test_reference.py",
-    "test_viewer.py", "test_viewer_scene.py", "test_programs.py",
+    "test_viewer.py", "test_programs.py",
 }  # fmt: skip
 """Folders and files whose tests start programs or a browser."""
 

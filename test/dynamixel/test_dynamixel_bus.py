@@ -217,19 +217,6 @@ def test_impossible_feedback_counts_as_corrupt_and_is_asked_for_again_at_once(
 # Losing and finding servos
 
 
-def test_servo_is_lost_after_five_failed_cycles_and_reported_once(rig: FakeRig) -> None:
-    rig.pan.answers = False
-    readings = [rig.step() for _ in range(4)]
-    assert not rig.lost
-    readings += [rig.step() for _ in range(4)]
-    assert rig.lost == ["head_pan_joint"]
-    events = [event for reading in readings for event in reading.events]
-    assert [(event.kind, event.joint_name) for event in events] == [
-        (EventKind.LOST, "head_pan_joint")
-    ]
-    assert all("head_tilt_joint" in reading.states for reading in readings)
-
-
 def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(
     rig: FakeRig,
 ) -> None:

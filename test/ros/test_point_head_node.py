@@ -226,10 +226,6 @@ def test_a_blocked_joint_aborts_the_goal(pointed, kind):
     assert head.look_at((2.0, 0.5, 0.1)).status == "succeeded"
 
 
-def stop_and_resume(pointed):
-    pointed.world.stop_and_resume(0.03)
-
-
 @pytest.mark.parametrize("kind", ["point", "follow"])
 @pytest.mark.parametrize(
     "end",

@@ -29,16 +29,6 @@ def seen(life, until=1.0):
     return k / 30
 
 
-def test_a_short_loss_is_coasted_over(make):
-    life = make()
-    last = seen(life)
-    life.followed(REACHED, 0.01, last + 0.3)
-    assert life.state is TargetState.COASTING
-    life.seen(last + 0.31, new=False)
-    life.followed(REACHED, 0.01, last + 0.32)
-    assert life.state is TargetState.TRACKING
-
-
 def test_a_slow_stream_of_points_is_no_loss(make):
     life = make()
     for k in range(40):

@@ -105,10 +105,3 @@ def test_a_joint_that_is_measured_rarely_gets_time_to_start(period, fewest):
     watch = FollowingWatch(0.3)
     standing = [watch.check(1.0, 0.5, 0.0, period * k) for k in range(40)]
     assert fewest <= standing.index(True) <= fewest + 2
-
-
-@pytest.mark.parametrize("age", [12.3, -4.2])
-def test_a_refusal_by_the_stamp_says_how_far_it_is_from_now(make, age):
-    tracker = make()
-    tracker.target_seen(100.0 - age, TARGET, 100.0)
-    assert f"{abs(age)} s" in tracker.machine.refusal
