@@ -518,7 +518,6 @@ def test_an_exception_closes_the_head(servos, kinectbot):
 @pytest.mark.parametrize(
     ("block", "sent", "number"),
     [
-        ("with head", "SIGINT", 1),
         ("with head", "SIGINT", 9),
         ("if head", "SIGINT", 9),
         ("with head", "SIGTERM", 1),

@@ -2,6 +2,7 @@
 
 import math
 import signal
+from functools import partial
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -58,21 +59,19 @@ def test_a_repeated_target_above_the_axis_raises_the_head(bench, person):
     assert tilt - before == pytest.approx(-15 * math.atan2(0.01, 4.91), abs=0.9 * DEGREE)
 
 
-@pytest.mark.parametrize(
-    ("target", "fact"),
-    [
-        ((1, 0, 0, "nose_link"), "nose_link"),
-        ((1, 0, 0, ""), "frame"),
-        ((math.nan, 0, 0, "base_link"), "nan"),
-        ((1, math.inf, 0, "base_link"), "inf"),
-        ((-2, 0, 0.1, "head_pan_link"), JOINTS[0]),
-        ((0.0115, 0, 3, "head_pan_link"), "pan"),
-        ((0.0, 0, 0, "camera_link"), "camera_link"),
-    ],
-)
-def test_an_unreachable_target_is_refused_and_nothing_moves(bench, person, target, fact):
+def test_an_unreachable_target_is_refused_and_nothing_moves(bench, person):
     before = bench.servos.true
-    person.complaint("point_head", fact, of=lambda: person.look_at(*target))
+    for *target, fact in (
+        (0.0115, 0, 3, "head_pan_link", "pan"),
+        (1, 0, 0, "nose_link", "nose_link"),
+        (1, 0, 0, "", "frame"),
+        (math.nan, 0, 0, "base_link", "nan"),
+        (1, math.inf, 0, "base_link", "inf"),
+        (-2, 0, 0.1, "head_pan_link", JOINTS[0]),
+        (0.0, 0, 0, "camera_link", "camera_link"),
+    ):
+        person.log.clear()
+        person.complaint("point_head", fact, of=partial(person.look_at, *target))
     assert bench.servos.at_rest() == pytest.approx(before, abs=0.2 * DEGREE)
 
 
@@ -116,8 +115,6 @@ def test_look_turns_the_head_and_fails_if_it_does_not_arrive(bench, person):
     look = bench.start("look", "1,1,0.4@base_link")
     assert look.end() == 0, look.output
     wait_for(lambda: abs(person.pan - bearing(1, 1)) < ROUGH)
-    look = bench.start("look", "1,-1,0.4@base_link")
-    assert look.end() == 0, look.output
 
     def names_the_other_publisher_of_targets():  # once it has discovered that
         person.look_at(1, -1, 0.4)

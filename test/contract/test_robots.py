@@ -78,10 +78,8 @@ def test_the_target_of_a_simulated_run_is_in_reach(robot):
     assert all(robot.head.gaze(point, 0.0, 0.0).reached for point in path)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_the_simulated_head_looks_there(name):
-    robot = Robot(name)
-    with Head.simulated(robot=name) as head:
+def test_the_simulated_head_looks_there(robot):
+    with Head.simulated(robot=robot.model.name) as head:
         result = head.look_at(robot.in_base((2.0, 0.5, -0.2)))
         assert result.arrived
         assert result.miss < DEGREE

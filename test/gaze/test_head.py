@@ -1,3 +1,4 @@
+import functools
 import itertools
 import math
 import random
@@ -52,7 +53,12 @@ CROOKED = {"pan_rpy": "0.3 -0.1 0.2", "tilt_rpy": "0.1 0.2 -0.15", "camera_rpy":
 
 
 def make_head(options: dict[str, str]) -> tuple[RobotModel, PanTiltHead]:
-    model = parse_robot_model(head_urdf(**options))
+    return parsed_head(head_urdf(**options))
+
+
+@functools.cache
+def parsed_head(urdf: str) -> tuple[RobotModel, PanTiltHead]:
+    model = parse_robot_model(urdf)
     return model, PanTiltHead(model, PAN, TILT, "camera")
 
 
