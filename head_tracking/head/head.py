@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -25,9 +26,11 @@ from head_tracking.dynamixel import (
     DynamixelPort,
     JointConfiguration,
     ServoBus,
+    ServoError,
     StoppedError,
     TorqueError,
 )
+from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.serial_port import open_serial
 from head_tracking.exceptions import (
     FrameError,
@@ -101,7 +104,8 @@ AX_12_PAIR = configured_head(()).servos
 
 _RATE = 50.0  # cycles per second
 _TIMEOUT = 2.0  # s
-_SWITCHING = 10.0  # s; the steps wait for cycles, which a busy machine delays
+_EXECUTION = 10.0  # s; the steps wait for cycles, which a busy machine delays
+_RESTART = 3.0  # s that a servo may take to restart
 _FASTEST = 12.0  # rad/s
 _LATEST = 1e11  # s since 1970; larger numbers are milliseconds or nanoseconds
 
@@ -578,6 +582,17 @@ class Head:
         except StoppedError:
             raise RefusedCommandError(self._stopped_as) from None
 
+    def recover(self) -> None:
+        """Clear the faults of servos that have shut down; the next target turns them again.
+
+        Raises:
+            DynamixelError: a servo does not recover.
+            RefusedCommandError: the head is closed, or was stopped or relaxed meanwhile.
+        """
+        self._require_open()
+        request = partial(ServoBus.recovering, patience=_RESTART)
+        self._execute(request, self._owners.epoch.value)
+
     def close(self) -> None:
         """Brake and relax the servos and close the port; may be called twice.
 
@@ -757,29 +772,32 @@ class Head:
             raise RefusedCommandError(self._stopped_as) from None
 
     def _switch_on(self, epoch: int) -> None:
-        """Switch the torque on, and wait until all servos have confirmed; not after a STOP."""
-        switched: list[Future[None]] = []
-        done = SimpleQueue[Future[None]]()
+        self._execute(partial(ServoBus.switching_torque, on=True), epoch)
+
+    def _execute(
+        self, request: Callable[[ServoBus, tuple[str, ...]], Steps[Any]], epoch: int
+    ) -> None:
+        """Let each bus execute a request, and wait until all have; not after a STOP."""
+        requests: list[Future[Any]] = []
+        done = SimpleQueue[Future[Any]]()
         try:
             # Ctrl-C in a method of a future could leave a lock locked, which the bus needs
             with postponed_signals():
-                switched += self._servos.call(
-                    None, lambda bus, names: bus.switching_torque(names, True), epoch
-                )
-                for future in switched:
+                requests += self._servos.call(None, request, epoch)
+                for future in requests:
                     future.add_done_callback(done.put)
-            for _ in switched:
-                done.get(timeout=_SWITCHING).result()
+            for _ in requests:
+                done.get(timeout=_EXECUTION).result()
         except Empty:
-            raise BusStoppedError(f"no servo has confirmed within {_SWITCHING} s") from None
-        except (StoppedError, TorqueError, BusStoppedError) as error:
+            raise BusStoppedError(f"no servo has confirmed within {_EXECUTION} s") from None
+        except (StoppedError, ServoError, BusStoppedError) as error:
             self._require_open()
             if isinstance(error, StoppedError) or epoch != self._owners.epoch.value:
                 raise RefusedCommandError(self._stopped_as) from None
             raise
         finally:
             with postponed_signals():
-                for future in switched:  # one that is late switches nothing on later
+                for future in requests:  # one that is late switches nothing on later
                     future.cancel()
 
     def _end_following(self, follower: CameraFollower | None = None) -> CameraFollower | None:

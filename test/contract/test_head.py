@@ -428,6 +428,19 @@ def test_no_servo_holds_if_another_one_is_silent_at_resume(head, servos, before)
     assert servos.torque == [1, 1]
 
 
+def test_a_servo_that_has_shut_down_turns_again_after_recover(head, servos):
+    assert head.look_at((2.0, 0.5, 0.6)).arrived
+    servos.port.use(lambda bus: bus[1].overload())
+    wait_for(lambda: follow_a_swing(head) or head.state == TargetState.STALLED)
+    assert set(head.stop().values()) == {""}
+    with pytest.raises(TorqueError):
+        head.resume()
+    head.recover()
+    assert (head.state, servos.torque) == (HeadState.STOPPED, [0, 0])
+    head.resume()
+    assert head.look_at(LEFT).arrived
+
+
 def test_a_relaxed_head_is_turned_by_hand_and_refuses_commands_until_resume(head, servos):
     assert head.look_at((2.0, 0.5, 0.6)).arrived
     head.relax()

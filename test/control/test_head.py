@@ -196,7 +196,7 @@ def test_ctrl_c_is_raised_after_stop_and_relax(monkeypatch, command):
 def test_torque_that_comes_too_late_for_a_command_stays_off(monkeypatch):
     with Head.simulated() as head:
         (thread,) = head._servos.threads
-        monkeypatch.setattr("head_tracking.head.head._SWITCHING", 0.1)
+        monkeypatch.setattr("head_tracking.head.head._EXECUTION", 0.1)
         with thread._owner, pytest.raises(BusStoppedError):
             head.look_at((2.0, 2.0, 0.6))
         cycle = thread.bus.cycle
