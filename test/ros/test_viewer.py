@@ -75,6 +75,12 @@ MARKED = """() => {
 }"""
 """Two persons in the picture, until `mark` is deleted."""
 
+RESUME_BESIDE_A_LONG_REASON = """() => {
+  const [resume, why] = ["resume", "why"].map((id) => document.getElementById(id));
+  resume.hidden = false;
+  why.textContent = "a reason ".repeat(40);
+  return resume.scrollWidth - resume.clientWidth;
+}"""
 HARD_TO_TOUCH = """() => [...document.querySelectorAll(
   "button, select, a, summary, input:not([type=file])"
 )].filter((one) => {
@@ -463,6 +469,7 @@ def test_every_place_is_usable_in_windows_of_all_sizes(camera, visit, width, hei
     page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     page.evaluate(MARKED)
     assert page.locator("#camera").bounding_box()["height"] > 250
+    assert page.evaluate(RESUME_BESIDE_A_LONG_REASON) <= 0  # the word is not cut off
     for place in PLACES:
         open_tab(page, place)
         if place == "tune":
