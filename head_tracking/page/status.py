@@ -112,7 +112,7 @@ def head_status(
     return Summary(Word.ON_TARGET, "")
 
 
-_CLEAR = "press Clear faults and enable torque again (tab Joints)."
+_CLEAR = "press Clear faults: the head goes on to its target."
 _ADVICE: dict[str, tuple[str, str]] = {
     FaultName.SILENT: ("Is {node} still running? Look at its terminal.", ""),
     FaultName.NO_PORT: ("Check the adapter's plug and USB cable. The bus reconnects itself.", ""),
@@ -122,8 +122,8 @@ _ADVICE: dict[str, tuple[str, str]] = {
     ),
     FaultName.NO_ANSWER: ("Check the servo's plug, power and id. The bus reconnects itself.", ""),
     FaultName.HOT: ("Press STOP and let the servo cool down. Is it blocked?", ""),
-    "overheating": (f"Press STOP, let the servo cool down, then {_CLEAR}", "recover"),
-    "overload": (f"Press STOP, free the head, then {_CLEAR}", "recover"),
+    "overheating": (f"Press STOP, let the servo cool down, press Resume, then {_CLEAR}", "recover"),
+    "overload": (f"Press STOP, free the head, press Resume, then {_CLEAR}", "recover"),
     "input voltage": (f"Check the supply under load, and the plug. Then {_CLEAR}", "recover"),
     "electrical shock": (f"Check the supply and the wiring of the servo, then {_CLEAR}", "recover"),
     "encoder": ("Switch the servo's power off and on. If the fault returns, replace it.", ""),

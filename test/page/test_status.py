@@ -84,6 +84,8 @@ def test_a_fault_has_advice_and_the_command_that_may_help(level, fault, command)
     assert "pan: a text" in shown.text
     assert shown.command == command
     assert shown.advice != advice("none", "servo_bus")[0]
+    if command:  # a stopped head refuses it
+        assert ("STOP" in shown.advice) == ("Resume" in shown.advice)
 
 
 def test_a_node_that_has_gone_or_is_silent_is_named_once():
