@@ -495,7 +495,10 @@ def test_monitor_shows_servos_that_stop_answering(bench: Tool) -> None:
 def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) -> None:
     bench[1].set_register("Torque Enable", 1)
     bench.answers = "y\n"
-    bench.move_by_hand(1, 520, 200, 850)
+    bench.move_by_hand(1, 520)
+    bench.on_enter.append(partial(bench[1].set_register, "ID", 9))  # as if its plug were loose
+    bench.on_enter.append(lambda: bench[9].set_register("ID", 1) or bench.turn_by_hand(1, 200))
+    bench.move_by_hand(1, 850)
     bench.move_by_hand(7, 2100, 3000, 1500)
     file = tmp_path / "head.yaml"
     command = ("calibrate", "head_pan:1", "head_tilt:7", "--output", str(file), "--margin", "0.05")

@@ -141,8 +141,12 @@ def ticks_by_hand(terminal: Terminal, servos: Sequence[Servo], prompt: str) -> d
         except CommunicationError:
             return f"  servo {servo.id}: no answer"
 
-    terminal.wait_for_enter(f"{prompt}, and press Enter.", lambda: " ".join(map(read, servos)))
-    return {
-        servo.id: round(median(servo.get("Present Position") for _ in range(_READINGS)))
-        for servo in servos
-    }
+    while True:
+        terminal.wait_for_enter(f"{prompt}, and press Enter.", lambda: " ".join(map(read, servos)))
+        try:
+            return {
+                servo.id: round(median(servo.get("Present Position") for _ in range(_READINGS)))
+                for servo in servos
+            }
+        except CommunicationError as error:  # such as a plug that is loose
+            terminal.print(f"{error}: check its plug")
