@@ -29,7 +29,7 @@ class Replays:
             RecordingError: the file is damaged, or nothing of it can be shown.
         """
         recording = read_recording(file)
-        key, (head, _) = secrets.token_urlsafe(9), self._robot.head_of(recording.model)
+        key, (head, why) = secrets.token_urlsafe(9), self._robot.head_of(recording.model)
         robot = RobotForBrowser(recording.model, head, f"/head/replay/{key}/mesh/")
         with self._lock:
             self._open[key] = recording, robot
@@ -39,7 +39,7 @@ class Replays:
             "key": key,
             "duration": recording.duration,
             "moments": [one._asdict() for one in recording.moments],
-            "notice": recording.notice,
+            "notice": "; ".join(filter(None, (recording.notice, why))),
             "pictures": bool(recording.pictures),
             "robot": robot.about,
         }

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,9 +19,13 @@ from waiting import PATIENCE, wait_for
 from websockets.exceptions import ConnectionClosed
 
 from head_tracking.page import server
+from head_tracking.page.replay import Replays
 from head_tracking.page.server import Page, PageParameters
 from head_tracking.page.stop import Attempt, Outcome
 from head_tracking.parameters import ParameterError
+from head_tracking.recording.recording import Observation, Recording
+from head_tracking.share import robot_file
+from head_tracking.transforms import load_robot_model
 
 _MARK = {"X-Head-Tracking": "page"}
 _COMMANDS = 8  # that are carried out at a time
@@ -370,6 +375,13 @@ def test_uploads_are_limited_by_the_size_that_comes(
         assert client.post("/head/replay/upload", content=content).status_code == 413
     answer = client.post("/head/replay/upload", content=b"no recording")
     assert (answer.status_code, answer.json()["done"]) == (400, False)
+
+
+def test_a_replay_says_why_it_shows_no_head(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = Recording((Observation(0),), load_robot_model(robot_file("pxxls")))
+    monkeypatch.setattr("head_tracking.page.replay.read_recording", lambda _: recording)
+    robot: Any = SimpleNamespace(head_of=lambda model: (None, "another robot"))
+    assert Replays(robot).open(BytesIO())["notice"] == "another robot"
 
 
 @pytest.mark.parametrize("name", ["nothing.mcap", "..%2f..%2fetc%2fpasswd", "%2e%2e"])
