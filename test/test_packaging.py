@@ -181,15 +181,13 @@ def test_colcon_builds_what_ros2_run_looks_for(source, option, tmp_path):
         installed = prefix / "share" / "head_tracking" / folder
         assert files_below(installed) == files_below(source / folder)
 
-    def sourced(*command):
-        line = f"source install/setup.bash && {shlex.join(command)}"
-        return run("bash", "-c", line, cwd=tmp_path, env=variables)
-
-    file, found, share = sourced(str(python), "-c", REPORT).splitlines()
+    report, doctor = (python, "-c", REPORT), (programs / "doctor", "--sim", "--listen", "0")
+    lines = ("source install/setup.bash", *(shlex.join(map(str, c)) for c in (report, doctor)))
+    sourced = run("bash", "-c", " && ".join(lines), cwd=tmp_path, env=variables)
+    file, found, share, findings = sourced.split("\n", 3)
     assert Path(file).is_relative_to(tmp_path)
     assert (found, share) == (str(prefix), str(prefix / "share" / "head_tracking"))
-    words = ("--sim", "--listen", "0")
-    assert "kinectbot: camera_link" in sourced(str(programs / "doctor"), *words)
+    assert "kinectbot: camera_link" in findings
 
 
 def test_package_xml_names_the_ros_packages_and_the_version_of_the_wheel():

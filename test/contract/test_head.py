@@ -42,8 +42,7 @@ from head_tracking.dynamixel import (
     ServoNotFoundError,
     TorqueError,
 )
-from head_tracking.share import robot_file
-from head_tracking.transforms import Rotation, Transform, load_robot_model
+from head_tracking.transforms import Rotation, Transform
 
 ROS = ("rclpy", "rcl_interfaces", "builtin_interfaces", "std_msgs", "std_srvs", "sensor_msgs")
 LEFT, RIGHT = (2.0, 2.0, 0.6), (2.0, -2.0, 0.6)
@@ -115,14 +114,13 @@ assert not [m for m in sys.modules if m.endswith('_msgs') and sys.modules[m]]
     assert servos.torque == [0, 0]
 
 
-def test_a_head_that_turns_the_wrong_way_is_stopped_until_resume():
+def test_a_head_that_turns_the_wrong_way_is_stopped_until_resume(kinectbot):
     """The camera sees what it would see if both servos were mounted the other way round."""
-    robot = load_robot_model(robot_file("kinectbot"))
     with Head.simulated() as head:
 
         def follows_until_it_stops():
             joints = {joint: -position for joint, position in head.joints.items()}
-            pose = robot.transform("camera_optical_frame", "base_link", joints)
+            pose = kinectbot.transform("camera_optical_frame", "base_link", joints)
             head.follow(pose @ LEFT, "camera_optical_frame", stamp=time.time())
             time.sleep(0.02)
             return head.state is HeadState.STOPPED

@@ -14,7 +14,6 @@ from transform_messages import shifted
 from waiting import wait_for
 
 from head_tracking.ros.kit.topics import LATCHED
-from head_tracking.share import robot_file
 from head_tracking.tf import (
     Buffer,
     StaticTransformBroadcaster,
@@ -23,14 +22,8 @@ from head_tracking.tf import (
     broadcasting_possible,
     listening_buffer,
 )
-from head_tracking.transforms import load_robot_model
 
 PATIENCE = Duration(seconds=20)
-
-
-@pytest.fixture(scope="module")
-def urdf() -> str:
-    return load_robot_model(robot_file("kinectbot")).urdf
 
 
 @pytest.fixture
@@ -48,9 +41,6 @@ class Head:
     def __init__(self, node, urdf: str) -> None:
         self._descriptions = node.create_publisher(String, "robot_description", LATCHED)
         self._joints = node.create_publisher(JointState, "joint_states", 10)
-        self.describe(urdf)
-
-    def describe(self, urdf: str) -> None:
         self._descriptions.publish(String(data=urdf))
 
     def move(self, pan: float, seconds: int) -> None:
@@ -61,8 +51,8 @@ class Head:
 
 
 @pytest.fixture
-def head(make_node, urdf) -> Head:
-    return Head(make_node("head", spin=True), urdf)
+def head(make_node, kinectbot) -> Head:
+    return Head(make_node("head", spin=True), kinectbot.urdf)
 
 
 def turned(found: TransformStamped) -> bool:
@@ -112,7 +102,7 @@ def test_a_node_that_listens_has_the_prefix_as_a_parameter(make_node, head):
     assert not buffer.can_transform("base_link", "camera_link", Time())
 
 
-def test_joints_of_a_second_robot_do_not_turn_the_first(make_node, head, urdf):
+def test_joints_of_a_second_robot_do_not_turn_the_first(make_node, head):
     """Its joints have the same names; its frames come from /tf, as in a buffer of tf2."""
     buffer = Buffer()
     first = TransformListener(buffer, make_node("first", spin=True))

@@ -33,7 +33,7 @@ SMALL = {"width": 320, "height": 240}
 def test_closed_loop_error_of_a_detected_ball_that_is_hidden_for_a_time():
     """Also the annotated image."""
     run = pursue(
-        "ball", "ball", {"follow": "colour"}, {}, duration=5.0, camera=SMALL, hide=(1, 1.5)
+        "ball", "ball", {"follow": "colour"}, {}, duration=4.0, camera=SMALL, hide=(1, 1.5)
     )
     assert run.errors.rms < 7 * DEGREE
     assert max(run.misses) < 0.03
