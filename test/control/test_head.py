@@ -58,8 +58,8 @@ def test_a_head_that_fails_after_it_has_connected_leaves_its_port(servos, kinect
     with monkeypatch.context() as patch:
         patch.setattr(HeadControl, "begin", lambda _: 1 / 0)
         with pytest.raises(ZeroDivisionError) as kept:
-            Head(servos.name, kinectbot)
-    with Head(servos.name, kinectbot) as head:
+            Head(servos.name, kinectbot, reply_timeout=0.2)
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         assert head.state is HeadState.HOLDING
     assert kept.traceback
 
@@ -93,7 +93,7 @@ def test_a_turn_begins_where_the_head_is_now_not_where_it_was_in_the_cycle_befor
         ages.append(control.now - control._clock.checked)
         return present(control)
 
-    with Head(servos.name, kinectbot) as head:
+    with Head(servos.name, kinectbot, reply_timeout=0.2) as head:
         monkeypatch.setattr(Head, "_permit", permit_late)
         monkeypatch.setattr(HeadControl, "present", note)
         assert head.look_at((2.0, 1.0, 0.6)).arrived
